@@ -25,6 +25,8 @@ ELEMENTS = {
     "multifilesrc location=frames/%05d.png": "imagefreeze imagesequencesrc",
     "jpegsink": "jpegenc pngenc",
     "queue": "queue2 multiqueue",
+    "filesink location=/dev/stdout": "fdsink",
+    "filesrc location=FILE; a pipe cannot be read": "fdsrc",
     "zenohsrc": "shmsrc unixfdsrc",
     "zenohsink": "shmsink unixfdsink",
 }  # fmt: skip

@@ -139,6 +139,8 @@ class OutputFileSink(Sink):
         self.number = 0
         if not self.location:
             raise ResourceError(f"location must be set; write for example location={self.example}")
+        if self.location == "-":
+            raise ResourceError("location=- is no file; write location=/dev/stdout for the standard output")
         self.check_properties()
         self.names = FileNames(self.pattern(), adds_number=self.needs_several_files())
         with self._reported():

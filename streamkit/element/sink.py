@@ -69,7 +69,7 @@ class Sink(Element):
 
     def render(self, frame: Frame) -> None:
         """Consumes one frame."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} does not define render")
 
     def preroll(self, frame: Frame | None) -> None:
         """Shows the first frame while the pipeline is paused; it is rendered later. None for a gap or EOS."""

@@ -66,7 +66,7 @@ class Source(Element):
 
     def frames(self) -> Iterator[Frame | tuple[str, Frame] | Event]:
         """Yields frames, (pad name, frame) pairs, or events for every pad, in order; returning means EOS."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} does not define frames")
 
     # Called by the engine.
 

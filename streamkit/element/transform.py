@@ -29,7 +29,7 @@ class Transform(Element):
 
     def transform(self, frame: Frame) -> Result:
         """Returns a frame, several, or None; `(pad name, frame)` leaves through that pad."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} does not define transform")
 
     def drain(self) -> Iterable[Frame | tuple[str, Frame]]:
         """Frames still held at EOS."""

@@ -7,12 +7,13 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Pad
+from streamkit.element.pad import Direction, Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated, StateError
+from streamkit.flow.caps import Caps
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import BranchFailures, first_push
@@ -24,6 +25,8 @@ from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
 from streamkit.graph.watchdog import Watchdog
+
+RAW_VIDEO = Caps("video/x-raw")
 
 
 class Playback:
@@ -321,7 +324,11 @@ def _unlinked(element: Element, link: DelayedLink) -> NotNegotiated:
     """The error for an element of which the stream has no pad that fits the element downstream."""
     media = [pad.caps.name for pad in element.src_pads() if pad.caps is not None and not pad.caps.is_any]
     coded = next((name for name in media if name.startswith(("video/", "image/"))), "video/x-raw")
-    if coded != "video/x-raw" and not link.request.src_name:
+    takes_video = any(
+        template.direction is Direction.SINK and template.caps.can_intersect(RAW_VIDEO)
+        for template in link.request.sink.pad_templates.values()
+    )
+    if coded != "video/x-raw" and takes_video and not link.request.src_name:
         sink = link.request.sink.name
         return NotNegotiated(
             f"gives coded packets ({coded}), which {sink} does not take: put decode between, "

@@ -276,3 +276,19 @@ def test_a_passthrough_element_is_bypassed(register: Register) -> None:
         pipeline.play()
         assert len(list(pipeline["out"])) == 2
         assert 0 not in pipeline["a"].reported
+
+
+def test_a_transform_without_its_method_says_so(register: Register) -> None:
+    """As after a misspelt name."""
+
+    class Misspelt(Transform):
+        """Passes frames on, or not."""
+
+        sink = src = "ANY"
+
+        def tranform(self, frame: Frame) -> Frame:
+            return frame
+
+    register(misspelt=Misspelt)
+    with pytest.raises(ElementFailure, match="Misspelt does not define transform"):
+        Pipeline.parse("fakesrc num-buffers=1 ! misspelt ! fakesink").run(timeout_s=20)
