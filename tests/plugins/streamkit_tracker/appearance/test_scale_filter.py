@@ -11,13 +11,13 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 WINDOW = np.array([150.0, 120, 60, 44, 0.2])
 
 
-def seen(scenes: ModuleType, grown: float) -> WindowSampler:
-    """One textured target at a size."""
+def seen(scenes: ModuleType, grown: float, noise: float = 2.0, seed: int = 4) -> WindowSampler:
+    """One textured target at a size, with the noise of a seed."""
     generator = np.random.default_rng(4)
     ground, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
     picture = scenes.paint(ground, texture, WINDOW * [1, 1, grown, grown, 1])
     sampler = WindowSampler()
-    sampler.set_frame(scenes.grey(picture, generator, 2.0))
+    sampler.set_frame(scenes.grey(picture, np.random.default_rng(seed), noise))
     return sampler
 
 
@@ -26,6 +26,17 @@ def test_a_growth_is_measured(scenes: ModuleType, grown: float):
     """Within a step of 2 per cent."""
     sizes = ScaleFilter(seen(scenes, 1.0), WINDOW)
     assert sizes.growth(seen(scenes, grown), WINDOW) == pytest.approx(grown, rel=0.02)
+
+
+@pytest.mark.parametrize("rate", [0.985, 1.015])
+def test_a_steady_growth_is_followed_in_noise(scenes: ModuleType, rate: float):
+    """By a filter that learns its own estimates for 50 frames."""
+    window, sizes = WINDOW.copy(), ScaleFilter(seen(scenes, 1.0, 15.0), WINDOW)
+    for frame in range(1, 51):
+        sampler = seen(scenes, rate**frame, 15.0, seed=frame)
+        window[2:4] *= sizes.growth(sampler, window)
+        sizes.learn(sampler, window, 1.0)
+    assert window[2] == pytest.approx(WINDOW[2] * rate**50, rel=0.05)
 
 
 def test_a_target_of_few_pixels_has_a_size():
