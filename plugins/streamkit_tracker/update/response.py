@@ -88,7 +88,8 @@ def response_prior(response: Response, tolerance: float, drawn_angle: float) -> 
     """
     firm = 1 / math.sqrt(tolerance)
     side = math.sqrt(response.sides[0] * response.sides[1])
-    turn_std = TURN_STD / tolerance
+    # a soft target hardly shows its turn, and each error of the angle enlarges the box around a long window
+    turn_std = TURN_STD * firm**3
     return Prior(
         response.position,
         PEAK_STD * firm * side,
