@@ -26,11 +26,20 @@ def read_tracks(path: Path) -> list[Labelled]:
     """Tracks for each frame from 1, as `tracksink` writes them: JSON lines, MOT Challenge text (.txt) or CSV.
 
     Raises:
-        ValueError: a line is none of them.
+        ValueError: a line is none of them, or a frame has the same id twice.
     """
     if path.suffix == ".txt":
-        return _by_frame(_mot_rows(path, 1.0))
-    return _by_frame(_csv_rows(path) if path.suffix == ".csv" else _json_rows(path))
+        found = _by_frame(_mot_rows(path, 1.0))
+    else:
+        found = _by_frame(_csv_rows(path) if path.suffix == ".csv" else _json_rows(path))
+    for number, frame in enumerate(found, 1):
+        ids, counts = np.unique(frame.ids, return_counts=True)
+        if (counts > 1).any():
+            raise ValueError(
+                f"{path}: frame {number} has id {ids[counts.argmax()]} {counts.max()} times; "
+                "give the tracks of one run, not detections, which particletrack follows behind detectionsrc"
+            )
+    return found
 
 
 def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:

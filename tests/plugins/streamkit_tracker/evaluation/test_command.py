@@ -77,6 +77,7 @@ def test_the_same_box_is_the_same_however_pixels_are_counted(tmp_path: Path, fir
         ("tracks.jsonl", '{"seq": 1}\n', "tracks.jsonl:1: not a record of tracks"),
         ("tracks.jsonl", "hello\n", "tracks.jsonl:1: not a record of tracks"),
         ("tracks.csv", "seq,id\n1,2\n", "tracks.csv:2: not a row of tracks"),
+        ("det.txt", 3 * "2,-1,1,1,9,9,1\n", "det.txt: frame 2 has id -1 3 times; give the tracks of one run"),
     ],
 )
 def test_an_error_names_the_line_that_is_no_track(tmp_path: Path, name: str, text: str, error: str):
