@@ -5,6 +5,9 @@ rest with each. The other value becomes the background after as many frames as t
 at most `absorb_frames`: a ghost of the first frames goes soon, a vehicle that stops stays. The old background
 then is the other value, and is known again when the vehicle leaves.
 
+A provisional background competes frame by frame: ground behind leaves is seldom at rest, but always shows the
+same value, and leaves show many. Where the other value was seen in more frames, it takes its place.
+
 Source: the candidate and apparent background of Yi et al., "Detection of Moving Objects with Non-stationary
     Cameras in 5.8ms", CVPR Workshops 2013, for single pixels.
 """
@@ -20,9 +23,13 @@ from streamkit_kernels import BYTES, FLOATS, compiled, kernel
 
 # Update of a pixel's background: none, by equation 3, replaced by the frame, or its first one.
 NONE, AVERAGED, REPLACED, NEW = 0, 1, 2, 3
+# Value of `valid` where the background is provisional; a mask for the levels of `pixel_classes.classify`.
+PROVISIONAL = 3
+# Frames in which the value that replaces a provisional background was seen, at least.
+FEWEST_FRAMES = 3
 
 
-@kernel(*[BYTES] * 3, FLOATS, *[BYTES] * 7, REGION, types.float64, types.int64, types.int64)
+@kernel(*[BYTES] * 3, FLOATS, *[BYTES] * 7, REGION, types.float64, *[types.int64] * 3)
 def learn(
     image: ByteImage,
     mask: ByteImage,
@@ -39,6 +46,7 @@ def learn(
     learning_rate: float,
     quiet_frames: int,
     absorb_frames: int,
+    same: int,
 ) -> int:
     """Equation 3; foreground that was seen long enough, and new quiet pixels, become background.
 
@@ -58,30 +66,27 @@ def learn(
         learning_rate: alpha, 0 to 1.
         quiet_frames: lambda, the frames that new background was seen at rest.
         absorb_frames: frames after which a stationary object becomes background at the latest.
+        same: largest difference of values that are the same to a provisional background, grey levels.
 
     Returns:
         The number of new pixels.
     """
     top, bottom, left, right = region
     most, total = np.uint8(min(max(absorb_frames, 0), 255)), 0
+    first = np.uint8(quiet_frames)
     for row in range(top, bottom):
         line, foreground, update = image[row, left:right], mask[row, left:right], updates[row, left:right]
         line_quiet, known = quiet[row, left:right], valid[row, left:right]
         frames = known_frames[row, left:right]
         _choose_updates(foreground, line_quiet, known, update)
+        states = line, foreground, known, line_quiet, rounded[row, left:right], thresholds[row, left:right]
+        others = other[row, left:right], other_frames[row, left:right]
         if is_any_set(foreground):
-            states = (
-                line,
-                foreground,
-                known,
-                line_quiet,
-                rounded[row, left:right],
-                thresholds[row, left:right],
-            )
-            others = other[row, left:right], other_frames[row, left:right]
             _count_other(*states, most, frames, *others, update)
+        if _has_provisional(known):
+            _compete(*states, np.uint8(same), first, frames, *others, update)
         _apply(line, update, np.float32(learning_rate), background[row, left:right])
-        _accept(update, known, frames, np.uint8(quiet_frames))
+        _accept(update, known, frames, first)
         total += _count_new(update)
     return total
 
@@ -133,13 +138,67 @@ def _count_other(
 
 
 @compiled
+def _has_provisional(valid: ByteLine) -> bool:
+    is_any = np.uint8(0)
+    for index in range(valid.size):
+        is_any |= np.uint8(valid[index] == np.uint8(PROVISIONAL))
+    return bool(is_any)
+
+
+@compiled
+def _compete(
+    line: ByteLine,
+    mask: ByteLine,
+    valid: ByteLine,
+    quiet: ByteLine,
+    rounded: ByteLine,
+    thresholds: ByteLine,
+    same: np.uint8,
+    quiet_frames: np.uint8,
+    known_frames: ByteLine,
+    other: ByteLine,
+    other_frames: ByteLine,
+    update: ByteLine,
+) -> None:
+    """Counts the frames of provisional background and of its other value; the one seen more often stays."""
+    one, none = np.uint8(1), np.uint8(0)
+    for index in range(update.size):
+        if valid[index] != np.uint8(PROVISIONAL):
+            continue
+        value, here, count = line[index], rounded[index], other_frames[index]
+        limit = min(thresholds[index], same)
+        if np.uint8(max(value, here) - min(value, here)) <= limit:
+            known_frames[index] += min(one, np.uint8(~known_frames[index]))
+            other_frames[index] = count - min(count, one)
+            continue
+        is_like = np.uint8(max(value, other[index]) - min(value, other[index])) <= limit
+        begins = not is_like and count <= one
+        other[index] = value if begins or (is_like and count <= FEWEST_FRAMES) else other[index]
+        more = np.uint8(count + min(one, np.uint8(~count)))
+        count = one if begins else (more if is_like else np.uint8(count - one))
+        other_frames[index] = count
+        if mask[index] == none:
+            continue
+        # What is quiet was there for quiet_frames.
+        count = max(count, quiet_frames) if quiet[index] > none else count
+        is_shown = is_like or begins or quiet[index] > none
+        if is_shown and count > known_frames[index] and count >= FEWEST_FRAMES:
+            update[index] = max(update[index], np.uint8(REPLACED))
+            other[index], other_frames[index] = here, known_frames[index]
+            known_frames[index] = count
+        else:
+            update[index] = np.uint8(NONE)
+
+
+@compiled
 def _accept(update: ByteLine, valid: ByteLine, frames: ByteLine, first: np.uint8) -> None:
     """Makes new pixels valid, and counts the frames of what is background."""
     for index in range(update.size):
         is_new, count = update[index] == np.uint8(NEW), frames[index]
+        known = count if valid[index] > np.uint8(0) else np.uint8(0)
         valid[index] = valid[index] | (np.uint8(255) if is_new else np.uint8(0))
         more = np.uint8(count + min(np.uint8(update[index] == np.uint8(AVERAGED)), np.uint8(~count)))
-        frames[index] = first if is_new else more
+        frames[index] = max(first, known) if is_new else more
 
 
 @compiled

@@ -32,7 +32,7 @@ from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.hysteresis import hysteresis_mask, strong_mask
 from streamkit_differencer.illumination import exposure_change
-from streamkit_differencer.learning import learn
+from streamkit_differencer.learning import PROVISIONAL, learn
 from streamkit_differencer.mask_values import SHADOW, set_mask_values
 from streamkit_differencer.noise import (
     DEVIATION_RATIO,
@@ -42,13 +42,7 @@ from streamkit_differencer.noise import (
     UNKNOWN_DEVIATION,
     first_deviation,
 )
-from streamkit_differencer.noise_learning import (
-    PROVISIONAL,
-    begin_noise,
-    learn_noise,
-    set_provisional,
-    set_thresholds,
-)
+from streamkit_differencer.noise_learning import begin_noise, learn_noise, set_provisional, set_thresholds
 from streamkit_differencer.pixel_classes import classify
 from streamkit_differencer.sampling import warp_frame
 from streamkit_differencer.settings import BackgroundSettings
@@ -276,7 +270,7 @@ class BackgroundModel:
         ghosts = shifted = np.zeros(count, np.bool_)
         images = frame.image, scratch.rounded, self.valid
         if finds_ghosts:
-            ghosts = find_ghosts(*(*images, *components))
+            ghosts = find_ghosts(*(*images, self._waiting, *components))
         if parallax is not None and earlier is not None:
             shift = max(self.tolerance, 1), float(parallax[0]), float(parallax[1])
             shifted = find_parallax(*(*images, *earlier, self.thresholds, *components, *shift))
@@ -287,8 +281,8 @@ class BackgroundModel:
         settings, scratch = self.settings, self._scratch
         images = frame.image, scratch.mask, scratch.quiet, self.background, scratch.rounded, self.thresholds
         states = self.valid, self.known_frames, self._other, self.other_frames, scratch.updates
-        times = settings.quiet_frames, settings.absorb_frames
-        added = learn(*images, *states, bounds, settings.learning_rate, *times)
+        limits = settings.quiet_frames, settings.absorb_frames, self._limits[1]
+        added = learn(*images, *states, bounds, settings.learning_rate, *limits)
         if not settings.noise_gain:
             return
         noise = self.deviation, self.thresholds, bounds

@@ -11,12 +11,10 @@ from numba import types
 
 from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, FloatImage, FloatLine, Region
 from streamkit_differencer.changes import LONGEST_WAIT
-from streamkit_differencer.learning import AVERAGED, NEW, NONE
+from streamkit_differencer.learning import AVERAGED, NEW, NONE, PROVISIONAL
 from streamkit_differencer.lines import clear, local_range
 from streamkit_kernels import BYTES, FLOATS, compiled, kernel
 
-# Value of `valid` where the background is provisional; a mask for the levels of `pixel_classes.classify`.
-PROVISIONAL = 3
 # Blocks without new pixels are skipped.
 BLOCK_ROWS, BLOCK_PX = 16, 64
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from streamkit_differencer.learning import AVERAGED, NEW, NONE, REPLACED, learn
-from streamkit_differencer.noise_learning import PROVISIONAL, begin_noise
+from streamkit_differencer.learning import AVERAGED, NEW, NONE, PROVISIONAL, REPLACED, learn
+from streamkit_differencer.noise_learning import begin_noise
 from tests.plugins.streamkit_differencer.paper_equations import update_background
 
 SHAPE = (21, 34)
 REGION = (2, 19, 3, 30)
 INSIDE = np.s_[2:19, 3:30]
+SAME = 7
 
 
 def masks(seed, *shares):
@@ -23,7 +24,7 @@ def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10):
     rounded = np.rint(state["background"]).astype(np.uint8)
     images = image, mask, quiet, state["background"], rounded, state["thresholds"], state["valid"]
     counts = state["known_frames"], state["other"], state["other_frames"]
-    return updates, learn(*images, *counts, updates, REGION, 0.08, quiet_frames, absorb_frames)
+    return updates, learn(*images, *counts, updates, REGION, 0.08, quiet_frames, absorb_frames, SAME)
 
 
 def a_state(seed, valid):
@@ -82,12 +83,48 @@ def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
     quiet = np.zeros(SHAPE, np.uint8)
     quiet[:, :10] = 255
     state = a_state(3, np.full(SHAPE, PROVISIONAL, np.uint8))
-    state["background"][:] = 90
+    state["background"][:], state["known_frames"][:] = 90, 1
     _, count = learn_frame(state, image, mask, quiet)
     learns = (quiet > 0)[INSIDE]
     assert count == learns.sum()
     np.testing.assert_array_equal(state["valid"][INSIDE], np.where(learns, 255, PROVISIONAL))
     np.testing.assert_array_equal(state["background"][INSIDE], np.where(learns, 200, 90))
+
+
+def show(state, values, quiet=0):
+    """Shows a provisional background one value per frame."""
+    for value in values:
+        image = np.full(SHAPE, value, np.uint8)
+        difference = np.abs(image - np.rint(state["background"])) > state["thresholds"]
+        mask = np.where(difference, 255, 0).astype(np.uint8)
+        learn_frame(state, image, mask, np.full(SHAPE, quiet, np.uint8))
+
+
+def a_provisional_state(value):
+    """A first look at `value`, with the noise of an edge."""
+    state = a_state(4, np.full(SHAPE, PROVISIONAL, np.uint8))
+    for name in ("known_frames", "other_frames"):
+        state[name][:] = 0
+    state["background"][:], state["thresholds"][:] = value, 20
+    return state
+
+
+def test_ground_seen_between_leaves_replaces_the_leaf_of_the_first_look():
+    """Leaves show many values, the ground behind them one; neither is ever quiet."""
+    state = a_provisional_state(60)
+    show(state, [150, 151, 90, 149, 40, 150, 110, 151, 150])
+    np.testing.assert_allclose(state["background"][INSIDE], 150, atol=2)
+    assert (state["valid"] == PROVISIONAL).all()
+
+
+def test_a_leaf_at_rest_does_not_replace_ground_that_was_seen_more_often():
+    """Four quiet frames of it are fewer than those of the ground, eight are more."""
+    state = a_provisional_state(150)
+    show(state, [150, 80, 150, 30, 151, 149, 150, 110, 150])
+    show(state, [60], quiet=255)
+    np.testing.assert_allclose(state["background"][INSIDE], 150, atol=2)
+    show(state, [60] * 8, quiet=255)
+    np.testing.assert_allclose(state["background"][INSIDE], 60)
 
 
 def test_new_pixels_begin_with_the_noise_that_edges_may_have():

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
+from streamkit_differencer.learning import PROVISIONAL
 from streamkit_differencer.model import BackgroundModel, Event
-from streamkit_differencer.noise_learning import PROVISIONAL
 from streamkit_differencer.settings import BackgroundSettings
 
 SHAPE = (120, 160)

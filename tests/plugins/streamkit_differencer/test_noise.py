@@ -3,9 +3,9 @@
 import numpy as np
 
 from streamkit_differencer.canvas_images import CanvasFrame
-from streamkit_differencer.learning import AVERAGED, NONE
+from streamkit_differencer.learning import AVERAGED, NONE, PROVISIONAL
 from streamkit_differencer.noise import DEVIATION_RATIO, first_deviation
-from streamkit_differencer.noise_learning import PROVISIONAL, learn_noise, set_thresholds
+from streamkit_differencer.noise_learning import learn_noise, set_thresholds
 
 
 def taught(deviation, lowest, frames, background, updates, rate, valid=255, restless_rate=0.0):

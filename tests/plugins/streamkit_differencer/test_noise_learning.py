@@ -3,7 +3,8 @@
 import numpy as np
 
 from streamkit_differencer.changes import LONGEST_WAIT
-from streamkit_differencer.noise_learning import PROVISIONAL, set_provisional
+from streamkit_differencer.learning import PROVISIONAL
+from streamkit_differencer.noise_learning import set_provisional
 
 SHAPE = (30, 150)
 REGION = (2, 28, 5, 143)

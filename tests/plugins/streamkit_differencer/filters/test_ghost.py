@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from streamkit_differencer.changes import LONGEST_WAIT
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.ghost import find_ghosts
 
 EVERYWHERE = np.full((60, 80), 255, np.uint8)
+AT_REST = np.zeros((60, 80), np.uint8)
 REGION = (0, 60, 0, 80)
 PLACE = np.s_[20:35, 30:55]
 
@@ -30,10 +32,10 @@ def mask_of(place):
     return mask
 
 
-def ghosts_in(frame, background, mask, known=EVERYWHERE):
+def ghosts_in(frame, background, mask, known=EVERYWHERE, waiting=AT_REST):
     """Which pieces are ghosts, by the corner where they begin."""
     blocks, count = components_of(mask, REGION)
-    found = find_ghosts(frame, background, known, mask, blocks, count, REGION)
+    found = find_ghosts(frame, background, known, waiting, mask, blocks, count, REGION)
     return {
         tuple(blocks[blocks[:, 2] == piece, :2].min(axis=0).tolist()): bool(found[piece])
         for piece in range(count)
@@ -43,6 +45,12 @@ def ghosts_in(frame, background, mask, known=EVERYWHERE):
 def test_a_car_in_the_background_that_left_is_a_ghost():
     """Its outline shows in the background only."""
     assert ghosts_in(road(), with_car(), mask_of(PLACE)) == {(20, 30): True}
+
+
+def test_what_still_changes_is_none():
+    """Leaves that pass out of focus hide the edges of what they cover, as a car that left does."""
+    waiting = np.full((60, 80), LONGEST_WAIT, np.uint8)
+    assert ghosts_in(road(), with_car(), mask_of(PLACE), waiting=waiting) == {(20, 30): False}
 
 
 def test_a_car_in_the_frame_is_none():
