@@ -25,11 +25,11 @@ from streamkit_kernels import BYTES, FLOATS, compiled, kernel
 NONE, AVERAGED, REPLACED, NEW = 0, 1, 2, 3
 # Value of `valid` where the background is provisional; a mask for the levels of `pixel_classes.classify`.
 PROVISIONAL = 3
-# Frames in which the value that replaces a provisional background was seen, at least.
-FEWEST_FRAMES = 3
+# Frames for which the other value of a provisional background still follows small changes.
+SETTLING_FRAMES = 3
 
 
-@kernel(*[BYTES] * 3, FLOATS, *[BYTES] * 7, REGION, types.float64, *[types.int64] * 3)
+@kernel(*[BYTES] * 3, FLOATS, *[BYTES] * 7, REGION, types.float64, *[types.int64] * 4)
 def learn(
     image: ByteImage,
     mask: ByteImage,
@@ -47,6 +47,7 @@ def learn(
     quiet_frames: int,
     absorb_frames: int,
     same: int,
+    fewest: int,
 ) -> int:
     """Equation 3; foreground that was seen long enough, and new quiet pixels, become background.
 
@@ -67,13 +68,14 @@ def learn(
         quiet_frames: lambda, the frames that new background was seen at rest.
         absorb_frames: frames after which a stationary object becomes background at the latest.
         same: largest difference of values that are the same to a provisional background, grey levels.
+        fewest: frames in which the value that replaces a provisional background was seen, at least.
 
     Returns:
         The number of new pixels.
     """
     top, bottom, left, right = region
     most, total = np.uint8(min(max(absorb_frames, 0), 255)), 0
-    first = np.uint8(quiet_frames)
+    first, limits = np.uint8(quiet_frames), (np.uint8(same), np.uint8(fewest))
     for row in range(top, bottom):
         line, foreground, update = image[row, left:right], mask[row, left:right], updates[row, left:right]
         line_quiet, known = quiet[row, left:right], valid[row, left:right]
@@ -84,7 +86,7 @@ def learn(
         if is_any_set(foreground):
             _count_other(*states, most, frames, *others, update)
         if _has_provisional(known):
-            _compete(*states, np.uint8(same), first, frames, *others, update)
+            _compete(*states, *limits, first, frames, *others, update)
         _apply(line, update, np.float32(learning_rate), background[row, left:right])
         _accept(update, known, frames, first)
         total += _count_new(update)
@@ -154,6 +156,7 @@ def _compete(
     rounded: ByteLine,
     thresholds: ByteLine,
     same: np.uint8,
+    fewest: np.uint8,
     quiet_frames: np.uint8,
     known_frames: ByteLine,
     other: ByteLine,
@@ -173,7 +176,7 @@ def _compete(
             continue
         is_like = np.uint8(max(value, other[index]) - min(value, other[index])) <= limit
         begins = not is_like and count <= one
-        other[index] = value if begins or (is_like and count <= FEWEST_FRAMES) else other[index]
+        other[index] = value if begins or (is_like and count <= SETTLING_FRAMES) else other[index]
         more = np.uint8(count + min(one, np.uint8(~count)))
         count = one if begins else (more if is_like else np.uint8(count - one))
         other_frames[index] = count
@@ -182,7 +185,7 @@ def _compete(
         # What is quiet was there for quiet_frames.
         count = max(count, quiet_frames) if quiet[index] > none else count
         is_shown = is_like or begins or quiet[index] > none
-        if is_shown and count > known_frames[index] and count >= FEWEST_FRAMES:
+        if is_shown and count > known_frames[index] and count >= fewest:
             update[index] = max(update[index], np.uint8(REPLACED))
             other[index], other_frames[index] = here, known_frames[index]
             known_frames[index] = count

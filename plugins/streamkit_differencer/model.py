@@ -55,6 +55,8 @@ NOISE_INTERVAL = 4
 RESTLESS_LEARNING_RATE = 0.1
 MOST_FOREGROUND = 0.3
 GHOST_INTERVAL = 3
+# Frames in which a value must be seen to replace a provisional background.
+FEWEST_FRAMES = 3
 # New ground gets a provisional background every other frame: one frame later at most, for half the time.
 PROVISIONAL_INTERVAL = 2
 # Frames for which the noise of new ground is assumed constant.
@@ -281,7 +283,9 @@ class BackgroundModel:
         settings, scratch = self.settings, self._scratch
         images = frame.image, scratch.mask, scratch.quiet, self.background, scratch.rounded, self.thresholds
         states = self.valid, self.known_frames, self._other, self.other_frames, scratch.updates
-        limits = settings.quiet_frames, settings.absorb_frames, self._limits[1]
+        # A flight comes to new ground all the time, with vehicles on it that are as even as ground.
+        fewest = FEWEST_FRAMES if self.begins_at_once else settings.quiet_frames
+        limits = settings.quiet_frames, settings.absorb_frames, self._limits[1], fewest
         added = learn(*images, *states, bounds, settings.learning_rate, *limits)
         if not settings.noise_gain:
             return

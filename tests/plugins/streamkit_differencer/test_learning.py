@@ -18,13 +18,13 @@ def masks(seed, *shares):
     return [np.where(random.random(SHAPE) < share, 255, 0).astype(np.uint8) for share in shares]
 
 
-def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10):
+def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, fewest=3):
     """Learns from a frame; updates `state`, and gives the updates and the number of new pixels."""
     updates = np.full(SHAPE, 77, np.uint8)
     rounded = np.rint(state["background"]).astype(np.uint8)
     images = image, mask, quiet, state["background"], rounded, state["thresholds"], state["valid"]
     counts = state["known_frames"], state["other"], state["other_frames"]
-    return updates, learn(*images, *counts, updates, REGION, 0.08, quiet_frames, absorb_frames, SAME)
+    return updates, learn(*images, *counts, updates, REGION, 0.08, quiet_frames, absorb_frames, SAME, fewest)
 
 
 def a_state(seed, valid):
@@ -91,13 +91,13 @@ def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
     np.testing.assert_array_equal(state["background"][INSIDE], np.where(learns, 200, 90))
 
 
-def show(state, values, quiet=0):
+def show(state, values, quiet=0, **limits):
     """Shows a provisional background one value per frame."""
     for value in values:
         image = np.full(SHAPE, value, np.uint8)
         difference = np.abs(image - np.rint(state["background"])) > state["thresholds"]
         mask = np.where(difference, 255, 0).astype(np.uint8)
-        learn_frame(state, image, mask, np.full(SHAPE, quiet, np.uint8))
+        learn_frame(state, image, mask, np.full(SHAPE, quiet, np.uint8), **limits)
 
 
 def a_provisional_state(value):
@@ -124,6 +124,15 @@ def test_a_leaf_at_rest_does_not_replace_ground_that_was_seen_more_often():
     show(state, [60], quiet=255)
     np.testing.assert_allclose(state["background"][INSIDE], 150, atol=2)
     show(state, [60] * 8, quiet=255)
+    np.testing.assert_allclose(state["background"][INSIDE], 60)
+
+
+def test_a_vehicle_on_new_ground_is_no_background_after_a_few_frames():
+    """Under a camera that flies a value must be seen as long as quiet ground."""
+    state = a_provisional_state(150)
+    show(state, [60] * 11, fewest=12)
+    np.testing.assert_allclose(state["background"][INSIDE], 150)
+    show(state, [60], fewest=12)
     np.testing.assert_allclose(state["background"][INSIDE], 60)
 
 
