@@ -5,7 +5,14 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import FloatArray, GreyArray, from_reduced, inverse, is_plausible
+from streamkit.geometry.homography import (
+    FloatArray,
+    GreyArray,
+    from_reduced,
+    inverse,
+    is_plausible,
+    to_reduced,
+)
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.plane.keyframe_content import LEVELS, at_level, deferred
 from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, ANY_TILT
@@ -20,7 +27,7 @@ from streamkit_stitcher.registration.joint_alignment import (
 )
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit, MotionModel
-from streamkit_stitcher.registration.patches import in_view, reduced_motion
+from streamkit_stitcher.registration.patches import in_view
 
 _CACHED: Final = 10
 # A patch of a halved frame is more precise than one of full size: noise is averaged out, slopes remain.
@@ -92,7 +99,7 @@ class KeyframeFollower:
         if len(images) < level + 2:
             return None
         scores = self._scores_of(keyframe)
-        patches, start = self._level(keyframe, level + 1), reduced_motion(inverse(frame_to_key), level + 1)
+        patches, start = self._level(keyframe, level + 1), to_reduced(inverse(frame_to_key), 2 ** (level + 1))
         patches = patches.without(scores[patches.numbers] >= _SUSPECT)
         motion = align_coarsely(
             patches, images[level + 1], start, _COARSE_POINTS, _COARSE_PASSES, _COARSE_SETTLED

@@ -16,6 +16,7 @@ from streamkit.geometry.homography import (
     overlap,
     project,
     scale_change,
+    to_reduced,
     translation,
 )
 from streamkit_stitcher.plane.keyframe_content import at_level
@@ -30,7 +31,6 @@ from streamkit_stitcher.registration.patches import (
     PatchLevel,
     align,
     prepare,
-    reduced_motion,
 )
 
 _CACHED: Final = 12
@@ -82,7 +82,7 @@ class KeyframeMatcher:
             max_points += max_points // 2
         for level in range(top_level, -1, -1):
             patches, chosen = self._level(keyframe, level, coarse_points if level == 1 else max_points)
-            expected = reduced_motion(key_to_frame, level)
+            expected = to_reduced(key_to_frame, 2**level)
             tolerance = _COARSE_TOLERANCE if level else _FINE_TOLERANCE
             found = align(patches, images[level], expected, tolerance)
             if level == 0:

@@ -64,6 +64,7 @@ class PlaneTracker:
         self._settings = settings
         self._planes = Planes(settings)
         self._previous: FrameRegistration | None = None
+        self._std_before = 0.0  # predicted error of the previous frame, px
         self._reset((0, 0))
 
     def restart(self) -> None:
@@ -245,11 +246,6 @@ class PlaneTracker:
         active = None if self._planes.anchor is None else self._planes.anchor.keyframes.active
         return 0 if active is None else active.index
 
-    @property
-    def _std_before(self) -> float:
-        """Predicted error of the previous frame, px."""
-        return 0.0 if self._previous is None else self._previous.corner_std
-
     def _accept(
         self, images: Sequence[GreyArray], anchored: AnchoredFrame, motion: PairwiseMotion | None
     ) -> FrameRegistration:
@@ -318,6 +314,7 @@ class PlaneTracker:
                 registered, change=planes.change, rebase=planes.rebase, opens_plane=planes.has_opened
             )
         self._previous, planes.before = registered, registered.to_reference
+        self._std_before = registered.corner_std
         return registered
 
 

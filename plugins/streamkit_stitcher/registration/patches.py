@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, project, to_reduced
+from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, project
 
 RADIUS: Final = 7
 # Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
@@ -242,8 +242,3 @@ def _inside(centres: FloatArray | _SingleArray, shape: Sequence[int]) -> MaskArr
     middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2], dtype=np.float32)
     apart = np.abs(centres - middle) < middle + (0.5 - margin)
     return np.asarray(apart[:, 0] & apart[:, 1], dtype=np.bool_)
-
-
-def reduced_motion(key_to_frame: FloatArray, level: int) -> FloatArray:
-    """The full-size motion `key_to_frame` in px of pyramid level `level`."""
-    return to_reduced(key_to_frame, 2**level)

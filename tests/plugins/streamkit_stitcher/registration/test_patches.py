@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import project, translation
+from streamkit.geometry.homography import project, to_reduced, translation
 from streamkit_stitcher.registration.corners import CornerDetector
-from streamkit_stitcher.registration.patches import align, cut_patches, prepare, pyramid, reduced_motion
+from streamkit_stitcher.registration.patches import align, cut_patches, prepare, pyramid
 
 TURN = np.array(
     [[1.1 * np.cos(0.3), -1.1 * np.sin(0.3), 90], [1.1 * np.sin(0.3), 1.1 * np.cos(0.3), -40], [0, 0, 1]]
@@ -55,7 +55,7 @@ def test_a_pyramid_keeps_pixel_centres():
     levels = pyramid((ramp,), 3)
     assert [level.shape for level in levels] == [(51, 101), (25, 50), (12, 25)]
     assert levels[2][0, :4] == pytest.approx(np.arange(4) * 4 + 1.5, abs=1.0)
-    assert reduced_motion(translation(np.array([8.0, 4.0])), 2)[:2, 2] == pytest.approx([2.0, 1.0])
+    assert to_reduced(translation(np.array([8.0, 4.0])), 4)[:2, 2] == pytest.approx([2.0, 1.0])
 
 
 def test_a_pyramid_of_a_tiny_frame_ends_early():
