@@ -32,7 +32,7 @@ class PhotographRule:
         return corner_shift(step, self._shape) > _JUMP * self._shape[1]
 
     def is_photograph(self, earlier: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
-        """Whether a frame that no keyframe matches is one: unlike the earlier one, or far from it."""
+        """Whether a frame that no keyframe matches is one: unlike the earlier one, and not near it."""
         likeness = float(np.corrcoef(earlier.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
         is_near = motion.model is not None and not self.is_jump(motion.matrix)
         return not self.is_video and likeness < _LIKE and not is_near
