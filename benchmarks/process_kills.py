@@ -33,6 +33,11 @@ def children() -> list[int]:
     return [int(word) for word in text.split()]
 
 
+def shared_memory() -> set[str]:
+    """Names in /dev/shm, but for those of zenoh in other programs: these pipelines do not use it."""
+    return {name for name in os.listdir("/dev/shm") if not name.endswith(".zenoh")}
+
+
 def open_descriptors() -> int:
     """How many this process has."""
     return len(os.listdir("/proc/self/fd"))
@@ -50,7 +55,7 @@ def run(kills: int, restarts: int, dice: random.Random) -> tuple[int, str]:
     """One run; returns how many kills it had, and what was wrong with it or ""."""
     bin_ = f"( process=true restart={restarts} restart-window-s=1"
     text = f"{VIDEO} ! {bin_} {PACE} ) ! {bin_} framediff ) ! fakesink name=out enable-last-sample=false"
-    before = open_descriptors(), set(os.listdir("/dev/shm"))
+    before = open_descriptors(), shared_memory()
     done: Counter[str] = Counter()
     is_over = threading.Event()
     failure = ""
@@ -89,7 +94,7 @@ def remains(before: tuple[int, set[str]]) -> str:
     deadline = time.monotonic() + 10
     while time.monotonic() < deadline:
         more = open_descriptors() - before[0]
-        left = set(os.listdir("/dev/shm")) - before[1]
+        left = shared_memory() - before[1]
         if not children() and more <= 0 and not left:
             return ""
         time.sleep(0.1)
