@@ -23,14 +23,13 @@ from pathlib import Path
 import numpy as np
 from tracking_sequences import FloatArray, shared_data
 
-from streamkit import Detections, Frame, Pipeline, Tracks
+from streamkit import SHOWN_STATES, Detections, Frame, Pipeline, Tracks
 from streamkit_tracker.evaluation.boxes import overlaps
 from streamkit_tracker.evaluation.identities import Labelled, score_identities
 from streamkit_tracker.evaluation.readers import read_identities
 from streamkit_video.dronetestsrc.truth import TrueTargets
 
 CHAIN = "stitch ! framediff ! particletrack ! appsink name=out"
-SHOWN = ("confirmed", "coasting")
 BORDER = 4.0
 SETTLED_FRAMES = 45
 LONG_LIVED = 25
@@ -164,7 +163,7 @@ def _without_border(tracked: Labelled, true: Labelled, size: tuple[int, int]) ->
 
 
 def _labelled(tracks: Tracks | None) -> Labelled:
-    shown = [] if tracks is None else [track for track in tracks.tracks if track.state in SHOWN]
+    shown = [] if tracks is None else [track for track in tracks.tracks if track.state in SHOWN_STATES]
     windows = np.array([[t.x, t.y, t.length, t.width, t.angle] for t in shown]).reshape(-1, 5)
     return Labelled(np.array([track.id for track in shown], np.int64), _upright(windows))
 

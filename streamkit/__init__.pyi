@@ -72,6 +72,7 @@ from streamkit.flow.record import encode_record as encode_record
 from streamkit.flow.record import record_line as record_line
 from streamkit.flow.record import track_record as track_record
 from streamkit.flow.record_file import RecordFile as RecordFile
+from streamkit.flow.record_file import RunCounter as RunCounter
 from streamkit.flow.record_file import read_tracks as read_tracks
 from streamkit.flow.record_tally import RecordTally as RecordTally
 from streamkit.flow.scaling import scale_metadata as scale_metadata

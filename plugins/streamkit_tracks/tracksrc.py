@@ -12,6 +12,7 @@ from streamkit import (
     Frame,
     Property,
     ResourceError,
+    RunCounter,
     Source,
     StreamError,
     decode_record,
@@ -59,15 +60,13 @@ class TrackSrc(Source):
         """One frame for each line; raises `StreamError` where a line is no record."""
         lines, number = self._lines, 0
         assert lines is not None, "start() precedes frames"
-        run, newest = 1, (-1, -1)
+        runs = RunCounter()
         while line := lines.readline(LINE_LIMIT_BYTES):
             number += 1
             if not line.strip():
                 continue
             frame = self._frame(line.strip(), number)
-            run += (frame.epoch, frame.seq) <= newest
-            newest = frame.epoch, frame.seq
-            if self.run in (0, run):
+            if self.run in (0, runs.run_of(frame.epoch, frame.seq)):
                 yield frame
 
     def _frame(self, line: bytes, number: int) -> Frame:

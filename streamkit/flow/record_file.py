@@ -20,11 +20,26 @@ COLUMNS = {
 NO_TIME = -(2**63)  # `pts_ns` of a frame without a time
 
 
+class RunCounter:
+    """Numbers the runs of a file, from 1.
+
+    Another run was appended where epoch and frame number do not go up; its ids are other targets.
+    """
+
+    def __init__(self) -> None:
+        self._run, self._newest = 1, (-1, -1)
+
+    def run_of(self, epoch: int, seq: int) -> int:
+        """The run of the next record."""
+        self._run += (epoch, seq) <= self._newest
+        self._newest = epoch, seq
+        return self._run
+
+
 class RecordFile:
     """The records of a file, in order.
 
-    Iterating yields each with the number of its run, from 1: another run was appended where epoch and frame
-    number do not go up, and its ids are other targets.
+    Iterating yields each with the number of its run, see `RunCounter`.
 
     Args:
         path: the file.
@@ -43,7 +58,7 @@ class RecordFile:
         self.is_cut_off = False
 
     def __iter__(self) -> Iterator[tuple[int, TrackRecord]]:
-        run, newest = 1, (-1, -1)
+        runs, has_record = RunCounter(), False
         with self.path.open("rb") as lines:
             for number, line in enumerate(lines, 1):
                 if not line.strip():
@@ -51,14 +66,13 @@ class RecordFile:
                 try:
                     record = decode_record(line)
                 except StreamError as error:
-                    if not line.endswith(b"\n") and newest != (-1, -1):
+                    if not line.endswith(b"\n") and has_record:
                         self.is_cut_off = True
                         return
                     remedy = "give a .jsonl file that tracksink wrote"
                     raise StreamError(f"{self.path}:{number}: {error}; {remedy}") from None
-                run += (record.epoch, record.seq) <= newest
-                newest = record.epoch, record.seq
-                yield run, record
+                has_record = True
+                yield runs.run_of(record.epoch, record.seq), record
 
 
 def read_tracks(path: str | Path) -> NDArray[Any]:
