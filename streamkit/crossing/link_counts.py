@@ -10,7 +10,7 @@ SIZE = 16
 class LinkCounts:
     """Counts of one connection of a link; its two processes and the main process share them.
 
-    Whoever dies, the main process still knows how many frames were sent and not taken.
+    If they die, the main process still knows how many frames were sent and not taken.
 
     Args:
         descriptor: of the memory; the caller closes it.

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 
 from msgspec import structs
 
+from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.part import Part
 from streamkit.graph.processes.process_link import ProcessLink
@@ -33,12 +34,14 @@ def merge_statistics(
 
     def row(index: int, mine: ElementStatistics) -> ElementStatistics:
         element = graph.elements[index]
-        ends = graph.process_links.get(element) if isinstance(element, ProcessLink) else None
-        writer, reader = ends or (graph.homes.get(element),) * 2
-        first = mine if writer is None else _at(reported[writer], index, mine)
-        last = mine if reader is None else _at(reported[reader], index, mine)
-        if not isinstance(element, ProcessLink) or ends is None:
-            return structs.replace(first, errors=mine.errors, warnings=mine.warnings)
+
+        def of(home: Bin | None) -> ElementStatistics:
+            return mine if home is None else _at(reported[home], index, mine)
+
+        if not isinstance(element, ProcessLink):
+            home = graph.homes.get(element)
+            return structs.replace(of(home), errors=mine.errors, warnings=mine.warnings)
+        first, last = map(of, graph.process_links[element])
         pads = [first.pads[0], last.pads[1]]
         dropped = mine.dropped | ({LOST: lost[element]} if lost.get(element) else {})
         return structs.replace(

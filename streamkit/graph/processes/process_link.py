@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import socket
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 from typing_extensions import override
@@ -30,6 +30,13 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
+
+
+class Connection(NamedTuple):
+    """A connection to one run of the other process."""
+
+    channel: Channel
+    counts: LinkCounts
 
 
 class ProcessLink(Element):
@@ -58,8 +65,7 @@ class ProcessLink(Element):
         self.packages: set[str] = set()
         self.before_end: Callable[[], None] = lambda: None
         self.last_frame = memoryview(bytearray(8)).cast("q")
-        self._channel: Channel | None = None  # the newest, guarded by `changed`, with its counts
-        self._newest_counts: LinkCounts | None = None
+        self._newest: Connection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # all that may be open
         self.prepare_run()
         super().__init__(name, **properties)
@@ -76,9 +82,8 @@ class ProcessLink(Element):
         """Resets the state of an earlier run; the connection stays."""
         self._encoder = StreamEncoder()
         self._refusal: type[FlowStop] | None = None
-        self._counts: LinkCounts | None = None  # of `_used`
         self._has_gap = self._is_given_up = self._has_sent_eos = False
-        self._used: Channel | None = None  # the connection in use by the streaming thread
+        self._used: Connection | None = None  # by the streaming thread
         self._epoch_offset = self._number_offset = 0
         self._highest_epoch, self._highest_number = 0, -1
         self.last_frame[0] = -1
@@ -88,8 +93,8 @@ class ProcessLink(Element):
         with self.changed:
             for old in self._channels:
                 old.shut_down()
-            self._channel, self._newest_counts = Channel(end), counts
-            self._channels.append(self._channel)
+            self._newest = Connection(Channel(end), counts)
+            self._channels.append(self._newest.channel)
             self.changed.notify_all()
         if self._has_sent_eos:  # no thread is left to do it
             self.receive_event(self.pads["sink"], EOS)
@@ -103,7 +108,7 @@ class ProcessLink(Element):
     def disconnect(self) -> None:
         """Closes the connection; only once no thread uses it."""
         with self.changed:
-            channels, self._channels, self._channel = self._channels, [], None
+            channels, self._channels, self._newest = self._channels, [], None
             self._has_sent_eos = False
         self._encoder = StreamEncoder()  # the shared memory of the one before is unmapped
         for channel in channels:
@@ -123,26 +128,25 @@ class ProcessLink(Element):
         with self.waiting():
             while True:
                 try:
-                    channel = self._writing_channel()
-                    self._wait_for_room(channel)
+                    connection = self._writing_connection()
+                    self._wait_for_room(connection)
                     if self._has_gap:
                         frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                    if self._send(frame, channel):
+                    if self._send(frame, connection):
                         self._has_gap = False
                         return
                 except ChannelClosed:
                     continue  # `Processes` decides whether there is another
 
-    def _send(self, frame: Frame, channel: Channel) -> bool:
+    def _send(self, frame: Frame, connection: Connection) -> bool:
         """Sends a frame, and counts it; False if that was cancelled."""
-        assert self._counts is not None
         is_sent = False
-        self._counts.count_sent()
+        connection.counts.count_sent()
         try:
-            is_sent = self._encoder.send_frame(frame, channel, self.stopping.is_set)
+            is_sent = self._encoder.send_frame(frame, connection.channel, self.stopping.is_set)
         finally:
             if not is_sent:
-                self._counts.count_sent(-1)
+                connection.counts.count_sent(-1)
         return is_sent
 
     def receive_event(self, pad: Pad, event: Event) -> None:
@@ -150,26 +154,27 @@ class ProcessLink(Element):
         with self.waiting():
             while self.writes and self._refusal is None:
                 with contextlib.suppress(ChannelClosed):
-                    channel = self._writing_channel()
+                    channel = self._writing_connection().channel
                     if channel.send(self._encoder.event(event), (), self.stopping.is_set):
                         self._has_sent_eos = isinstance(event, EosEvent)
                         return
 
-    def _open_channel(self) -> tuple[Channel, LinkCounts]:
-        """Waits for a connection that is open; returns it with its counts.
+    def _open_connection(self) -> Connection:
+        """Waits for a connection that is open.
 
         Raises:
             FlowStop: there will be none.
         """
         with self.changed:
-            self.wait_for(lambda: self._is_given_up or not (self._channel is None or self._channel.is_closed))
+            self.wait_for(
+                lambda: self._is_given_up or not (self._newest is None or self._newest.channel.is_closed)
+            )
             if self._is_given_up:
                 raise EndOfStream(self.name)
-            assert self._channel is not None
-            assert self._newest_counts is not None
-            return self._channel, self._newest_counts
+            assert self._newest is not None
+            return self._newest
 
-    def _writing_channel(self) -> Channel:
+    def _writing_connection(self) -> Connection:
         """The open connection; a new reader gets caps and segment first.
 
         Raises:
@@ -178,24 +183,23 @@ class ProcessLink(Element):
         """
         if self._refusal is not None:
             raise self._refusal(self.name)
-        channel, counts = self._open_channel()
-        if channel is self._used:
-            return channel
+        connection = self._open_connection()
+        if connection is self._used:
+            return connection
         if self._used is not None:
-            self._used.close()
+            self._used.channel.close()
             self._encoder, self._has_gap = StreamEncoder(), True
             sink = self.pads["sink"]
             for event in (CapsEvent(sink.caps), SegmentEvent(sink.segment)) if sink.caps is not None else ():
-                channel.send(self._encoder.event(event), (), self.stopping.is_set)
-        self._used, self._counts = channel, counts
-        return channel
+                connection.channel.send(self._encoder.event(event), (), self.stopping.is_set)
+        self._used = connection
+        return connection
 
-    def _wait_for_room(self, channel: Channel) -> None:
+    def _wait_for_room(self, connection: Connection) -> None:
         """Reads what the reader has taken; waits while too much is on the way."""
-        assert self._counts is not None
         wait_s = 0.0
         while True:
-            messages = channel.receive(wait_s)
+            messages = connection.channel.receive(wait_s)
             for message in messages:
                 kind, released, is_over = msgspec.msgpack.decode(message)
                 if kind != Kind.DONE:
@@ -207,7 +211,7 @@ class ProcessLink(Element):
                     raise EndOfStream(self.name)
             if self.stopping.is_set() or self.is_flushing:
                 raise Flushing(self.name)
-            has_room = self._counts.on_the_way < self.capacity
+            has_room = connection.counts.on_the_way < self.capacity
             if has_room and not messages:
                 return
             wait_s = 0.0 if has_room else POLL_S
@@ -220,12 +224,12 @@ class ProcessLink(Element):
             return
         while True:
             try:
-                channel, counts = self._open_channel()
+                connection = self._open_connection()
                 if self._used is not None:
-                    self._used.close()
+                    self._used.channel.close()
                     self._begin_epoch()
-                self._used, self._counts = channel, counts
-                self._forward(channel)
+                self._used = connection
+                self._forward(connection)
             except ChannelClosed:
                 continue  # `Processes` decides whether there is another
             except EndOfStream:
@@ -239,8 +243,9 @@ class ProcessLink(Element):
         event = DiscontinuityEvent(self._epoch_offset, "the process upstream was started again")
         self.pads["src"].send_event(event)
 
-    def _forward(self, channel: Channel) -> None:
+    def _forward(self, connection: Connection) -> None:
         """Sends on what comes through a connection, until EOS."""
+        channel = connection.channel
         decoder = StreamDecoder(self.packages)
         while True:
             if self.stopping.is_set():
@@ -248,7 +253,7 @@ class ProcessLink(Element):
             for message in channel.receive(POLL_S):
                 item = decoder.decode(message, channel)
                 if isinstance(item, Frame):
-                    self._push(item, decoder, channel)
+                    self._push(item, decoder, connection)
                     item = None  # else its slot would be in use until the next one
                 elif item is not None:
                     if isinstance(item, EosEvent):
@@ -259,7 +264,7 @@ class ProcessLink(Element):
                     if isinstance(item, EosEvent):
                         return
 
-    def _push(self, frame: Frame, decoder: StreamDecoder, channel: Channel) -> None:
+    def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
         src = self.pads["src"]
         frame = self._continued(frame)
         if frame.caps is not src.caps:
@@ -274,10 +279,9 @@ class ProcessLink(Element):
             raise
         finally:
             del frame  # its slot may be free now
-            assert self._counts is not None
-            self._counts.count_taken()
+            connection.counts.count_taken()
             with contextlib.suppress(ChannelClosed):
-                channel.send(decoder.done(is_over=is_over), (), self.stopping.is_set)
+                connection.channel.send(decoder.done(is_over=is_over), (), self.stopping.is_set)
 
     def _continued(self, frame: Frame) -> Frame:
         """The frame with the epoch and number that follow those from before a restart."""
