@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import enum
 import re
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from streamkit.errors import DescriptionError, PluginBroken
+
+if TYPE_CHECKING:
+    from streamkit.element.base import Element
 
 LINKS = frozenset("!(.")  # an element comes after these
 ELEMENT = re.compile(r"[a-z][\w-]*")
@@ -53,24 +56,27 @@ def _element_of(words: Sequence[str]) -> str:
     return ""
 
 
-def _declarations(element: str) -> dict[str, object]:
+def _class_of(element: str) -> type[Element] | None:
     from streamkit.element.registry import element_class
 
     try:
-        return {item.spelling: item.kind for item in element_class(element).properties.values()}
+        return element_class(element)
     except (DescriptionError, PluginBroken):
-        return {}
+        return None
 
 
 def _properties(element: str) -> list[str]:
-    return [f"{name}=" for name in ("name", *_declarations(element))] if element else []
+    found = _class_of(element)
+    declared = [] if found is None else [item.spelling for item in found.properties.values()]
+    return [f"{name}=" for name in ("name", *declared)] if element else []
 
 
 def _values(element: str, name: str, value: str) -> list[str]:
-    kind = _declarations(element).get(name.replace("_", "-"))
-    if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return _beginning_with((str(member.value) for member in kind), value)
-    return _beginning_with(("true", "false"), value) if kind is bool else []
+    found = _class_of(element)
+    declaration = None if found is None else found.declaration_of(name)
+    if declaration is None:
+        return []
+    return _beginning_with(("true", "false") if declaration.kind is bool else declaration.choices, value)
 
 
 def _beginning_with(words: Iterable[str], start: str) -> list[str]:
