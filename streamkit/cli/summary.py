@@ -34,15 +34,13 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
 def summarise(statistics: RunStatistics) -> RunSummary:
     """The summary of counters."""
     results: Counter[str] = Counter()
-    frames: dict[bool, int] = {}
     for row in statistics.elements:
         results.update({name: count for name, count in row.results.items() if name != "files"})
-        for pad in row.pads:
-            is_video = (pad.caps or "").startswith("video/")
-            frames[is_video] = max(pad.frames, frames.get(is_video, 0))
+    pads = [pad for row in statistics.elements for pad in row.pads]
+    video = [pad.frames for pad in pads if (pad.caps or "").startswith("video/")]
     return RunSummary(
         elapsed_s=statistics.elapsed_s,
-        frames=frames.get(True) or frames.get(False, 0),
+        frames=max(video, default=0) or max((pad.frames for pad in pads), default=0),
         dropped=sum(sum(row.dropped.values()) for row in statistics.elements),
         results=dict(results),
         files={row.location: count for row in statistics.elements if (count := row.results.get("files"))},
