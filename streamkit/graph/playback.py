@@ -13,20 +13,17 @@ from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated, StateError
-from streamkit.flow.caps import Caps
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import BranchFailures, first_push
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
 from streamkit.graph.graph import Graph, upstream, walk
-from streamkit.graph.link import DelayedLink
+from streamkit.graph.link import RAW_VIDEO, DelayedLink
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
 from streamkit.graph.watchdog import Watchdog
-
-RAW_VIDEO = Caps("video/x-raw")
 
 
 class Playback:
