@@ -4,8 +4,8 @@ from streamkit.element.base import Element as Element
 from streamkit.element.branching import Combine as Combine
 from streamkit.element.branching import Split as Split
 from streamkit.element.output_sink import IfExists as IfExists
+from streamkit.element.output_sink import NumberedFilesSink as NumberedFilesSink
 from streamkit.element.output_sink import OutputFileSink as OutputFileSink
-from streamkit.element.output_sink import SegmentSink as SegmentSink
 from streamkit.element.pad import Direction as Direction
 from streamkit.element.pad import Pad as Pad
 from streamkit.element.pad import PadTemplate as PadTemplate
@@ -72,7 +72,6 @@ from streamkit.flow.record import encode_record as encode_record
 from streamkit.flow.record import record_line as record_line
 from streamkit.flow.record import track_record as track_record
 from streamkit.flow.record_file import RecordFile as RecordFile
-from streamkit.flow.record_file import RunCounter as RunCounter
 from streamkit.flow.record_file import read_tracks as read_tracks
 from streamkit.flow.record_tally import RecordTally as RecordTally
 from streamkit.flow.scaling import scale_metadata as scale_metadata
@@ -81,5 +80,9 @@ from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps
 from streamkit.graph.pipeline import Pipeline as Pipeline
 from streamkit.masking import mask_secrets as mask_secrets
+from streamkit.reader import SourceChoice as SourceChoice
+from streamkit.reader import VideoReader as VideoReader
+from streamkit.reader import choose_source as choose_source
+from streamkit.reader import open as open
 
 __all__: list[str]

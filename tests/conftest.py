@@ -8,7 +8,7 @@ import sys
 import sysconfig
 import types
 import venv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -31,13 +31,23 @@ COMMANDS = {
 }
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Each test's limit of time is one for an idle machine; a slow one gets as many times longer."""
-    factor = slowness()
-    for item in items:
-        marker = item.get_closest_marker("timeout")
-        limit_s = float(marker.args[0] if marker else config.getini("timeout"))
-        item.add_marker(pytest.mark.timeout(limit_s * factor), append=False)
+SLOWNESS = pytest.StashKey[tuple[Path, float]]()
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """A test's limit of time is one for an idle machine; a slow one gets as many times longer.
+
+    How slow it is, is measured before each file; the slowest so far counts.
+    """
+    path, factor = item.config.stash.get(SLOWNESS, (None, 1.0))
+    if path != item.path:
+        factor = max(factor, slowness())
+        item.config.stash[SLOWNESS] = item.path, factor
+    marker = item.get_closest_marker("timeout")
+    limit_s = float(marker.args[0] if marker else item.config.getini("timeout"))
+    item.add_marker(pytest.mark.timeout(limit_s * factor), append=False)
+    return (yield)
 
 
 @pytest.fixture(scope="session")

@@ -22,16 +22,18 @@ def complete_element(incomplete: str) -> list[str]:
     return _beginning_with(installed_elements(), incomplete)
 
 
-def complete_description(words: Sequence[str], incomplete: str) -> list[str]:
+def complete_description(words: Sequence[str], incomplete: str, *, in_quotes: bool = False) -> list[str]:
     """The ways to complete the last word of a description.
 
     Args:
         words: of the shell, before the last one.
         incomplete: the last word of the shell, with blanks where the description is in quotes.
+        in_quotes: whether it is; one with blanks always is.
 
     Returns:
         The last word of the shell with its last part complete: an element after a link or at the beginning,
-        a property after an element, a value of an enumeration or bool after `=`.
+        a property after an element, a value of an enumeration or bool after `=`. In quotes, a single one is
+        offered twice, the second time with a link: a shell closes the quotes after the only way to complete.
     """
     kept, blank, last = incomplete.rpartition(" ")
     words = [*words, *kept.split()]
@@ -44,7 +46,14 @@ def complete_description(words: Sequence[str], incomplete: str) -> list[str]:
         found = complete_element(last)
     else:
         found = _beginning_with(_properties(_element_of(words)), last)
+    if (blank or in_quotes) and len(found) == 1:
+        found.append(f"{found[0]}VALUE" if found[0].endswith("=") else f"{found[0]} !")
     return [f"{kept}{blank}{word}" for word in found]
+
+
+def has_open_quote(line: str) -> bool:
+    """Whether a line of the shell ends in quotes."""
+    return any(line.count(mark) % 2 for mark in "\"'")
 
 
 def _element_of(words: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,9 +22,11 @@ SIZE_LIMIT = 1_000_000
 
 
 def _complete(context: typer.Context, incomplete: str) -> list[str]:
-    from streamkit.cli.completion import complete_description
+    from streamkit.cli.completion import complete_description, has_open_quote
 
-    return complete_description(context.params.get("description") or (), incomplete)
+    line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")  # bash; others
+    words = context.params.get("description") or ()
+    return complete_description(words, incomplete, in_quotes=has_open_quote(line))
 
 
 DescriptionArgument = Annotated[

@@ -88,7 +88,8 @@ class Progress(Display):
         since_s = now.elapsed_s if is_last else now.elapsed_s - self._frames_s
         rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
         self._frames, self._frames_s = frames, now.elapsed_s
-        words = [f"{now.elapsed_s:7.1f} s{self._position()}  {frames} frames  {rate:.1f}/s"]
+        where = self._position(None if is_last else now.elapsed_s)
+        words = [f"{now.elapsed_s:7.1f} s{where}  {frames} frames  {rate:.1f}/s"]
         if dropped:
             words.append(f"{dropped} dropped")
         ages_ns = [row.age_ns for row in now.elements if row.age_ns is not None and not row.frames_out]
@@ -99,11 +100,18 @@ class Progress(Display):
         sys.stderr.flush()
         self.shown = True
 
-    def _position(self) -> str:
+    def _position(self, elapsed_s: float | None) -> str:
+        """How much of a file is done and, while it runs, how long the rest takes at the rate so far."""
         position, duration = self.pipeline.position_ns(), self.pipeline.duration_ns()
-        if position is None or not duration:
+        if not position or not duration or position > duration:
             return ""
-        return f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * position / duration:.0f} %)"
+        left = ""
+        if elapsed_s is not None:
+            minutes, seconds = divmod(round(elapsed_s * (duration - position) / position), 60)
+            left = f", {minutes}:{seconds:02d} left"
+        return (
+            f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * position / duration:.0f} %{left})"
+        )
 
     def print_line(self, line: str) -> None:
         """Prints a line in place of the progress line, which is redrawn below."""

@@ -10,6 +10,8 @@ import msgspec
 if TYPE_CHECKING:
     from streamkit.graph.statistics import RunStatistics
 
+LABELS = {"tracks": "confirmed tracks"}
+
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     """A run in short: the JSON of `launch --summary=json`.
@@ -19,7 +21,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         elapsed_s: since the run began, s.
         frames: of video, most that any pad had; without video, of anything.
         dropped: frames not delivered, over all elements.
-        results: what elements have made, such as tracks, by name.
+        results: what elements have made, by name; `tracks` are those that were confirmed.
         files: number of the files written, by location, which is a pattern where there are several.
     """
 
@@ -48,10 +50,9 @@ def summarise(statistics: RunStatistics) -> RunSummary:
 
 
 def results_text(summary: RunSummary) -> str:
-    """What was made: ", 3 tracks, wrote tracks.jsonl", or "" where no element tells."""
-    words = [
-        f"{count} {name.removesuffix('s') if count == 1 else name}" for name, count in summary.results.items()
-    ]
+    """What was made: ", 3 confirmed tracks, wrote tracks.jsonl", or "" where no element tells."""
+    shown = {LABELS.get(name, name): count for name, count in summary.results.items()}
+    words = [f"{count} {name.removesuffix('s') if count == 1 else name}" for name, count in shown.items()]
     files = [f"{count} files {name}" if count > 1 else name for name, count in summary.files.items()]
     if files:
         words.append(f"wrote {' and '.join(files)}")

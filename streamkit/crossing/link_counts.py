@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_memory, map_memory
 
 SIZE = 16
@@ -38,3 +41,10 @@ class LinkCounts:
     def on_the_way(self) -> int:
         """Frames sent and not taken."""
         return self._sent[0] - self._taken[0]
+
+
+class Connection(NamedTuple):
+    """A connection to one run of the other process, and the counts of the frames that pass through it."""
+
+    channel: Channel
+    counts: LinkCounts

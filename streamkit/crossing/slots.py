@@ -48,14 +48,14 @@ class SlotWriter:
         self._size = self._next = 0
 
     def write(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
-        """Copies an array into shared memory, with its strides, on which the last bit of a sum may depend.
+        """Copies an array into shared memory, with its strides: another order can change sums of floats.
 
         The descriptor of a new slot is to be sent, then closed.
         """
         import numpy as np
 
         strides, size = _layout(array)
-        if size > self._size:  # the caps have changed: later frames have this size
+        if size > self._size:  # the caps have changed; the reader drops its slots, too, at the larger new one
             self._drop_all()
             self._size = size
         made = None if self._free else self._make()

@@ -66,6 +66,9 @@ class Element(PadOwner):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         cls.properties = declared_properties(cls)
+        for item in vars(cls).values():
+            if isinstance(item, PropertyDeclaration):
+                item.check_default()
         cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
 
     def __new__(cls, *_: Any, **__: Any) -> Self:

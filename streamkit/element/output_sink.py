@@ -230,14 +230,14 @@ class OutputFileSink(Sink):
             ) from error
 
 
-class SegmentSink(OutputFileSink):
+class NumberedFilesSink(OutputFileSink):
     """Base class of sinks that write many files, of which the oldest may be deleted.
 
     Attributes:
-        has_ledger: whether files of earlier runs count, too.
+        remembers_earlier_runs: whether files of earlier runs count, too.
     """
 
-    has_ledger: ClassVar[bool] = True
+    remembers_earlier_runs: ClassVar[bool] = True
 
     if_exists: IfExists = Property(
         IfExists.CONTINUE,
@@ -257,7 +257,7 @@ class SegmentSink(OutputFileSink):
         limits = RetentionLimits(self.max_files, self.max_total_size, self.max_age)
         pattern = local_path(self.location)
         ledger = pattern.with_name(f".{pattern.name}.written")
-        self._retention = Retention(limits, pattern.parent, ledger if self.has_ledger else None)
+        self._retention = Retention(limits, pattern.parent, ledger if self.remembers_earlier_runs else None)
 
     def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
         """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""

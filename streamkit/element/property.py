@@ -136,6 +136,27 @@ class PropertyDeclaration(Traits):
             raise self.refusal(value, f"it takes {self.describe()}", element)
         return value
 
+    def check_default(self) -> None:
+        """Checks that the default is a value of the property.
+
+        Raises:
+            TypeError: it is of another type, or out of range; names class, property, rule and remedy.
+        """
+        try:
+            kind, default = self.kind, self.default
+            self.check(default)
+        except NameError:
+            return  # the annotation names what the module defines later
+        except PropertyError as error:
+            rule = str(error)
+        else:
+            if default is None or isinstance(default, kind) or kind in (float, Fraction):
+                return
+            rule = f"it must be {kind.__name__}, as the annotation says, got {default!r}"
+        raise TypeError(
+            f"{self.owner.__name__}.{self.attribute}: the default does not fit the property: {rule}"
+        )
+
     def refusal(self, value: Any, rule: str, element: str) -> PropertyError:
         """The error for a value that the property refuses."""
         where = f"{element}: " if element else ""

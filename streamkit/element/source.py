@@ -33,6 +33,7 @@ class Source(Element):
     Attributes:
         is_live: whether frames arrive at their own pace and are lost if nothing takes them.
         over: set when the stream is to end or the pipeline stops; waits between two frames check it.
+        position_ns: timestamp of the newest frame, or None.
     """
 
     is_live: bool = False
@@ -53,6 +54,7 @@ class Source(Element):
         self._epochs: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
         self._segment_epoch: int | None = None
+        self.position_ns: int | None = None
 
     # Overridden by authors.
 
@@ -212,6 +214,7 @@ class Source(Element):
             frame = frame.replace(seq=frame.seq or number, arrival_ns=self.clock.monotonic_ns())
         if frame.epoch != self._epochs.get(pad.name, -1):
             self._begin_epoch(pad, frame)
+        self.position_ns = frame.pts
         return frame
 
     def _begin_epoch(self, pad: Pad, frame: Frame) -> None:

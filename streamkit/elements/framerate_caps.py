@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 from typing import Any
 
@@ -32,7 +32,10 @@ def rates_after(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
 
 
 def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
-    """Input caps for output caps."""
+    """Input caps for output caps: rates that can become the output's, the cheapest first.
+
+    First the same rate, then any other; with `drop_only` only rates at least as high, or variable ones.
+    """
 
     def options(structure: Structure) -> Iterable[Structure]:
         rate = structure.fields.get("framerate")
@@ -54,7 +57,8 @@ def rates_before(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:
     return _each(caps, options)
 
 
-def _each(caps: Caps, options: Any) -> Caps:
+def _each(caps: Caps, options: Callable[[Structure], Iterable[Structure]]) -> Caps:
+    """The options of each structure, without repetition."""
     unique = {str(found): found for structure in caps.structures for found in options(structure)}
     return Caps(list(unique.values()))
 

@@ -58,7 +58,11 @@ class Identity(Transform):
     )
     check_imperfect_offset: bool = Property(False, doc="Post a message if frame numbers are not consecutive.")
     last_message: str | None = Property(None, readonly=True, doc="The last action, unless silent.")
-    stats: str = Property("", read=lambda identity: identity._stats(), doc="Frames and bytes processed.")
+    stats: str = Property(
+        "",
+        read=lambda identity: identity._stats(),
+        doc="Frames and bytes processed; none while they bypass it.",
+    )
     seed: int = Property(0, doc="Seed of random drops.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:

@@ -12,7 +12,7 @@ from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_reader import STRUCTURE_LIMIT, WORDS, CapsReader
 from streamkit.flow.caps_simplify import normalize, simplify
 from streamkit.flow.caps_structure import NO_FIELDS, Structure
-from streamkit.flow.caps_values import NestedCaps, Value
+from streamkit.flow.caps_values import NestedCaps, Value, ValueList
 
 __all__ = ["ANY", "EMPTY", "Caps", "Structure", "read_value"]
 CACHED_TEXTS, CACHED_LENGTH = 512, 2_000
@@ -192,7 +192,23 @@ class Caps(NestedCaps):
 
     def disagreement(self, accepted: Caps, src: str, sink: str) -> str:
         """Text for an error: the field in which offered and accepted caps conflict, and both, with names."""
-        return f"disagree on {self.conflict(accepted)}: {src} offers {self}; {sink} takes {accepted}"
+        field = self.conflict(accepted)
+        text = f"disagree on {field}: {src} offers {self}; {sink} takes {accepted}"
+        offered, taken = (_words(caps, field) for caps in (self, accepted))
+        # Words are GStreamer's, where RGB and rgb are different formats.
+        for theirs in (taken, offered):
+            ours = offered if theirs is taken else taken
+            for word in theirs:
+                if word != word.upper() and word.upper() in ours:
+                    return f"{text}; write {field}={word.upper()}"
+        return text
+
+
+def _words(caps: Caps, field: str) -> list[str]:
+    """The texts that a field may have."""
+    values = [structure.fields.get(field) for structure in caps.structures]
+    lists = [value.items if isinstance(value, ValueList) else (value,) for value in values]
+    return [item for items in lists for item in items if isinstance(item, str)]
 
 
 def _merge(found: list[Structure], structure: Structure) -> None:

@@ -11,6 +11,7 @@ import msgspec
 
 if TYPE_CHECKING:
     from streamkit.flow.caps import Caps
+    from streamkit.flow.metadata import Registration, Track
 
 Item = TypeVar("Item")
 NO_METADATA: Mapping[type, object] = MappingProxyType({})
@@ -80,6 +81,21 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
     def get(self, kind: Callable[..., Item]) -> Item | None:
         """Metadata of a type, which may be a protocol, or None."""
         return cast("Item | None", self.metadata.get(cast("type", kind)))
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """The targets, in order of their ids; empty without a tracker."""
+        from streamkit.flow.metadata import Tracks
+
+        found = self.get(Tracks)
+        return () if found is None else found.tracks
+
+    @property
+    def registration(self) -> Registration | None:
+        """Its registration; None without a stitcher."""
+        from streamkit.flow.metadata import Registration
+
+        return self.get(Registration)
 
     def attach(self, *items: object) -> Frame:
         """A copy with metadata added, each item under its own type."""

@@ -17,29 +17,15 @@ COLUMNS = {
     "length": "f8", "width": "f8", "angle": "f8", "vx": "f8", "vy": "f8", "score": "f8", "age_ns": "i8",
     "lat": "f8", "lon": "f8", "error_m": "f8",
 }  # fmt: skip
+LINE_LIMIT_BYTES = 4 << 20  # as for a record received over zenoh
 NO_TIME = -(2**63)  # `pts_ns` of a frame without a time
-
-
-class RunCounter:
-    """Numbers the runs of a file, from 1.
-
-    Another run was appended where epoch and frame number do not go up; its ids are other targets.
-    """
-
-    def __init__(self) -> None:
-        self._run, self._newest = 1, (-1, -1)
-
-    def run_of(self, epoch: int, seq: int) -> int:
-        """The run of the next record."""
-        self._run += (epoch, seq) <= self._newest
-        self._newest = epoch, seq
-        return self._run
 
 
 class RecordFile:
     """The records of a file, in order.
 
-    Iterating yields each with the number of its run, see `RunCounter`.
+    Iterating yields each with the number of its run, from 1: another run was appended where epoch and frame
+    number do not go up; its ids are other targets.
 
     Args:
         path: the file.
@@ -58,21 +44,28 @@ class RecordFile:
         self.is_cut_off = False
 
     def __iter__(self) -> Iterator[tuple[int, TrackRecord]]:
-        runs, has_record = RunCounter(), False
-        with self.path.open("rb") as lines:
-            for number, line in enumerate(lines, 1):
+        return ((run, record) for run, record, _ in self.lines())
+
+    def lines(self) -> Iterator[tuple[int, TrackRecord, bytes]]:
+        """As iterating, with the line of each record, which may hold fields unknown to `TrackRecord`."""
+        number, run, newest = 0, 1, None
+        with self.path.open("rb") as file:
+            while line := file.readline(LINE_LIMIT_BYTES):
+                number += 1
                 if not line.strip():
                     continue
                 try:
                     record = decode_record(line)
                 except StreamError as error:
-                    if not line.endswith(b"\n") and has_record:
+                    if not line.endswith(b"\n") and not file.read(1) and newest is not None:
                         self.is_cut_off = True
                         return
                     remedy = "give a .jsonl file that tracksink wrote"
                     raise StreamError(f"{self.path}:{number}: {error}; {remedy}") from None
-                has_record = True
-                yield runs.run_of(record.epoch, record.seq), record
+                place = record.epoch, record.seq
+                run += newest is not None and place <= newest
+                newest = place
+                yield run, record, line.strip()
 
 
 def read_tracks(path: str | Path) -> NDArray[Any]:

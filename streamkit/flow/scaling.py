@@ -1,4 +1,4 @@
-"""Metadata of a scaled frame."""
+"""Metadata of a scaled, cropped or flipped frame."""
 
 from __future__ import annotations
 
@@ -8,28 +8,30 @@ import math
 import numpy as np
 
 from streamkit.flow.frame import Frame
-from streamkit.flow.metadata import Detections, GroundReference, Registration, Tracks
+from streamkit.flow.metadata import Detections, GroundReference, Provenance, Registration, Tracks
 from streamkit.geometry.homography import FloatArray
 from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points
 
 
 def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArray) -> Frame:
-    """The frame with its registration, position, detections and tracks in pixels of the scaled frame.
+    """The frame with its registration, position, detections and tracks in pixels of the frame made of it.
 
     The reference plane is unchanged, and with it velocities of tracks and `reference_change`. Homographies
     that are not finite, other metadata, data and caps stay.
 
     Args:
         frame: with metadata in pixels before scaling.
-        scaling: float64[3, 3], maps pixels before to pixels after scaling, see `streamkit.geometry.scaling`.
+        scaling: float64[3, 3], affine, maps pixels before to pixels after scaling, cropping or flipping, see
+            `streamkit.geometry.scaling`.
         previous_scaling: the same for the previous frame.
     """
     changed: list[object] = []
+    area = abs(float(np.linalg.det(scaling[:2, :2])))
     if (registration := frame.get(Registration)) is not None:
         to_previous, to_reference = scale_homographies(
             scaling, previous_scaling, registration.to_previous, registration.to_reference
         )
-        size = math.sqrt(scaling[0, 0] * scaling[1, 1])
+        size = math.sqrt(area)
         corner_std = None if registration.corner_std is None else registration.corner_std * size
         changed.append(
             dataclasses.replace(
@@ -43,12 +45,13 @@ def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArr
     if (ground := frame.get(GroundReference)) is not None:
         changed.append(dataclasses.replace(ground, to_local=ground.to_local @ np.linalg.inv(scaling)))
     if (detections := frame.get(Detections)) is not None:
+        corners = scale_points(scaling, detections.boxes.reshape(-1, 2)).reshape(-1, 2, 2)
         changed.append(
             dataclasses.replace(
                 detections,
                 centroids=scale_points(scaling, detections.centroids),
-                boxes=scale_points(scaling, detections.boxes.reshape(-1, 2)).reshape(-1, 4),
-                areas=detections.areas * scaling[0, 0] * scaling[1, 1],
+                boxes=np.hstack([corners.min(axis=1), corners.max(axis=1)]),
+                areas=detections.areas * area,
             )
         )
     if (tracks := frame.get(Tracks)) is not None:
@@ -61,13 +64,21 @@ def _scale_tracks(item: Tracks, scaling: FloatArray) -> Tracks:
     values = np.array([(row.x, row.y, row.length, row.width, row.angle) for row in rows]).reshape(-1, 5)
     centres = scale_points(scaling, values[:, :2]).tolist()
     boxes = np.column_stack(scale_boxes(scaling, *values[:, 2:].T)).tolist()
-    stretch = np.diag(np.diag(scaling)[:2])
+    linear = scaling[:2, :2]
     return Tracks(
         tuple(
             dataclasses.replace(
                 row, x=x, y=y, length=length, width=width, angle=angle,
-                covariance=stretch @ row.covariance @ stretch,
+                covariance=linear @ row.covariance @ linear.T,
+                provenance=_scale_provenance(row.provenance, scaling),
             )
             for row, (x, y), (length, width, angle) in zip(rows, centres, boxes, strict=True)
         )
     )  # fmt: skip
+
+
+def _scale_provenance(item: Provenance | None, scaling: FloatArray) -> Provenance | None:
+    if item is None or item.predicted is None:
+        return item
+    x, y = scale_points(scaling, np.array([item.predicted]))[0].tolist()
+    return dataclasses.replace(item, predicted=(x, y))

@@ -1,4 +1,4 @@
-"""Scaling of images: points, rotated boxes and homographies."""
+"""Scaled, cropped and flipped images: points, rotated boxes and homographies."""
 
 from __future__ import annotations
 
@@ -22,20 +22,26 @@ def scaling_homography(before: tuple[int, int], after: tuple[int, int]) -> Float
 
 
 def scale_points(scaling: FloatArray, points: FloatArray) -> FloatArray:
-    """Points, float64[n, 2] x y, of an image in pixels of the scaled one."""
-    return np.asarray(points * np.diag(scaling)[:2] + scaling[:2, 2])
+    """Points, float64[n, 2] x y, of an image in pixels of the one that an affine map makes of it."""
+    return scale_vectors(scaling, points) + scaling[:2, 2]
+
+
+def scale_vectors(scaling: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Differences of points, float64[n, 2] x y, of an image in pixels of the mapped one."""
+    return vectors[:, :1] * scaling[:2, 0] + vectors[:, 1:] * scaling[:2, 1]
 
 
 def scale_boxes(
     scaling: FloatArray, lengths: FloatArray, widths: FloatArray, angles: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Lengths, widths and angles of rotated boxes, float64[n] each, in the scaled image."""
-    across, down = float(scaling[0, 0]), float(scaling[1, 1])
+    """Lengths, widths and angles of rotated boxes, float64[n] each, in the mapped image."""
     cos, sin = np.cos(angles), np.sin(angles)
+    along = scale_vectors(scaling, np.column_stack([cos, sin]))
+    across = scale_vectors(scaling, np.column_stack([-sin, cos]))
     return (
-        lengths * np.hypot(across * cos, down * sin),
-        widths * np.hypot(across * sin, down * cos),
-        np.arctan2(down * sin, across * cos),
+        lengths * np.hypot(along[:, 0], along[:, 1]),
+        widths * np.hypot(across[:, 0], across[:, 1]),
+        np.arctan2(along[:, 1], along[:, 0]),
     )
 
 
@@ -45,7 +51,7 @@ def scale_homographies(
     """Homographies of a frame in pixels of the scaled frames; non-finite ones are unchanged.
 
     Args:
-        scaling: float64[3, 3], maps pixels of the frame to the scaled frame.
+        scaling: float64[3, 3], maps pixels of the frame to the scaled, cropped or flipped frame.
         previous_scaling: the same for the previous frame.
         to_previous: float64[3, 3], maps pixels of the frame to the previous frame.
         to_reference: float64[3, 3], maps pixels of the frame to a plane that is not scaled.

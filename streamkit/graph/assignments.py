@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from streamkit.element.base import Element
+from streamkit.element.gstreamer_names import property_hint
 from streamkit.element.property import PropertyDeclaration
 from streamkit.element.property_text import unquote_string
 from streamkit.errors import DescriptionError, StreamkitError, did_you_mean
@@ -53,7 +54,8 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
         rule = "the parent of an element is the bin that contains it"
         raise DescriptionError("could-not-set-property", rule, item.place)
     if declaration is None:
-        hint = did_you_mean(item.name, ["name", *(known.spelling for known in element.properties.values())])
+        known = ["name", *(known.spelling for known in element.properties.values())]
+        hint = property_hint(element.factory, item.name) or did_you_mean(item.name, known)
         raise DescriptionError(
             "no-such-property", f"{element.factory} has no property {item.name!r}", item.place, hint
         )

@@ -22,6 +22,8 @@ class LinkRequest(NamedTuple):
     sink: Element
     sink_name: str
     place: Place
+    src_place: Place | None = None  # of the pads' names, where they have any
+    sink_place: Place | None = None
 
 
 def pad_pairs(
@@ -48,13 +50,13 @@ def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad
     Raises:
         DescriptionError: code `link`; pads requested here are released.
     """
-    source, src_name, sink, sink_name, place = request
+    source, src_name, sink, sink_name, place, src_place, sink_place = request
     if source is sink:
         raise DescriptionError("link", f"{source.name} cannot be linked to itself", place)
     made: list[Pad] = []
     try:
-        srcs = [_named(source, Direction.SRC, src_name, place, made)] if src_name else None
-        sinks = [_named(sink, Direction.SINK, sink_name, place, made)] if sink_name else None
+        srcs = [_named(source, Direction.SRC, src_name, src_place or place, made)] if src_name else None
+        sinks = [_named(sink, Direction.SINK, sink_name, sink_place or place, made)] if sink_name else None
         src_choice, sink_choice = _pair(request, srcs, sinks, strict)
         return _pad(source, src_choice, made), _pad(sink, sink_choice, made)
     except StreamkitError as error:
@@ -159,10 +161,11 @@ def _named(element: Element, direction: Direction, name: str, place: Place, made
                     continue
                 made.append(element.request_pad(template, name))
                 return made[-1]
-        known = [*element.pads, *(template.name for template in element.pad_templates.values())]
-        raise DescriptionError(
-            "link", f"{element.name} has no pad {name!r}", place, did_you_mean(name, known)
+        known = dict.fromkeys(
+            [*element.pads, *(template.name for template in element.pad_templates.values())]
         )
+        hint = did_you_mean(name, known) or f"it has {', '.join(known) or 'none'}"
+        raise DescriptionError("link", f"{element.name} has no pad {name!r}", place, hint)
     if pad.template.direction is not direction:
         raise DescriptionError(
             "link", f"{pad.path} is a {pad.template.direction} pad, here a {direction} pad is needed", place

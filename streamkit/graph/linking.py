@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, Presence
@@ -24,6 +24,14 @@ class Endpoint:
     name: str
     pads: tuple[str, ...]
     place: Place
+
+    def pad_place(self, pad: str) -> Place | None:
+        """The place of a pad's name in a reference; None without one."""
+        if not self.name or pad not in self.pads:
+            return None
+        before = (self.name, *self.pads[: self.pads.index(pad)])
+        column = self.place.column + sum(len(word) + 1 for word in before)
+        return replace(self.place, column=column, length=len(pad))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +65,14 @@ class Linker:
         source, sink = self._resolve(link.source), self._resolve(link.sink)
         both_named = bool(link.source.pads and link.sink.pads)
         for request in pad_pairs(source, link.source.pads, sink, link.sink.pads, link.place):
+            placed = request._replace(
+                src_place=link.source.pad_place(request.src_name),
+                sink_place=link.sink.pad_place(request.sink_name),
+            )
             if link.every_pad and not both_named:
-                self._make_all(request, link.caps)
+                self._make_all(placed, link.caps)
             else:
-                self._make_or_delay(request, link.caps, link.every_pad)
+                self._make_or_delay(placed, link.caps, link.every_pad)
 
     def _make_or_delay(self, request: LinkRequest, caps: Caps | None, every_pad: bool) -> None:
         try:

@@ -271,7 +271,7 @@ class Pipeline:
         return found
 
     def position_ns(self) -> int | None:
-        """Timestamp of the newest frame that a sink with `sync` has rendered, or None."""
+        """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
         return position_ns(self.graph)
 
     def duration_ns(self) -> int | None:

@@ -15,7 +15,7 @@ from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated, StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.branches import BranchFailures, first_push
+from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
 from streamkit.graph.graph import Graph, upstream, walk
@@ -33,6 +33,7 @@ class Playback:
         chains: one for each src pad.
         retired: counters of the chains of removed branches.
         end: tracks the end of the run.
+        branches: the outputs whose branches join, leave or may fail alone.
         is_streaming: whether threads were started.
         is_over_elsewhere: whether all that runs in other processes has ended.
     """
@@ -56,7 +57,7 @@ class Playback:
         self.is_streaming = False
         self._lock = threading.RLock()
         self._threads: list[StreamingThread] = []
-        self._failures = BranchFailures(graph, bus, self.end)
+        self.branches = BranchOutputs(graph, bus, self.end)
         self._watchdog: Watchdog | None = None
         self._is_stopping = False
         self.is_over_elsewhere: Callable[[], bool] = lambda: True
@@ -82,10 +83,7 @@ class Playback:
         self.chains = []
         self.retired = RetiredChainTotals()
         compose_chains(local, self.chains)
-        self._failures.reset()
-        for element in local:
-            for pad in list(element.src_pads()):
-                self._failures.guard(pad)
+        self.branches.reset()
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
                 source.set_paused(source.is_live)
@@ -256,8 +254,7 @@ class Playback:
         for thread in threads:
             thread.start()
         src.push = chain.push
-        self._failures.guard(src)
-        src.push = first_push(src, src.push)
+        self.branches.join(src)
         src.element.pads_changed()
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
@@ -278,7 +275,7 @@ class Playback:
 
     def fail(self, error: Exception) -> None:
         """Handles a failure: drops the branch if that is allowed, else ends the run."""
-        if not (self.is_streaming and self._failures.drops(error)):
+        if not (self.is_streaming and self.branches.drops(error)):
             self.end.fail(error)
 
     def _thread_ended(self) -> None:

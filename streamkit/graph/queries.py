@@ -83,8 +83,13 @@ def _joined(paths: list[Latency]) -> Latency:
 
 
 def position_ns(graph: Graph) -> int | None:
-    """Timestamp of the newest frame that a sink with `sync` has rendered, or None."""
-    positions = [element.position_ns for element in graph.elements if isinstance(element, Sink)]
+    """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
+    shown = _newest(graph, Sink)
+    return _newest(graph, Source) if shown is None else shown
+
+
+def _newest(graph: Graph, kind: type[Sink | Source]) -> int | None:
+    positions = [element.position_ns for element in graph.elements if isinstance(element, kind)]
     return max((position for position in positions if position is not None), default=None)
 
 

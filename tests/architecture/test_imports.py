@@ -28,9 +28,10 @@ ALLOWED = {
     "elements": {"masking", "errors", "flow", "element", "handoff"},
     "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
+    "reader": {"masking", "errors", "flow", "element", "graph"},
     "cli": {"masking", "errors", "flow", "element", "graph", "output"},
 }
-MODULES = {"masking", "errors", "settings"}  # rooms of one module
+MODULES = {"masking", "errors", "settings", "reader"}  # rooms of one module
 # Rooms of the engine that are libraries: they know no frame, caps or element, and everybody may use them.
 ENGINE_LIBRARIES = (
     "streamkit.geometry",

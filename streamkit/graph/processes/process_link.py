@@ -2,49 +2,29 @@
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 import socket
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
-import msgspec
 from typing_extensions import override
 
-from streamkit.crossing.channel import Channel, ChannelClosed
-from streamkit.crossing.link_counts import LinkCounts
-from streamkit.crossing.stream_codec import Kind, StreamDecoder, StreamEncoder
-from streamkit.element.base import POLL_S, Element
+from streamkit.crossing.channel import Channel
+from streamkit.crossing.link_counts import Connection, LinkCounts
+from streamkit.element.base import Element
 from streamkit.element.pad import Pad
-from streamkit.errors import StreamkitError
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import (
-    EOS,
-    CapsEvent,
-    DiscontinuityEvent,
-    EndOfStream,
-    EosEvent,
-    Event,
-    FlowStop,
-    Flushing,
-    SegmentEvent,
-)
-from streamkit.flow.frame import Frame, FrameFlags
-
-
-class Connection(NamedTuple):
-    """A connection to one run of the other process."""
-
-    channel: Channel
-    counts: LinkCounts
+from streamkit.flow.events import EOS, EndOfStream, Event
+from streamkit.flow.frame import Frame
+from streamkit.graph.processes.link_reader import LinkReader
+from streamkit.graph.processes.link_writer import LinkWriter
 
 
 class ProcessLink(Element):
     """Takes frames and events in one process and sends them on in another.
 
-    Each process has the whole graph and this element in it; only the half that is needed works. The writing
-    half waits while `capacity` frames are sent and not taken. If the other process is started again, the
-    frames that it had are counted as lost, and those that follow belong to a new epoch.
+    Each process has the whole graph and this element in it; only the half that is needed works: `LinkWriter`
+    in the upstream process, `LinkReader` in the other. If one of them is started again, the frames on the way
+    are counted as lost, and those that follow belong to a new epoch.
 
     Attributes:
         capacity: maximum number of frames on the way.
@@ -67,7 +47,8 @@ class ProcessLink(Element):
         self.last_frame = memoryview(bytearray(8)).cast("q")
         self._newest: Connection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # all that may be open
-        self.prepare_run()
+        self._is_given_up = False
+        self._writer, self._reader = LinkWriter(self), LinkReader(self)
         super().__init__(name, **properties)
 
     @override
@@ -80,12 +61,9 @@ class ProcessLink(Element):
 
     def prepare_run(self) -> None:
         """Resets the state of an earlier run; the connection stays."""
-        self._encoder = StreamEncoder()
-        self._refusal: type[FlowStop] | None = None
-        self._has_gap = self._is_given_up = self._has_sent_eos = False
-        self._used: Connection | None = None  # by the streaming thread
-        self._epoch_offset = self._number_offset = 0
-        self._highest_epoch, self._highest_number = 0, -1
+        self._is_given_up = False
+        self._writer.reset()
+        self._reader.reset()
         self.last_frame[0] = -1
 
     def connect(self, end: socket.socket, counts: LinkCounts) -> None:
@@ -96,7 +74,7 @@ class ProcessLink(Element):
             self._newest = Connection(Channel(end), counts)
             self._channels.append(self._newest.channel)
             self.changed.notify_all()
-        if self._has_sent_eos:  # no thread is left to do it
+        if self._writer.has_sent_eos:  # no thread is left to do it
             self.receive_event(self.pads["sink"], EOS)
 
     def give_up(self) -> None:
@@ -109,8 +87,7 @@ class ProcessLink(Element):
         """Closes the connection; only once no thread uses it."""
         with self.changed:
             channels, self._channels, self._newest = self._channels, [], None
-            self._has_sent_eos = False
-        self._encoder = StreamEncoder()  # the shared memory of the one before is unmapped
+        self._writer.disconnected()
         for channel in channels:
             channel.close()
 
@@ -118,48 +95,21 @@ class ProcessLink(Element):
         """Ends the waits of both halves if the pipeline stops."""
         self.wake()
 
-    # The writing half, in the upstream thread.
-
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        return self._put
-
-    def _put(self, frame: Frame) -> None:
-        with self.waiting():
-            while True:
-                try:
-                    connection = self._writing_connection()
-                    self._wait_for_room(connection)
-                    if self._has_gap:
-                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                    if self._send(frame, connection):
-                        self._has_gap = False
-                        return
-                except ChannelClosed:
-                    continue  # `Processes` decides whether there is another
-
-    def _send(self, frame: Frame, connection: Connection) -> bool:
-        """Sends a frame, and counts it; False if that was cancelled."""
-        is_sent = False
-        connection.counts.count_sent()
-        try:
-            is_sent = self._encoder.send_frame(frame, connection.channel, self.stopping.is_set)
-        finally:
-            if not is_sent:
-                connection.counts.count_sent(-1)
-        return is_sent
+        return self._writer.put
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Sends an event in order with the frames."""
-        with self.waiting():
-            while self.writes and self._refusal is None:
-                with contextlib.suppress(ChannelClosed):
-                    channel = self._writing_connection().channel
-                    if channel.send(self._encoder.event(event), (), self.stopping.is_set):
-                        self._has_sent_eos = isinstance(event, EosEvent)
-                        return
+        if self.writes:
+            self._writer.put_event(event)
 
-    def _open_connection(self) -> Connection:
+    def stream(self) -> None:
+        """Body of the reading thread: sends frames and events on, in order, until EOS."""
+        if self.reads:
+            self._reader.run()
+
+    def open_connection(self) -> Connection:
         """Waits for a connection that is open.
 
         Raises:
@@ -173,123 +123,3 @@ class ProcessLink(Element):
                 raise EndOfStream(self.name)
             assert self._newest is not None
             return self._newest
-
-    def _writing_connection(self) -> Connection:
-        """The open connection; a new reader gets caps and segment first.
-
-        Raises:
-            FlowStop: there will be none, or the reader wants no more.
-            ChannelClosed: the new reader has ended, too.
-        """
-        if self._refusal is not None:
-            raise self._refusal(self.name)
-        connection = self._open_connection()
-        if connection is self._used:
-            return connection
-        if self._used is not None:
-            self._used.channel.close()
-            self._encoder, self._has_gap = StreamEncoder(), True
-            sink = self.pads["sink"]
-            for event in (CapsEvent(sink.caps), SegmentEvent(sink.segment)) if sink.caps is not None else ():
-                connection.channel.send(self._encoder.event(event), (), self.stopping.is_set)
-        self._used = connection
-        return connection
-
-    def _wait_for_room(self, connection: Connection) -> None:
-        """Reads what the reader has taken; waits while too much is on the way."""
-        wait_s = 0.0
-        while True:
-            messages = connection.channel.receive(wait_s)
-            for message in messages:
-                kind, released, is_over = msgspec.msgpack.decode(message)
-                if kind != Kind.DONE:
-                    raise ValueError("the reading process has sent something unreadable")
-                for number in released:
-                    self._encoder.slots.release(number)
-                if is_over:
-                    self._refusal = EndOfStream
-                    raise EndOfStream(self.name)
-            if self.stopping.is_set() or self.is_flushing:
-                raise Flushing(self.name)
-            has_room = connection.counts.on_the_way < self.capacity
-            if has_room and not messages:
-                return
-            wait_s = 0.0 if has_room else POLL_S
-
-    # The reading half, in its own thread.
-
-    def stream(self) -> None:
-        """Body of the reading thread: sends frames and events on, in order, until EOS."""
-        if not self.reads:
-            return
-        while True:
-            try:
-                connection = self._open_connection()
-                if self._used is not None:
-                    self._used.channel.close()
-                    self._begin_epoch()
-                self._used = connection
-                self._forward(connection)
-            except ChannelClosed:
-                continue  # `Processes` decides whether there is another
-            except EndOfStream:
-                self.pads["src"].send_event(EOS)
-            return
-
-    def _begin_epoch(self) -> None:
-        self._epoch_offset = self._highest_epoch + 1
-        self._number_offset = self._highest_number + 1 if self.renumbers else 0
-        self._has_gap = True
-        event = DiscontinuityEvent(self._epoch_offset, "the process upstream was started again")
-        self.pads["src"].send_event(event)
-
-    def _forward(self, connection: Connection) -> None:
-        """Sends on what comes through a connection, until EOS."""
-        channel = connection.channel
-        decoder = StreamDecoder(self.packages)
-        while True:
-            if self.stopping.is_set():
-                raise Flushing(self.name)
-            for message in channel.receive(POLL_S):
-                item = decoder.decode(message, channel)
-                if isinstance(item, Frame):
-                    self._push(item, decoder, connection)
-                    item = None  # else its slot would be in use until the next one
-                elif item is not None:
-                    if isinstance(item, EosEvent):
-                        self.before_end()
-                    if isinstance(item, DiscontinuityEvent):
-                        item = dataclasses.replace(item, epoch=item.epoch + self._epoch_offset)
-                    self.pads["src"].send_event(item)
-                    if isinstance(item, EosEvent):
-                        return
-
-    def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
-        src = self.pads["src"]
-        frame = self._continued(frame)
-        if frame.caps is not src.caps:
-            frame = src.announce_caps(frame)
-        is_over = False
-        try:
-            src.push(frame)
-        except Flushing:
-            raise
-        except (FlowStop, StreamkitError):
-            is_over = True
-            raise
-        finally:
-            del frame  # its slot may be free now
-            connection.counts.count_taken()
-            with contextlib.suppress(ChannelClosed):
-                connection.channel.send(decoder.done(is_over=is_over), (), self.stopping.is_set)
-
-    def _continued(self, frame: Frame) -> Frame:
-        """The frame with the epoch and number that follow those from before a restart."""
-        self.last_frame[0] = frame.seq
-        self._highest_epoch = frame.epoch + self._epoch_offset
-        self._highest_number = max(self._highest_number, frame.seq + self._number_offset)
-        if self._epoch_offset:
-            flags = frame.flags | FrameFlags.DISCONTINUITY if self._has_gap else frame.flags
-            self._has_gap = False
-            frame = frame.replace(epoch=self._highest_epoch, seq=frame.seq + self._number_offset, flags=flags)
-        return frame

@@ -20,10 +20,10 @@ BINARY = str(Path(sys.executable).with_name("streamkit"))
     [
         ([], "videotests", ["videotestsrc"]),
         (["videotestsrc", "!"], "framed", ["framediff"]),
-        ([], "videotestsrc num-buffers=3 ! framed", ["videotestsrc num-buffers=3 ! framediff"]),
+        ([], "videotestsrc num-buffers=3 ! framed", ["framediff", "framediff !"]),
         ([], "videotestsrc ! tee name=t ! fakesink t. ! tracks", ["tracksink", "tracksrc"]),
         (["videotestsrc"], "num-b", ["num-buffers="]),
-        ([], "videotestsrc num-b", ["videotestsrc num-buffers="]),
+        ([], "videotestsrc num-b", ["num-buffers=", "num-buffers=VALUE"]),
         (["videotestsrc", "num-buffers=3"], "is-l", ["is-live="]),
         (["videotestsrc", "pattern", "=", "ball"], "is-l", ["is-live="]),
         (["videotestsrc"], "pattern=bl", ["pattern=black", "pattern=blue", "pattern=blink"]),
@@ -36,7 +36,10 @@ BINARY = str(Path(sys.executable).with_name("streamkit"))
     ],
 )
 def test_the_last_word_is_completed(words: list[str], incomplete: str, offered: list[str]) -> None:
-    """In quotes, where it is the end of one word of the shell, and without."""
+    """In quotes, where it is the end of one word of the shell, and without.
+
+    A shell closes the quotes after the only way to complete, therefore there are two.
+    """
     found = complete_description(words, incomplete)
     kept = incomplete.rpartition(" ")[0]
     assert found == [f"{kept} {word}" if kept and kept not in word else word for word in offered]
@@ -54,7 +57,11 @@ def test_no_line_is_an_error(words: list[str], incomplete: str) -> None:
     [
         ("streamkit la", ["launch"]),
         ("streamkit launch -v videotestsrc ! framed", ["framediff"]),
-        ('streamkit launch "videotestsrc ! framed', ["videotestsrc ! framediff"]),
+        (
+            'streamkit launch "videotestsrc ! framed',
+            ["videotestsrc ! framediff", "videotestsrc ! framediff !"],
+        ),
+        ('streamkit launch "videotests', ["videotestsrc", "videotestsrc !"]),
         ("streamkit graph videotests", ["videotestsrc"]),
         ("streamkit inspect particlet", ["particletrack"]),
     ],

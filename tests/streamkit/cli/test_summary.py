@@ -46,9 +46,11 @@ def test_text_is_one_line_on_stderr(launch: Callable[..., Result], tmp_path: Pat
 def test_words() -> None:
     """One track, two tracks; drops only where there are some; the number of files where there are several."""
     made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files={})
-    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 1 track"
+    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 1 confirmed track"
     made = RunSummary(elapsed_s=2.0, frames=10, dropped=3, results={"tracks": 2}, files={"a": 1, "b-%d": 3})
-    assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 3 dropped, 2 tracks, wrote a and 3 files b-%d"
+    assert (
+        as_text(made) == "10 frames in 2.0 s, 5.0/s, 3 dropped, 2 confirmed tracks, wrote a and 3 files b-%d"
+    )
 
 
 def test_frames_are_those_of_the_video(launch: Callable[..., Result]) -> None:

@@ -90,6 +90,14 @@ def test_the_progress_line_is_redrawn_in_place() -> None:
     assert re.fullmatch(r" +1\.\d s  at 1\.\d of 1\.1 s \(\d+ %\)  33 frames  \d+\.\d/s", line)
 
 
+def test_a_file_shows_how_much_is_left(streamkit_data: Path) -> None:
+    """Also where no sink is synchronised: the position is then that of the source."""
+    source = streamkit_data / "video" / "fixed_camera_cars.mp4"
+    code, out = on_terminal(f"filesrc location={source} ! identity sleep-time=2000 ! fakesink")
+    assert code == 0
+    assert re.search(r"  at \d+\.\d of 30\.2 s \(\d+ %, 0:\d\d left\)  \d+ frames", out)
+
+
 def test_quiet_draws_nothing() -> None:
     """Also on a terminal."""
     assert on_terminal("-q", SLOW.replace("33", "3")) == (0, "")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, IfExists, OutputFileSink, ResourceError, SegmentSink
+from streamkit import Caps, ElementFailure, Frame, IfExists, NumberedFilesSink, OutputFileSink, ResourceError
 from streamkit.element.output_sink import CLOSE_LIMIT_S
 from streamkit.output.file import OutputFile
 from streamkit.testing import Harness, ManualClock
@@ -34,7 +34,7 @@ class Appended(Lines):
         return True
 
 
-class Parts(SegmentSink):
+class Parts(NumberedFilesSink):
     """Writes a file for each frame."""
 
     sink = "ANY"

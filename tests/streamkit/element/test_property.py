@@ -202,17 +202,15 @@ def test_a_declaration_describes_itself() -> None:
 
 
 def test_an_annotation_of_two_types_is_an_error() -> None:
-    """The message names class and property."""
-
-    class Wrong(Element):
-        """Two types."""
-
-        value: int | str = Property(0)
-
+    """The message names class and property, when the class is made."""
     with pytest.raises(
         TypeError, match=r"property Wrong.value: annotate it with one type, or `type \| None`"
     ):
-        Wrong(value=1)
+
+        class Wrong(Element):
+            """Two types."""
+
+            value: int | str = Property(0)
 
 
 class Renamed(Element):
@@ -268,3 +266,30 @@ def test_the_refusal_of_a_secret_does_not_show_it() -> None:
 
     refusal = Vault.properties["word"].refusal("hunter2", "ValueError: bad hunter2", "x")
     assert "hunter2" not in str(refusal)
+
+
+@pytest.mark.parametrize(
+    ("annotation", "default", "rule"),
+    [
+        ("int", "3", "it must be int, as the annotation says, got '3'"),
+        ("int", 1.5, "property value cannot be 1.5: it takes int"),
+        ("float", "fast", "property value cannot be 'fast'"),
+        ("bool", 1, "property value cannot be 1: it takes bool"),
+        ("str", None, "property value cannot be None: it takes str"),
+    ],
+)
+def test_a_default_of_the_wrong_type_is_refused_with_the_class(
+    annotation: str, default: object, rule: str
+) -> None:
+    """Its author sees it when the module is imported, not when the element is used."""
+    body = {"__annotations__": {"value": annotation}, "value": Property(default), "__module__": __name__}
+    with pytest.raises(
+        TypeError, match=re.escape(f"Wrong.value: the default does not fit the property: {rule}")
+    ):
+        type("Wrong", (Element,), body)
+
+
+def test_a_default_out_of_range_is_refused_with_the_class() -> None:
+    """So is one that no user could set."""
+    with pytest.raises(TypeError, match=r"it takes float 0\.\.1"):
+        type("Wrong", (Element,), {"value": Property(2.0, min=0, max=1), "__module__": __name__})

@@ -47,7 +47,7 @@ def test_links(text: str, expected: list[str]) -> None:
         ("fakesrc name=a a.src ! fakesink a.src ! fakesink", "a.src is linked to fakesink0.sink already"),
         ("fakesink ! fakesink", "link has no source: fakesink0 has no src pad"),
         ("fakesrc ! fakesrc", "link has no sink: fakesrc1 has no sink pad"),
-        ("fakesrc name=a a.video ! fakesink", "a has no pad 'video'"),
+        ("fakesrc name=a a.video ! fakesink", "a has no pad 'video'; it has src"),
         ("fakesrc name=a a.sr ! fakesink", "a has no pad 'sr'; did you mean \"src\"?"),
         ("identity name=a a.sink ! fakesink", "a.sink is a sink pad, here a src pad is needed"),
         ("identity name=a a. ! a.", "a cannot be linked to itself"),
@@ -68,6 +68,22 @@ def test_the_error_is_at_the_link() -> None:
     with pytest.raises(DescriptionError) as caught:
         build(text, {})
     assert caught.value.pointed(text).split("\n")[1:] == ["    a. ! fakesink", "       ^"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "tee name=t fakesrc ! t. t.srcc_0 ! fakesink",
+        "funnel name=t fakesrc ! t.srcc_0",
+        "tee name=t funnel name=f t.src_0,srcc_0 ! f.sink_0,sink_1",
+    ],
+)
+def test_the_error_is_at_the_pads_name(text: str) -> None:
+    """The caret is below the name that is wrong."""
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    place = caught.value.place
+    assert text[place.column - 1 :][: place.length] == "srcc_0"
 
 
 class OneInput(Sink):

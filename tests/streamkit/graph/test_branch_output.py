@@ -1,10 +1,15 @@
-"""Branches that may be dropped after a failure."""
+"""BranchOutput: branches that join and leave, and those that may be dropped after a failure."""
 
 from collections.abc import Callable
 
 import pytest
 
-from streamkit import ElementFailure, Frame, MessageKind, Pipeline, Property, Sink, Transform
+from streamkit import Caps, ElementFailure, Frame, MessageKind, Pipeline, Property, Sink, Transform
+from streamkit.element.pad import Direction, Pad, PadTemplate
+from streamkit.elements.tee import Tee
+from streamkit.flow.caps import ANY
+from streamkit.flow.events import CapsEvent, EosEvent, Event
+from streamkit.graph.branch_output import BranchOutput, BranchState
 
 Register = Callable[..., None]
 
@@ -107,3 +112,30 @@ def test_an_added_branch_may_be_dropped() -> None:
         end = pipeline.wait(20)
         assert end is not None
         assert end.kind is MessageKind.EOS
+
+
+class EventPad(Pad):
+    """A src pad that records its events, and calls a function while caps pass."""
+
+    __slots__ = ("during_caps", "events")
+
+    def send_event(self, event: Event) -> None:
+        self.events.append(type(event))
+        if isinstance(event, CapsEvent):
+            self.during_caps()
+
+
+@pytest.mark.parametrize("leave", [BranchOutput.remove, BranchOutput.fail])
+def test_a_branch_that_leaves_while_it_joins_gets_no_frame(leave: Callable[[BranchOutput], None]) -> None:
+    """EOS goes out once; of a failed branch, frames are counted."""
+    tee = Tee("t")
+    src = EventPad(tee, PadTemplate("src_%u", Direction.SRC, ANY), "src_0")
+    sent: list[Frame] = []
+    output = BranchOutput(src, sent.append, lambda *_: False, BranchState.JOINING)
+    src.events, src.during_caps = [], lambda: leave(output)
+    frame = Frame(b"", Caps("text/x-raw"))
+    for _ in range(2):
+        src.push(frame)
+    assert sent == []
+    assert src.events.count(EosEvent) == 1
+    assert tee.drops.total() == (2 if leave is BranchOutput.fail else 0)

@@ -1,0 +1,208 @@
+"""streamkit.open: the frames of a file, camera or program, after a pipeline, in a loop."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import os
+import time
+import weakref
+from collections.abc import Iterable, Iterator
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from urllib.parse import urlsplit
+
+from streamkit.errors import DescriptionError, StateError
+from streamkit.flow.clock import SECOND_NS
+from streamkit.flow.frame import Frame
+from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.video import raw_video_caps
+from streamkit.graph.pipeline import Pipeline
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+
+SOURCE, SINK = "reader_source", "reader_sink"
+FILE_SCHEMES = ("", "file", "http", "https")
+FORMATS = {1: "GRAY8", 3: "BGR", 4: "BGRA"}  # by channels; OpenCV's order of colours
+POLL_S = 0.005
+LOGGER = logging.getLogger("streamkit")
+
+
+class SourceChoice(NamedTuple):
+    """What reads a location.
+
+    Attributes:
+        element: filesrc, rtspsrc or livesrc.
+        property: its property for the location.
+        is_live: whether frames that nothing takes in time are lost.
+    """
+
+    element: str
+    property: str
+    is_live: bool
+
+
+def choose_source(location: str) -> SourceChoice:
+    """The element that reads a file or URL."""
+    parts = urlsplit(location)
+    if parts.scheme in ("rtsp", "rtsps"):
+        return SourceChoice("rtspsrc", "location", True)
+    if "://" in location and (parts.scheme not in FILE_SCHEMES or parts.path.endswith(".m3u8")):
+        return SourceChoice("livesrc", "uri", True)
+    return SourceChoice("filesrc", "location", False)
+
+
+class VideoReader:
+    """Iterates over the frames that leave a pipeline; a context manager that stops it. See `streamkit.open`.
+
+    Attributes:
+        pipeline: what runs, for statistics, messages and properties of elements.
+    """
+
+    def __init__(self, pipeline: Pipeline, items: Iterator[Frame] | None, timeout_s: float) -> None:
+        self.pipeline = pipeline
+        self._items = items
+        self._waiting: Frame | None = None
+        self._timeout_s = timeout_s
+        self._sink = pipeline[SINK]
+        self._sink.drop = pipeline.is_live
+        pipeline.bus.watch(_log_warning)
+        # Stops a reader that the program forgets to close, at the latest when it exits.
+        self._stop = weakref.finalize(self, pipeline.stop)
+        try:
+            pipeline.play()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Stops the pipeline, and ends the iteration."""
+        self._items = self._waiting = None
+        self._stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame:
+        """The next frame; closes the reader at the end of the stream, and after an error.
+
+        Raises:
+            ElementFailure: the pipeline has failed.
+            StateError: no frame has come within the time limit.
+            ValueError: an array of the program is no image.
+        """
+        if not self._stop.alive:
+            raise StopIteration
+        try:
+            frame: Frame | None = self._feed() or self._sink.pull(self._timeout_s)
+        except BaseException:
+            self.close()
+            raise
+        if frame is None:
+            self.close()
+            raise StopIteration
+        return frame
+
+    def _feed(self) -> Frame | None:
+        """Pushes frames of the program until one comes out; None if none is left to push."""
+        deadline_s = time.monotonic() + self._timeout_s
+        while self._items is not None and not self._sink.eos:
+            self._waiting = self._waiting or next(self._items, None)
+            if self._waiting is None:
+                self._items = None
+                self.pipeline[SOURCE].end()
+                break
+            is_taken = self.pipeline[SOURCE].try_push(self._waiting)
+            if is_taken:
+                self._waiting, deadline_s = None, time.monotonic() + self._timeout_s
+            found: Frame | None = self._sink.try_pull(0.0 if is_taken else POLL_S)
+            if found is not None:
+                return found
+            if time.monotonic() > deadline_s:
+                raise StateError(f"the pipeline has taken no frame within {self._timeout_s:g} s")
+        return None
+
+
+def open(
+    source: str | os.PathLike[str] | Iterable[Image | Frame],
+    description: str = "",
+    *,
+    format: str = "BGR",
+    framerate: float | None = None,
+    timeout_s: float = 60.0,
+) -> VideoReader:
+    """Plays a source through a pipeline, and iterates over the frames that come out.
+
+    A frame has `data`, a read-only array; `pts`, ns; `tracks`, and `registration`. No frame of a file is
+    lost; of a camera, the newest are kept. Few frames are held in either case.
+
+    Args:
+        source: a file, a URL, or an iterable of images: uint8[h, w] grey, uint8[h, w, 3] BGR or
+            uint8[h, w, 4] BGRA, which are copied, or frames with times of their own.
+        description: elements between the source and the loop, as "stitch ! framediff ! particletrack".
+        format: pixel format of the frames: BGR, RGB, GRAY8, BGRA, RGBA, I420 or NV12.
+        framerate: of images, frames/s.
+        timeout_s: time limit of a frame, s.
+
+    Raises:
+        DescriptionError: the description is invalid; points into it.
+        ElementFailure: an element could not start, for example because there is no such file.
+    """
+    if isinstance(source, str | os.PathLike):
+        location, items = os.fspath(source), None
+        choice = choose_source(location)
+        reading = f"{choice.element} name={SOURCE} ! decode ! queue max-size-buffers=4"
+        head = f"{reading} leaky=downstream" if choice.is_live else reading
+    else:
+        location, items = "", _frames(source, framerate)
+        head = f"appsrc name={SOURCE} max-buffers=4 emit-signals=false ! videoconvert"
+    middle = f"\n{description}\n!" if description.strip() else ""
+    tail = f"videoconvert ! video/x-raw, format={format} ! appsink name={SINK} max-buffers=4"
+    try:
+        pipeline = Pipeline.parse(f"{head} ! {middle} {tail}")
+    except DescriptionError as error:  # its place is in the second line
+        error.place = dataclasses.replace(error.place, line=max(1, error.place.line - 1))
+        raise
+    if items is None:
+        pipeline[SOURCE].set_property(choice.property, location)
+    return VideoReader(pipeline, items, timeout_s)
+
+
+def _frames(items: Iterable[Any], framerate: float | None) -> Iterator[Frame]:
+    """Frames of images, whose times follow from their number; frames pass."""
+    import numpy as np
+
+    for number, item in enumerate(items):
+        if isinstance(item, Frame):
+            yield item
+            continue
+        if framerate is None or not framerate > 0:
+            raise ValueError(f"framerate= must be the images' frames/s, above 0, got {framerate}")
+        image = np.array(item, order="C")  # the program may go on to write into its own
+        channels = 1 if image.ndim == 2 else image.shape[-1] if image.ndim == 3 else 0
+        image = image[:, :, 0] if image.shape[2:] == (1,) else image
+        if image.dtype != np.uint8 or channels not in FORMATS or not image.size:
+            raise ValueError(
+                f"image {number} must be uint8[h, w], uint8[h, w, 3] or uint8[h, w, 4], "
+                f"got {image.dtype}{list(image.shape)}"
+            )
+        caps = raw_video_caps(FORMATS[channels], image.shape[1], image.shape[0])
+        start, end = (round(at * SECOND_NS / framerate) for at in (number, number + 1))
+        yield Frame(image, caps, pts=start, duration=end - start, seq=number)
+
+
+def _log_warning(message: Message) -> None:
+    if message.kind is MessageKind.WARNING:
+        LOGGER.warning("%s: %s", message.source or "pipeline", message.text)
