@@ -120,7 +120,7 @@ class ZenohSink(Connection, Sink):
         if publication is not None:
             left = publication.flush(self.settings.cut_off_s, self.stopping)
             if left:
-                self.post_warning(f"{left} records could not be sent before the end: receivers are too slow")
+                self.post_warning(f"{left} messages could not be sent before the end: receivers are too slow")
             try:
                 publication.records.raise_fault()
             finally:
@@ -132,7 +132,7 @@ class ZenohSink(Connection, Sink):
 
     def _publish_image(self, stream: str, frame: Frame) -> None:
         if self._publication is not None:
-            self._publication.images[stream].submit(frame, self.clock_ns())
+            self._publication.media[stream].submit(frame, self.clock_ns())
 
     def _wait_for_receivers(self, publication: Publication) -> None:
         publisher = publication.tracks.publisher

@@ -11,12 +11,12 @@ from streamkit import Element, ResourceError, TrackRecord
 from streamkit_zenoh.keys import LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, VIDEO, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
 from streamkit_zenoh.publish.control import Control
-from streamkit_zenoh.publish.frame_publisher import FramePublisher, StreamPublisher
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
-from streamkit_zenoh.publish.record_publisher import RecordPublisher
-from streamkit_zenoh.publish.rivals import EXCLUSIVE, KeyInUse, Publisher, RivalWatch, refuse_rivals
+from streamkit_zenoh.publish.frame_sender import FrameSender, MediaSender
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Reply
+from streamkit_zenoh.publish.record_sender import RecordSender
+from streamkit_zenoh.publish.rivals import EXCLUSIVE, Claimant, KeyInUse, RivalWatch, refuse_rivals
 from streamkit_zenoh.publish.settings import PublicationSettings
-from streamkit_zenoh.publish.video_publisher import VideoPublisher
+from streamkit_zenoh.publish.video_sender import VideoSender
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA
@@ -35,22 +35,22 @@ class Publication:
         session: an open session; closed by `close`.
         root: the key below which everything is published.
         settings: what to publish.
-        image_streams: which of `frame`, `mosaic` and `video` to publish.
+        media: which of `frame`, `mosaic` and `video` to publish.
         utc_ns: the clock.
         failed: called with what went wrong, from any thread.
         cancelled: ends a wait for another publisher at the key.
         elements: gives the elements that can be controlled.
 
     Attributes:
-        tracks: publisher of the records.
+        tracks: stream of the records.
         records: takes frames for their records.
-        images: takes frames for their images, and coded packets, by stream.
+        media: takes frames for their images, and coded packets, by stream.
         receivers: watches the tokens of receivers.
 
     Raises:
-        InvalidQos: a quality of service is malformed; nothing is declared then.
-        MissingLibrary: the encoding's library is not installed; nothing is declared then.
-        KeyInUse: another publisher is at the key; nothing is declared then.
+        InvalidQos: a quality of service is malformed.
+        MissingLibrary: the encoding's library is not installed.
+        KeyInUse: another publisher is at the key. Before any of these, nothing is declared.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Publication:
         session: zenoh.Session,
         root: str,
         settings: PublicationSettings,
-        image_streams: Iterable[str],
+        media: Iterable[str],
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
         cancelled: threading.Event,
@@ -77,13 +77,13 @@ class Publication:
         self._began_s = time.monotonic()
         self._run = utc_ns()
         self._has_ended = False
-        self.tracks = self._publisher(TRACKS, codec.content_type)
-        self._status = self._publisher(STATUS, self._status_codec.content_type) if settings.status else None
-        self.records = RecordPublisher(
+        self.tracks = self._stream(TRACKS, codec.content_type)
+        self._status = self._stream(STATUS, self._status_codec.content_type) if settings.status else None
+        self.records = RecordSender(
             session, self.tracks, codec, settings, utc_ns, failed, self._publish_status
         )
-        self.images = {name: self._image_publisher(name) for name in image_streams}
-        self._executors = [self.records.executor, *(images.executor for images in self.images.values())]
+        self.media = {name: self._media_sender(name) for name in media}
+        self._executors = [self.records.executor, *(sender.executor for sender in self.media.values())]
         self._control = Control(session, root, elements, failed) if settings.control else None
         if self._control is not None:
             self._executors.append(self._control.executor)
@@ -92,7 +92,7 @@ class Publication:
         self._queryable = session.declare_queryable(f"{root}/**", handler)
         # Closing the session removes the token; undeclared alone, its end could overtake the last records.
         self._token = declare_publisher_token(session, self.tracks.key)
-        self._rivals = RivalWatch(session, root, Publisher.here(settings.claim, self._run), self._give_way)
+        self._rivals = RivalWatch(session, root, Claimant.here(settings.claim, self._run), self._give_way)
 
     def flush(self, patience_s: float, cancelled: threading.Event) -> int:
         """Waits until everything is sent and delivered; returns how many messages are left."""
@@ -105,17 +105,20 @@ class Publication:
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
         """Ends all streams and the session; returns whether that was done within the limit."""
-        left, *_ = [executor.abandon() for executor in self._executors]
-        if left:
-            self.records.count_lost(left, "not sent before the end")
-        publishers = [*self._publishers(), *([] if self._status is None else [self._status])]
+        senders: list[RecordSender | MediaSender] = [self.records, *self.media.values()]
+        for sender in senders:
+            if left := sender.executor.abandon():
+                sender.count_lost(left, "not sent before the end")
+        if self._control is not None:
+            self._control.executor.abandon()
+        streams = [*self._streams(), *([] if self._status is None else [self._status])]
         undeclare: list[Callable[[], object]] = [
             self._publish_end,
             self.receivers.close,
             self._rivals.close,
             self._queryable.undeclare,
             *([] if self._control is None else [self._control.close]),
-            *(publisher.close for publisher in publishers),
+            *(stream.close for stream in streams),
         ]
         is_closed = close_session(self._session, limit_s, cancelled, undeclare)
         ended = [executor.close(JOIN_LIMIT_S) for executor in self._executors]
@@ -123,28 +126,28 @@ class Publication:
 
     def drops(self) -> Iterator[tuple[str, str, int]]:
         """Stream, reason and number of the messages not delivered."""
-        for publisher in self._publishers():
-            for drop in publisher.drop_counts():
+        for stream in self._streams():
+            for drop in stream.drop_counts():
                 yield drop.stream, drop.reason, drop.count
 
-    def _publishers(self) -> list[NumberedPublisher]:
-        return [self.tracks, *(images.publisher for images in self.images.values())]
+    def _streams(self) -> list[NumberedStream]:
+        return [self.tracks, *(sender.stream for sender in self.media.values())]
 
-    def _publisher(self, name: str, content_type: str) -> NumberedPublisher:
+    def _stream(self, name: str, content_type: str) -> NumberedStream:
         cut_off_s = self._settings.cut_off_s
-        return NumberedPublisher(
+        return NumberedStream(
             self._session, self._root, name, self._run, content_type, self._qos[name], cut_off_s
         )
 
-    def _image_publisher(self, name: str) -> StreamPublisher:
+    def _media_sender(self, name: str) -> MediaSender:
         settings = self._settings
         image_format = settings.mosaic_format if name == MOSAIC else settings.frame_format
         is_video = name == VIDEO
         content = (
             f"application/octet-stream;{VIDEO_SCHEMA}" if is_video else f"image/{image_format};{FRAME_SCHEMA}"
         )
-        kind = VideoPublisher if is_video else FramePublisher
-        return kind(self._publisher(name, content), settings, self._utc_ns, self._failed)
+        kind = VideoSender if is_video else FrameSender
+        return kind(self._stream(name, content), settings, self._utc_ns, self._failed)
 
     def _give_way(self, reason: KeyInUse) -> None:
         """Ends this publisher at its next frame."""
@@ -153,18 +156,18 @@ class Publication:
 
     def _receiver_appeared(self, token: str) -> None:
         name = token.removeprefix(f"{LISTENING}/")
-        for publisher in self._publishers():
-            if listens_to(token, publisher.key):
-                publisher.add_receiver(name)
+        for stream in self._streams():
+            if listens_to(token, stream.key):
+                stream.add_receiver(name)
 
     def _reply(self, query: zenoh.Query) -> None:
         """Sends the last message of each key that a query matches, for receivers that come late."""
         with query:
             asked = query.key_expr
-            images = (publisher.replies(asked) for publisher in self.images.values())
+            media = (sender.replies(asked) for sender in self.media.values())
             status = self._status_reply(asked, query.parameters.get(RECEIVER))
             schemas = schema_replies(asked, f"{self._root}/{SCHEMA}")
-            for replies in (self.records.replies(asked), *images, status, schemas):
+            for replies in (self.records.replies(asked), *media, status, schemas):
                 try:
                     for key, payload, encoding, attachment in replies:
                         query.reply(key, payload, encoding=encoding, attachment=attachment)
@@ -206,8 +209,8 @@ class Publication:
             epoch=None if frame is None else frame.epoch,
             tracks=self.records.targets,
             age_ms=self.records.age_ms,
-            streams=tuple(publisher.status(receiver) for publisher in self._publishers()),
-            drops=tuple(drop for publisher in self._publishers() for drop in publisher.drop_counts()),
+            streams=tuple(stream.status(receiver) for stream in self._streams()),
+            drops=tuple(drop for stream in self._streams() for drop in stream.drop_counts()),
             control=self._control is not None,
             changes=() if self._control is None else self._control.changes(),
         )

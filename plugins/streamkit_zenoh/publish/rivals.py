@@ -27,7 +27,7 @@ class KeyInUse(Exception):
     """Another publisher is at the key."""
 
 
-class Publisher(NamedTuple):
+class Claimant(NamedTuple):
     """Who publishes at a key.
 
     Attributes:
@@ -81,10 +81,10 @@ def refuse_rivals(session: zenoh.Session, root: str, cancelled: threading.Event)
             )
 
 
-def _first(session: zenoh.Session, root: str) -> Publisher | None:
+def _first(session: zenoh.Session, root: str) -> Claimant | None:
     replies = session.liveliness().get(f"{tokens_at(root)}/**", timeout=QUERY_LIMIT_S)
     tokens = (str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
-    found = (Publisher.of(token) for token in tokens)
+    found = (Claimant.of(token) for token in tokens)
     return next((other for other in found if other is not None and other.run not in _ENDED), None)
 
 
@@ -101,14 +101,14 @@ class RivalWatch:
     """
 
     def __init__(
-        self, session: zenoh.Session, root: str, own: Publisher, found: Callable[[KeyInUse], None]
+        self, session: zenoh.Session, root: str, own: Claimant, found: Callable[[KeyInUse], None]
     ) -> None:
         self._root, self._own, self._found = root, own, found
         self._token = session.liveliness().declare_token(own.token(root))
         self._watch = LivelinessWatch(session, f"{tokens_at(root)}/**", appeared=self._appeared)
 
     def _appeared(self, token: str) -> None:
-        other, own = Publisher.of(token), self._own
+        other, own = Claimant.of(token), self._own
         if other is None or other == own:
             return
         is_later = (other.run, other.host, other.process) > own[1:]

@@ -5,8 +5,7 @@ therefore a repetition only if its own number was received before, not because a
 more than `JUMP_LIMIT` numbers is reported as a jump instead of being counted as losses.
 """
 
-from bisect import bisect_right
-from dataclasses import dataclass
+from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
 # 46 hours without a link at 60 messages a second.
@@ -21,7 +20,7 @@ INTERLEAVED_WARNING = (
 )
 # A message at most so much older than the first one received is skipped as outdated.
 OLDER_LIMIT = 16
-SPAN_LIMIT = 64
+RANGE_LIMIT = 64
 
 
 class Continuity(NamedTuple):
@@ -42,26 +41,74 @@ class Continuity(NamedTuple):
     is_interleaved: bool = False
 
 
-@dataclass(slots=True)
-class Span:
-    """Numbers `start` <= n < `end` were received; the `missing` ones before them count as lost."""
+class NumberSet:
+    """A set of numbers as ranges, at most `RANGE_LIMIT` of them.
 
-    start: int
-    end: int
-    missing: int
-    used: int
+    The range that has not grown for longest is forgotten: forged numbers do not displace the publisher's.
+    """
+
+    def __init__(self) -> None:
+        self._ranges: list[range] = []  # ascending, with at least one number between two
+        self._grown: list[int] = []  # for each range, when it grew
+        self._growths = 0
+
+    def __len__(self) -> int:
+        """How many ranges there are."""
+        return len(self._ranges)
+
+    def __contains__(self, number: int) -> bool:
+        return self.below(number + 1) == number
+
+    def below(self, number: int) -> int | None:
+        """The highest number of the set that is lower, or None."""
+        at = bisect_left(self._ranges, number, key=lambda one: one.start)
+        return min(self._ranges[at - 1].stop, number) - 1 if at else None
+
+    def above(self, number: int) -> int | None:
+        """The lowest number of the set that is not lower, or None."""
+        at = bisect_left(self._ranges, number, key=lambda one: one.stop - 1)
+        return max(self._ranges[at].start, number) if at < len(self._ranges) else None
+
+    def add(self, start: int, stop: int) -> None:
+        """Adds the numbers from start to before stop."""
+        if start >= stop:
+            return
+        first = bisect_left(self._ranges, start, key=lambda one: one.stop)
+        last = bisect_right(self._ranges, stop, key=lambda one: one.start)
+        touched = self._ranges[first:last]
+        lowest = min([start, *(one.start for one in touched)])
+        highest = max([stop, *(one.stop for one in touched)])
+        self._growths += 1
+        self._ranges[first:last], self._grown[first:last] = [range(lowest, highest)], [self._growths]
+        self._bound()
+
+    def remove(self, number: int) -> None:
+        """Removes a number of the set."""
+        at = bisect_right(self._ranges, number, key=lambda one: one.start) - 1
+        one, grown = self._ranges[at], self._grown[at]
+        left = [part for part in (range(one.start, number), range(number + 1, one.stop)) if part]
+        self._ranges[at : at + 1], self._grown[at : at + 1] = left, [grown] * len(left)
+        self._bound()
+
+    def _bound(self) -> None:
+        if len(self._ranges) > RANGE_LIMIT:
+            oldest = self._grown.index(min(self._grown))
+            del self._ranges[oldest], self._grown[oldest]
 
 
 class ReceivedNumbers:
-    """The numbers of one publisher at one key, in bounded memory."""
+    """The numbers of one publisher at one key, in bounded memory.
+
+    Each number from the first on is received, lost, or not settled yet.
+    """
 
     def __init__(self) -> None:
-        self._spans: list[Span] = []
-        self._latest: Span | None = None
-        self._uses = 0
-        self._first: int | None = None  # all numbers from here on were received or count as lost
-        self._start: int | None = None
-        self._replied = -1
+        self._received = NumberSet()
+        self._lost = NumberSet()
+        self._latest: int | None = None  # received or settled
+        self._first: int | None = None  # all numbers from here on are accounted for
+        self._start: int | None = None  # from here on, this receiver was sent everything
+        self._reply: int | None = None  # received as the reply to a query
 
     @property
     def has_received(self) -> bool:
@@ -70,34 +117,30 @@ class ReceivedNumbers:
 
     def received(self, number: int) -> Continuity:
         """Notes a published message."""
-        at, below, above = self._around(number)
-        if below is not None and number < below.end:
+        if number in self._received:
             return Continuity(is_new=False)
-        was_replied = number == self._replied
-        if above is not None and above.start - above.missing <= number:
-            missing = number - (above.start - above.missing)
-            above.missing = above.start - number - 1
-            self._add(at, Span(number, number + 1, missing, 0))
-            return Continuity(0 if was_replied else -1, not was_replied)
-        if below is None and above is not None and above.start - number <= OLDER_LIMIT:
-            return Continuity(is_new=False)
-        expected = self._expected(number) if below is None else below.end
-        gap = max(0, number - expected)
-        is_jump = gap > JUMP_LIMIT or (below is None and above is not None)
-        gap = 0 if is_jump else gap
-        self._add(at, Span(number, number + 1, gap, 0))
-        return Continuity(self._without_reply(number - gap, number), not was_replied, is_jump)
+        is_new, is_jump, change = number != self._reply, False, 0
+        if number in self._lost:
+            self._lost.remove(number)
+            change = -1
+        else:
+            below, above = self._known_around(number)
+            if below is None and above is not None and above - number <= OLDER_LIMIT:
+                return Continuity(is_new=False)
+            expected = self._expected(number) if below is None else below + 1
+            is_jump = number - expected > JUMP_LIMIT or (below is None and above is not None)
+            change = 0 if is_jump else self._lose(expected, number)
+        self._received.add(number, number + 1)
+        self._settled(number, number + 1)
+        return Continuity(change, is_new, is_jump)
 
     def replied(self, number: int) -> bool:
         """Notes the reply to a query for the last message; whether it is new."""
-        last = self._replied if self._latest is None else max(self._replied, self._latest.end - 1)
-        is_published = self._latest is None and self._start is not None and number >= self._start
-        _, below, above = self._around(number)
-        is_received = below is not None and number < below.end
-        counts_as_lost = above is not None and above.start - above.missing <= number
-        if number <= last or is_published or is_received or counts_as_lost:
+        is_late = any(known is not None and number <= known for known in (self._latest, self._reply))
+        is_still_to_come = self._latest is None and self._start is not None and number >= self._start
+        if is_late or is_still_to_come or number in self._received or number in self._lost:
             return False
-        self._replied = number
+        self._reply = number
         return True
 
     def starts_at(self, number: int) -> int:
@@ -110,23 +153,37 @@ class ReceivedNumbers:
         self._start = number
         if self._first is None or not 0 < self._first - number <= JUMP_LIMIT:
             return 0
-        lost = self._without_reply(number, self._first)
-        lowest = self._spans[0]
-        if lowest.start - lowest.missing == self._first:
-            lowest.missing += self._first - number
-        self._first = number
+        lost, self._first = self._lose(number, self._first), number
         return lost
 
     def settled_up_to(self, next_number: int) -> int:
         """Notes that all lower numbers were sent or dropped; returns how many after the last one are lost."""
-        at, below, above = self._around(next_number)
-        expected = self._start if self._latest is None else None if below is None else below.end
+        below, _ = self._known_around(next_number)
+        expected = self._start if self._latest is None else None if below is None else below + 1
         if expected is None or not 0 < next_number - expected <= JUMP_LIMIT:
             return 0
-        if above is not None and above.start - above.missing <= next_number:
+        lost = self._lose(expected, next_number)
+        self._settled(expected, next_number)
+        return lost
+
+    def _settled(self, start: int, stop: int) -> None:
+        self._latest = stop - 1
+        if self._first is None:
+            self._first = start
+
+    def _lose(self, start: int, stop: int) -> int:
+        """Counts the numbers from start to before stop as lost, but for the reply; returns how many."""
+        if start >= stop:
             return 0
-        self._add(at, Span(next_number, next_number, next_number - expected, 0))
-        return self._without_reply(expected, next_number)
+        if self._first is None:
+            self._first = start
+        if self._reply is None or not start <= self._reply < stop:
+            self._lost.add(start, stop)
+            return stop - start
+        self._received.add(self._reply, self._reply + 1)
+        self._lost.add(start, self._reply)
+        self._lost.add(self._reply + 1, stop)
+        return stop - start - 1
 
     def _expected(self, number: int) -> int:
         """The first number if nothing is lost, when this one is the first received."""
@@ -134,38 +191,10 @@ class ReceivedNumbers:
             return number
         if self._start is not None:
             return self._start
-        return number if self._replied < 0 else min(self._replied, number)
+        return number if self._reply is None else min(self._reply, number)
 
-    def _without_reply(self, start: int, end: int) -> int:
-        """How many numbers from start to before end were not received as a reply."""
-        return end - start - (start <= self._replied < end)
-
-    def _around(self, number: int) -> tuple[int, Span | None, Span | None]:
-        """Index of a number among the spans, the span that starts at or below it, and the next one."""
-        latest, spans = self._latest, self._spans
-        if latest is not None and latest is spans[-1] and latest.start <= number:
-            return len(spans), latest, None
-        at = bisect_right(spans, number, key=lambda span: span.start)
-        return at, spans[at - 1] if at else None, spans[at] if at < len(spans) else None
-
-    def _add(self, at: int, span: Span) -> None:
-        """Inserts a span, joined with adjacent ones."""
-        below = self._spans[at - 1] if at else None
-        if self._first is None:
-            self._first = span.start - span.missing
-        if below is not None and span.missing == 0 and below.end == span.start:
-            below.end = span.end
-            span = below
-        else:
-            self._spans.insert(at, span)
-            at += 1
-        above = self._spans[at] if at < len(self._spans) else None
-        if above is not None and above.missing == 0 and above.start == span.end:
-            span.end = above.end
-            del self._spans[at]
-        self._uses += 1
-        span.used = self._uses
-        self._latest = span
-        if len(self._spans) > SPAN_LIMIT:
-            # The one that has not grown for longest: forged numbers do not displace the publisher's.
-            self._spans.remove(min(self._spans, key=lambda one: one.used))
+    def _known_around(self, number: int) -> tuple[int | None, int | None]:
+        """The next received or lost number below and above one that is neither."""
+        below = [n for n in (self._received.below(number), self._lost.below(number)) if n is not None]
+        above = [n for n in (self._received.above(number), self._lost.above(number)) if n is not None]
+        return max(below, default=None), min(above, default=None)

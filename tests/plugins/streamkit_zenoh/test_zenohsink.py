@@ -28,6 +28,7 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
+from streamkit_zenoh.publish.frame_sender import FrameSender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import read_attachment
 from streamkit_zenoh.wire.status import StatusRecord
@@ -328,7 +329,7 @@ def test_frames_are_published_at_their_rate(open_test_session: Opener, key: str,
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.ready()
-        assert _wait_for(lambda: pipeline["z"]._publication.images["frame"].publisher.has_subscriber)
+        assert _wait_for(lambda: pipeline["z"]._publication.media["frame"].stream.has_subscriber)
         pipeline.play()
         assert pipeline.wait(20) is not None
     assert subscriber.enough.wait(10)
@@ -340,11 +341,36 @@ def test_frames_are_published_at_their_rate(open_test_session: Opener, key: str,
     assert [image.shape for image in images] == [(24, 32)] * 4
 
 
+def test_images_that_wait_at_the_end_are_counted(
+    open_test_session: Opener, key: str, endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of four frames one is being sent, the newest waits, and two were replaced."""
+    working, released = threading.Event(), threading.Event()
+
+    def encode_slowly(*_: object) -> tuple[bytes, bytes]:
+        working.set()
+        released.wait(20)
+        return b"", b""
+
+    monkeypatch.setattr(FrameSender, "encoded", encode_slowly)
+    _subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
+    with Harness("zenohsink", key=key, connect=endpoint) as harness:
+        assert _wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
+        harness.push(_frame(0), "frame")
+        assert working.wait(10)
+        for number in range(1, 4):
+            harness.push(_frame(number), "frame")
+        harness.element.stop()
+        released.set()
+        drops = dict(harness.element.drops)
+    assert drops == {"frame: replaced by a newer one": 2, "frame: not sent before the end": 1}
+
+
 def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: str, endpoint: str) -> None:
     """They may differ from those of the pad `sink`, for example with tracks drawn on them."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint, frame_format="png") as harness:
-        assert _wait_for(lambda: harness.element._publication.images["frame"].publisher.has_subscriber)
+        assert _wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
         harness.push(_frame(5).replace(data=np.full((2, 4), 77, np.uint8)), "frame")
         assert subscriber.enough.wait(10)
         harness.drain()
@@ -362,7 +388,7 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        assert _wait_for(lambda: pipeline["z"]._publication.images["mosaic"].publisher.has_subscriber)
+        assert _wait_for(lambda: pipeline["z"]._publication.media["mosaic"].stream.has_subscriber)
         for number, level in enumerate((10, 10, 20)):
             pipeline["ground"].push(np.full((8, 8), level, np.uint8))
             assert _wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2)[number])

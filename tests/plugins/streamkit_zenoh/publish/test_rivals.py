@@ -10,7 +10,7 @@ import zenoh
 
 from streamkit import ElementFailure, Frame, ResourceError, Tracks, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_zenoh.publish.rivals import KeyInUse, Publisher, RivalWatch, refuse_rivals
+from streamkit_zenoh.publish.rivals import Claimant, KeyInUse, RivalWatch, refuse_rivals
 from streamkit_zenoh.subscriber import TrackSubscriber
 
 Opener = Callable[..., zenoh.Session]
@@ -71,10 +71,10 @@ def test_shared_publishers_are_kept_apart(key: str) -> None:
 
 def test_who_a_publisher_is(open_test_session: Opener, key: str) -> None:
     """A token says it; other tokens are ignored."""
-    publisher = Publisher("exclusive", 1_763_690_000_000_000_000, "a host/of mine", 17)
-    assert Publisher.of(publisher.token(key)) == publisher
+    publisher = Claimant("exclusive", 1_763_690_000_000_000_000, "a host/of mine", 17)
+    assert Claimant.of(publisher.token(key)) == publisher
     assert str(publisher).endswith("on a host/of mine (process 17), started 2025-11-21 01:53:20 UTC")
-    assert Publisher.of(f"{key}/publisher/x") is None
+    assert Claimant.of(f"{key}/publisher/x") is None
     session = open_test_session()
     token = session.liveliness().declare_token(f"{key}/publisher/x")
     refuse_rivals(open_test_session(), key, threading.Event())
@@ -95,6 +95,6 @@ def test_of_two_that_meet_later_the_later_one_ends(
             found[name] = reason
             seen.set()
 
-        RivalWatch(session, key, Publisher(claim, run, "host", 1), note)
+        RivalWatch(session, key, Claimant(claim, run, "host", 1), note)
     assert seen.wait(10 if ends else 0.3) is ends
     assert list(found) == (["later"] if ends else [])

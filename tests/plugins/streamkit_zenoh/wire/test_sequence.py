@@ -7,9 +7,32 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit_zenoh.wire.numbering import LossTracker, Stamp
-from streamkit_zenoh.wire.sequence import JUMP_LIMIT, OLDER_LIMIT, SPAN_LIMIT, Continuity, ReceivedNumbers
+from streamkit_zenoh.wire.sequence import (
+    JUMP_LIMIT,
+    OLDER_LIMIT,
+    RANGE_LIMIT,
+    Continuity,
+    NumberSet,
+    ReceivedNumbers,
+)
 
 LARGEST = 10**19 - 1
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 40), st.integers(0, 5))), st.integers(-1, 50))
+def test_a_set_of_numbers_is_a_set(steps: list[tuple[bool, int, int]], asked: int) -> None:
+    """It holds what a set holds, after ranges are added and numbers removed."""
+    numbers, expected = NumberSet(), set[int]()
+    for is_added, start, count in steps:
+        if is_added:
+            numbers.add(start, start + count)
+            expected.update(range(start, start + count))
+        elif start in expected:
+            numbers.remove(start)
+            expected.remove(start)
+    assert [number for number in range(60) if number in numbers] == sorted(expected)
+    assert numbers.below(asked) == max((number for number in expected if number < asked), default=None)
+    assert numbers.above(asked) == min((number for number in expected if number >= asked), default=None)
 
 
 @st.composite
@@ -57,7 +80,7 @@ def test_received_and_lost_add_up_in_every_order(
 @settings(deadline=None)
 @given(
     st.integers(0, 1000),
-    st.lists(st.one_of(st.none(), st.integers(0, 1100), st.integers(0, LARGEST)), max_size=SPAN_LIMIT - 2),
+    st.lists(st.one_of(st.none(), st.integers(0, 1100), st.integers(0, LARGEST)), max_size=RANGE_LIMIT - 2),
 )
 def test_forged_numbers_hide_no_message(first: int, between: list[int | None]) -> None:
     """Whatever is forged in between, each of the publisher's messages is new once."""
@@ -135,11 +158,15 @@ def test_a_forged_first_number_does_not_hide_the_publisher() -> None:
 
 
 def test_memory_is_bounded() -> None:
-    """Numbers with gaps form spans; those that grew longest ago are dropped."""
+    """Numbers with gaps form ranges; those that grew longest ago are dropped."""
     sequence = ReceivedNumbers()
-    for number in range(0, 10 * SPAN_LIMIT, 2):
+    for number in range(0, 10 * RANGE_LIMIT, 2):
         sequence.received(number)
-    assert len(sequence._spans) == SPAN_LIMIT
+    assert len(sequence._received) == len(sequence._lost) == RANGE_LIMIT
+    sequence.received(100_000)
+    for number in range(50_000, 60_000, 2):
+        sequence.received(number)
+    assert len(sequence._received) == len(sequence._lost) == RANGE_LIMIT
 
 
 @pytest.mark.parametrize("forged", [Stamp(7, LARGEST), Stamp(LARGEST, 0), Stamp(LARGEST, LARGEST)])

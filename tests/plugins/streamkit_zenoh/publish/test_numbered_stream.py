@@ -8,15 +8,15 @@ from types import SimpleNamespace
 
 import zenoh
 
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher
+from streamkit_zenoh.publish.numbered_stream import NumberedStream
 from streamkit_zenoh.publish.settings import parse_qos
 from streamkit_zenoh.wire.numbering import KEY_LIMIT
 
 Opener = Callable[..., zenoh.Session]
 
 
-def _publisher(session: zenoh.Session, key: str) -> NumberedPublisher:
-    return NumberedPublisher(session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0)
+def _publisher(session: zenoh.Session, key: str) -> NumberedStream:
+    return NumberedStream(session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0)
 
 
 def test_a_late_notification_has_no_effect(open_test_session: Opener, key: str) -> None:

@@ -1,4 +1,4 @@
-"""NumberedPublisher: one stream at one key, its messages numbered, its subscribers known."""
+"""NumberedStream: one stream at one key, its messages numbered, its subscribers known."""
 
 import threading
 import time
@@ -26,7 +26,7 @@ class ReceiverCutOff(TimeoutError):
     """A message blocked until zenoh closed the link to its receiver."""
 
 
-class NumberedPublisher:
+class NumberedStream:
     """Publishes messages at a key, each with its stamp.
 
     Args:

@@ -1,14 +1,14 @@
-"""VideoPublisher: coded packets as the camera sent them, at KEY/video."""
+"""VideoSender: coded packets as the camera sent them, at KEY/video."""
 
 from typing_extensions import override
 
 from streamkit import Frame
-from streamkit_zenoh.publish.frame_publisher import StreamPublisher
+from streamkit_zenoh.publish.frame_sender import MediaSender
 from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.video_header import video_header
 
 
-class VideoPublisher(StreamPublisher):
+class VideoSender(MediaSender):
     """Publishes packets unchanged, if there is a subscriber."""
 
     # Two seconds may wait for a slow network; then receivers see a gap, and go on at the next keyframe.

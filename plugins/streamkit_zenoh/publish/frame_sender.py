@@ -1,4 +1,4 @@
-"""Publishers with a thread of their own; frames as images at KEY/frame, at a rate, and KEY/mosaic."""
+"""Senders of media, each with a thread of its own: images at KEY/frame, at a rate, and at KEY/mosaic."""
 
 import zlib
 from collections.abc import Callable, Iterable
@@ -11,18 +11,18 @@ from typing_extensions import override
 from streamkit import Frame
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.keys import MOSAIC
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Reply
 from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.frame_header import frame_header
 from streamkit_zenoh.wire.images import encode_image, grey_or_bgr, scaled_to_width
 from streamkit_zenoh.wire.numbering import Stamp
 
 
-class StreamPublisher:
+class MediaSender:
     """Encodes and publishes the frames that are due in a thread of its own; a full queue drops the oldest.
 
     Args:
-        publisher: of the stream.
+        stream: numbered and published.
         settings: of the publication.
         utc_ns: the clock.
         failed: called in the thread with what encoding or publishing raised.
@@ -36,27 +36,31 @@ class StreamPublisher:
 
     def __init__(
         self,
-        publisher: NumberedPublisher,
+        stream: NumberedStream,
         settings: PublicationSettings,
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
     ) -> None:
-        self.publisher = publisher
+        self.stream = stream
         self.settings = settings
         self.utc_ns = utc_ns
         self.last: tuple[Frame, Stamp] | None = None
         self._failed = failed
-        self.executor = BackgroundExecutor(f"zenoh {publisher.name}", self._not_sent, capacity=self.capacity)
+        self.executor = BackgroundExecutor(f"zenoh {stream.name}", self._not_sent, capacity=self.capacity)
 
     def submit(self, frame: Frame, now_ns: int) -> None:
         """Queues a frame if it is due; `now_ns` stands in for a missing pts."""
         if not self.is_due(frame, now_ns):
             return
-        stamp = self.publisher.stamp()
-        if not self.publisher.has_subscriber:
+        stamp = self.stream.stamp()
+        if not self.stream.has_subscriber:
             self._settle(frame, stamp)
         elif dropped := self.executor.submit_dropping(lambda: self._send(frame, stamp)):
-            self.publisher.count_drop(self.drop_reason, dropped)
+            self.count_lost(dropped, self.drop_reason)
+
+    def count_lost(self, count: int, reason: str) -> None:
+        """Counts messages that were not sent."""
+        self.stream.count_drop(reason, count)
 
     def is_due(self, frame: Frame, now_ns: int) -> bool:
         """Whether to publish a frame."""
@@ -71,19 +75,19 @@ class StreamPublisher:
         return ()
 
     def _send(self, frame: Frame, stamp: Stamp) -> None:
-        self.publisher.put(*self.encoded(frame, stamp))
+        self.stream.put(*self.encoded(frame, stamp))
         self._settle(frame, stamp)
 
     def _settle(self, frame: Frame, stamp: Stamp) -> None:
         self.last = (frame, stamp)
-        self.publisher.settle(stamp)
+        self.stream.settle(stamp)
 
     def _not_sent(self, error: Exception) -> None:
-        self.publisher.count_drop("not sent", 1)
+        self.count_lost(1, "not sent")
         self._failed(error)
 
 
-class FramePublisher(StreamPublisher):
+class FrameSender(MediaSender):
     """Publishes the newest frame as an image, by the frames' own clock at the rate of the settings.
 
     A mosaic is published whole, and only when its pixels have changed.
@@ -97,13 +101,13 @@ class FramePublisher(StreamPublisher):
 
     @override
     def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
-        if self.last is not None and asked.intersects(self.publisher.key):
+        if self.last is not None and asked.intersects(self.stream.key):
             payload, attachment = self.encoded(*self.last)
-            yield Reply(self.publisher.key, payload, self.publisher.encoding, attachment)
+            yield Reply(self.stream.key, payload, self.stream.encoding, attachment)
 
     @override
     def is_due(self, frame: Frame, now_ns: int) -> bool:
-        if self.publisher.name == MOSAIC:
+        if self.stream.name == MOSAIC:
             return self._has_changed(frame)
         if not self.settings.frame_rate:
             return True
@@ -127,7 +131,7 @@ class FramePublisher(StreamPublisher):
     def encoded(self, frame: Frame, stamp: Stamp) -> tuple[bytes, bytes]:
         settings, image = self.settings, grey_or_bgr(frame.data, str(frame.caps["format"]))
         image_format = settings.mosaic_format
-        if self.publisher.name != MOSAIC:
+        if self.stream.name != MOSAIC:
             image_format, image = settings.frame_format, scaled_to_width(image, settings.frame_width)
-        header = frame_header(frame, settings.key, self.utc_ns(), self.publisher.drops.total(), image.shape)
+        header = frame_header(frame, settings.key, self.utc_ns(), self.stream.drops.total(), image.shape)
         return encode_image(image, image_format, settings.picture_quality), stamp.attachment(header)

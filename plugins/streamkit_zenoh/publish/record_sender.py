@@ -1,4 +1,4 @@
-"""RecordPublisher: the track record of each frame at KEY/tracks, and of each target at KEY/track/ID."""
+"""RecordSender: the track record of each frame at KEY/tracks, and of each target at KEY/track/ID."""
 
 import threading
 from collections.abc import Callable, Iterable
@@ -11,7 +11,7 @@ from streamkit import SHOWN_STATES, TRACKS_CAPS, Frame, StreamError, TrackRecord
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.keys import TRACK, TRACKS
 from streamkit_zenoh.presence import is_matching
-from streamkit_zenoh.publish.numbered_publisher import NumberedPublisher, Reply
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Reply
 from streamkit_zenoh.publish.settings import PublicationSettings, parse_qos
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
@@ -27,14 +27,14 @@ class Outgoing:
     made_ns: int
 
 
-class RecordPublisher:
+class RecordSender:
     """Numbers frames, and makes and publishes their records in a thread of its own.
 
     A record without subscriber is made only when a query asks for it.
 
     Args:
         session: an open session.
-        publisher: of KEY/tracks.
+        stream: of KEY/tracks.
         codec: of the records.
         settings: what to publish.
         utc_ns: the clock.
@@ -53,7 +53,7 @@ class RecordPublisher:
     def __init__(
         self,
         session: zenoh.Session,
-        publisher: NumberedPublisher,
+        stream: NumberedStream,
         codec: Codec[TrackRecord],
         settings: PublicationSettings,
         utc_ns: Callable[[], int],
@@ -65,8 +65,8 @@ class RecordPublisher:
         self.targets = 0
         self.frames = 0
         self._session = session
-        self._publisher = publisher
-        self._track_key = publisher.key.removesuffix(TRACKS) + TRACK
+        self._stream = stream
+        self._track_key = stream.key.removesuffix(TRACKS) + TRACK
         self._codec = codec
         self._settings = settings
         self._track_qos = parse_qos(settings.track_qos)
@@ -98,10 +98,10 @@ class RecordPublisher:
         if self.fault is not None:
             self.raise_fault()
         self.frames += 1
-        self._last = item = Outgoing(without_pixels(frame), self._publisher.stamp(), self._utc_ns())
-        if not (self._publisher.has_subscriber or self._has_track_subscriber):
+        self._last = item = Outgoing(without_pixels(frame), self._stream.stamp(), self._utc_ns())
+        if not (self._stream.has_subscriber or self._has_track_subscriber):
             self._last_settled = item
-            self._publisher.settle(item.stamp)
+            self._stream.settle(item.stamp)
             return 0
         return self.executor.submit_dropping(lambda: self._send(item), self._settings.patience_s, cancelled)
 
@@ -119,7 +119,7 @@ class RecordPublisher:
     def count_lost(self, count: int, reason: str) -> None:
         """Counts records that were not sent; the next record holds their number."""
         self._lost += count
-        self._publisher.count_drop(reason, count)
+        self._stream.count_drop(reason, count)
 
     def end_tracks(self) -> None:
         """Deletes the keys of all targets."""
@@ -136,10 +136,10 @@ class RecordPublisher:
         item = self._last_settled
         if item is None:
             return
-        attachment, encoding = item.stamp.attachment(), self._publisher.encoding
-        if self._settings.tracks and asked.intersects(self._publisher.key):
+        attachment, encoding = item.stamp.attachment(), self._stream.encoding
+        if self._settings.tracks and asked.intersects(self._stream.key):
             payload = self._payload(item, self._record(item, item.made_ns))
-            yield Reply(self._publisher.key, payload, encoding, attachment)
+            yield Reply(self._stream.key, payload, encoding, attachment)
         if self._settings.track and asked.intersects(f"{self._track_key}/*"):
             for key, payload in self._track_payloads(self._record(item, item.made_ns)):
                 if asked.intersects(key):
@@ -157,12 +157,12 @@ class RecordPublisher:
             # Before the first record: a receiver then knows that a publisher without `ended` was cut off.
             self._has_begun = True
             self._publish_status()
-        if self._settings.tracks and self._publisher.has_subscriber:
-            self._publisher.put(payload, attachment)
+        if self._settings.tracks and self._stream.has_subscriber:
+            self._stream.put(payload, attachment)
         if self._has_track_subscriber:
             self._send_tracks(record, attachment)
         self._last_settled = item
-        self._publisher.settle(item.stamp)
+        self._stream.settle(item.stamp)
         self.age_ms, self.targets = record.age_ms, len(record.tracks)
 
     def _send_tracks(self, record: TrackRecord, attachment: bytes) -> None:
@@ -170,7 +170,7 @@ class RecordPublisher:
             self._session.put(
                 key,
                 payload,
-                encoding=self._publisher.encoding,
+                encoding=self._stream.encoding,
                 congestion_control=self._track_qos.congestion,
                 priority=self._track_qos.priority,
                 express=self._track_qos.express,
