@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import math
 import stat
 import time
 from collections.abc import Mapping
 from itertools import islice
+from typing import Protocol
 from urllib.parse import quote, urlsplit
 
 import av
@@ -38,6 +40,13 @@ def with_credentials(location: str, user: str, password: str) -> str:
         return location
     scheme, _, rest = location.partition("://")
     return f"{scheme}://{quote(user, safe='')}:{quote(password, safe='')}@{rest}"
+
+
+class ReadsBytes(Protocol):
+    """A file as far as FFmpeg reads it."""
+
+    def read(self, size: int) -> bytes:
+        """At most `size` bytes; empty at the end."""
 
 
 class AccessRefused(ResourceError):
@@ -81,14 +90,41 @@ def open_container(
         check_file(location)
         name = f"file:{local_path(location)}"
         chosen.setdefault("protocol_whitelist", "file,crypto,data")
-    limits = limits_s or (LOCAL_LIMIT_S, LOCAL_LIMIT_S)
+    return _open(name, location, chosen, limits_s or (LOCAL_LIMIT_S, LOCAL_LIMIT_S), format_name)
+
+
+def open_stream(
+    stream: ReadsBytes, location: str, format_name: str, options: Mapping[str, str]
+) -> InputContainer:
+    """Opens what is received by other means, with the limits of its own `read`, whose errors pass.
+
+    Args:
+        stream: gives FFmpeg the bytes.
+        location: where they come from, for errors.
+        format_name: FFmpeg's name of the format.
+        options: FFmpeg options for the container.
+
+    Raises:
+        InvalidMedia: it is not of the format.
+    """
+    return _open(stream, location, {"max_pixels": str(MAX_PIXELS), **options}, None, format_name)
+
+
+def _open(
+    file: str | ReadsBytes,
+    location: str,
+    options: dict[str, str],
+    limits_s: tuple[float, float] | None,
+    format_name: str | None,
+) -> InputContainer:
     began = time.monotonic()
     try:
         container = av.open(
-            name, "r", format=format_name, options=chosen, timeout=limits, metadata_errors="replace"
+            file, "r", format=format_name, options=options, timeout=limits_s, metadata_errors="replace"
         )
     except MEDIA_ERRORS as error:
-        raise open_failure(location, error, time.monotonic() - began, limits[0]) from None
+        limit_s = limits_s[0] if limits_s else math.inf
+        raise open_failure(location, error, time.monotonic() - began, limit_s) from None
     if container.format.name in UNWANTED_FORMATS:
         found = container.format.name
         container.close()

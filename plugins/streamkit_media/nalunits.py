@@ -103,7 +103,8 @@ def is_reference(codec: str, data: bytes | memoryview, extradata: bytes) -> bool
 
 
 def _is_slice(codec: str, first: int) -> bool:
-    return 1 <= first & 31 <= 5 if codec == "h264" else first >> 1 & 63 < 32
+    kind = unit_type(codec, first)
+    return 1 <= kind <= 5 if codec == "h264" else kind < 32
 
 
 def _is_referenced(codec: str, first: int) -> bool:
@@ -113,7 +114,7 @@ def _is_referenced(codec: str, first: int) -> bool:
     return kind >= 16 or bool(kind % 2)
 
 
-class AnnexBWriter:
+class AnnexBConverter:
     """Converts packets with lengths to Annex B; other packets, and those of other codecs, pass unchanged.
 
     Args:

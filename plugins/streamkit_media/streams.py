@@ -36,17 +36,20 @@ def streams_of(container: InputContainer, kinds: Collection[StreamKind]) -> list
     return [
         (stream, kind)
         for kind in StreamKind
-        if kind in kinds and (stream := _first(container, kind)) is not None
+        if kind in kinds and (stream := _stream_of(container, kind)) is not None
     ]
 
 
 def kinds_of(container: InputContainer) -> frozenset[StreamKind]:
     """The kinds of streams that a container holds."""
-    return frozenset(kind for kind in StreamKind if _first(container, kind) is not None)
+    return frozenset(kind for kind in StreamKind if _stream_of(container, kind) is not None)
 
 
-def _first(container: InputContainer, kind: StreamKind) -> Stream | None:
-    """The stream that goes out of a kind's pad: the best or first, of KLV also the second."""
+def _stream_of(container: InputContainer, kind: StreamKind) -> Stream | None:
+    """The stream that goes out of a kind's pad.
+
+    Of video and audio FFmpeg's best, of the others the first; `klv_1` is the second KLV stream.
+    """
     if kind is StreamKind.VIDEO:
         return container.streams.best("video")
     if kind is StreamKind.AUDIO:

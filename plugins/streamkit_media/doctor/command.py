@@ -14,7 +14,7 @@ CLEAR = "\r\x1b[K"
 
 
 def doctor(
-    uri: Annotated[str, typer.Argument(help="rtsp://... or a file.")],
+    uri: Annotated[str, typer.Argument(help="rtsp://..., udp://..., another live stream, or a file.")],
     seconds: Annotated[float, typer.Option(min=0.5, max=3600, help="How long to watch a live stream.")] = 5.0,
     timeout_s: Annotated[
         float, typer.Option("--timeout", min=0.1, max=600, help="Silence that is given up, s.")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict
+from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
 from streamkit import StreamkitError, mask_secrets
@@ -15,7 +16,7 @@ from streamkit_media.doctor.checks import stream_checks
 from streamkit_media.doctor.report import Check, Report, Verdict
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
-from streamkit_media.rtsp.reachability import DEFAULT_PORTS, connection_failure, port_of
+from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, connection_failure, port_of
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
@@ -31,13 +32,13 @@ def examine(
     """Makes all checks.
 
     Args:
-        location: path or RTSP URL.
+        location: path or URL.
         seconds: how long to watch a live stream.
         timeout_s: limit for connecting and for silence.
-        transport: tcp or udp.
+        transport: tcp or udp, for RTSP.
         report_step: called with a line before each step that takes seconds; nothing by default.
     """
-    if location.partition("://")[0].lower() in DEFAULT_PORTS:
+    if location.partition("://")[0].lower() in (*LIVE_SCHEMES, *RTSP_SCHEMES):
         return _examine_live(location, seconds, timeout_s, transport, report_step)
     return _examine_file(location, timeout_s)
 
@@ -50,17 +51,23 @@ def _examine_live(
 ) -> Report:
     where = mask_secrets(location)
     report_step(f"connecting to {where}, {timeout_s:g} s at most")
-    checks = _reach(location, timeout_s)
-    if checks[-1].verdict is Verdict.BAD:
+    scheme = location.partition("://")[0].lower()
+    factory, properties = "livesrc", {"location": location, "reconnect": "never", "timeout_s": timeout_s}
+    checks = list[Check]()
+    if scheme in RTSP_SCHEMES:
+        factory, properties["transport"] = "rtspsrc", transport
+        checks = _reach(location, timeout_s)
+    else:
+        transport = scheme
+    if any(check.verdict is Verdict.BAD for check in checks):
         return _reported(where, checks)
     report_step(f"watching {where} for {seconds:g} s")
-    properties = {"location": location, "reconnect": "never", "timeout_s": timeout_s, "transport": transport}
-    seen = watch("rtspsrc", properties, 2 * timeout_s + 1, seconds)
+    seen = watch(factory, properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:
         checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
         return _reported(where, checks)
     checks += stream_checks(seen, is_live=True, transport=transport)
-    return _reported(where, checks, _live_line(location, transport, seen))
+    return _reported(where, checks, _live_line(location, properties, seen))
 
 
 def _reported(where: str, checks: list[Check], line: str = "") -> Report:
@@ -95,13 +102,16 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
     ]
 
 
-def _live_line(location: str, transport: str, seen: Seen) -> str:
+def _live_line(location: str, properties: Mapping[str, Any], seen: Seen) -> str:
     parts = urlsplit(location)
     user, mark, host = parts.netloc.rpartition("@")
     bare = mask_secrets(urlunsplit(parts._replace(netloc=host)))
     secrets = " user-id=${user} user-pw=${password}" if mark and user else ""
     settings = "--set user=NAME --set password=SECRET " if secrets else ""
-    source = f"rtspsrc name=s location={bare}{secrets} transport={transport}"
+    if "transport" in properties:
+        source = f"rtspsrc name=s location={bare}{secrets} transport={properties['transport']}"
+    else:
+        source = f"livesrc name=s uri={bare}{secrets}"
     pose, klv = _pose_parts(seen)
     queue = "queue max-size-buffers=1 leaky=downstream"
     line = f"{source} ! decode{pose} ! {queue} ! {TRACKING} ! zenohsink key=uav/1{klv}"

@@ -15,7 +15,7 @@ from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 
 POLL_S = 0.1
 FILE_PACKETS = 3000
-TELEMETRY_PADS = {"filesrc": ("klv", "klv_1", "subtitle"), "rtspsrc": ("klv",)}
+TELEMETRY_PADS = {"filesrc": ("klv", "klv_1", "subtitle"), "rtspsrc": ("klv",), "livesrc": ("klv", "klv_1")}
 KEPT_PACKETS, KEPT_BYTES = 150, 1 << 26
 
 
@@ -70,7 +70,7 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
     """Plays a source and records what comes out of it, until its end or for some seconds.
 
     Args:
-        factory: filesrc or rtspsrc.
+        factory: filesrc, rtspsrc or livesrc.
         properties: of the source.
         limit_s: longest wait for the first packet, and for a file altogether.
         seconds: how long to watch a live stream from its first packet on; None plays a file to its end.

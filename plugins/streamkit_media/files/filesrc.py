@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from itertools import chain
-from urllib.parse import urlsplit
 
 from av.container import InputContainer
 from av.packet import Packet
@@ -28,9 +27,7 @@ from streamkit import (
 from streamkit.output.names import is_network, local_path
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import (
-    LOCAL_LIMIT_S,
     MEDIA_ERRORS,
-    TimedOut,
     check_file,
     first_packets,
     open_container,
@@ -38,8 +35,9 @@ from streamkit_media.container import (
     video_stream,
 )
 from streamkit_media.files.playrange import Place, PlayRange
+from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, port_of
+from streamkit_media.live.sockets import cut_connections, open_sockets
 from streamkit_media.packets import DECODE_ONLY, DecodeOnly, packet_frame, read_packets
-from streamkit_media.rtsp.sockets import await_datagram, cut_connections, open_sockets
 from streamkit_media.streams import (
     AUDIO_CAPS,
     BARE_PACKETS,
@@ -60,7 +58,6 @@ PAD_CAPS = {
     StreamKind.AUDIO: AUDIO_CAPS,
 }
 CUT_LIMIT_S, CUT_EVERY_S = 1.0, 0.02
-DEFAULT_PORTS = {"http": 80, "https": 443, "rtmp": 1935, "rtsp": 554}
 # FFmpeg takes bare KLV packets for any other format.
 KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
 
@@ -98,6 +95,10 @@ class FileSrc(Source):
         self._container: InputContainer | None = None
         self._where = mask_secrets(self.location)
         self._sockets = frozenset(open_sockets()) if is_network(self.location) else frozenset()
+        scheme = self.location.partition("://")[0].lower()
+        if scheme in (*LIVE_SCHEMES, *RTSP_SCHEMES):
+            source = "rtspsrc location=" if scheme in RTSP_SCHEMES else "livesrc uri="
+            raise ResourceError(f"{self._where}: this is live video and no file; write {source}{self._where}")
         if not self.location:
             raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
         if self.stop_s is not None and self.stop_s <= self.start_s:
@@ -126,7 +127,6 @@ class FileSrc(Source):
     def _open(self) -> InputContainer:
         """The container; for bare KLV packets FFmpeg needs the format's name."""
         if is_network(self.location):
-            self._await_datagram()
             return open_container(self.location)
         check_file(self.location)
         if not holds_klv(local_path(self.location)):
@@ -139,18 +139,6 @@ class FileSrc(Source):
             return container
         container.close()
         return open_container(self.location, format_name=BARE_PACKETS)
-
-    def _await_datagram(self) -> None:
-        if not self.location.startswith("udp://") or ":" in (urlsplit(self.location).hostname or ""):
-            return
-        try:
-            has_come = await_datagram(self.location, LOCAL_LIMIT_S, self.stopping)
-        except (OSError, ValueError) as error:
-            raise ResourceError(f"{self._where}: the port cannot be used: {error}; name another") from None
-        if not has_come:
-            raise TimedOut(
-                f"{self._where}: no packet within {LOCAL_LIMIT_S:g} s; start what sends to this port"
-            )
 
     def duration_ns(self) -> int | None:
         """Duration of the part that is played."""
@@ -188,8 +176,7 @@ class FileSrc(Source):
         super().interrupt()
         if not is_network(self.location):
             return
-        parts, deadline_s = urlsplit(self.location), time.monotonic() + CUT_LIMIT_S
-        port = parts.port or DEFAULT_PORTS.get(parts.scheme, 0)
+        port, deadline_s = port_of(self.location), time.monotonic() + CUT_LIMIT_S
         cut_connections(port, self._sockets)
         while self._is_opening and time.monotonic() < deadline_s:  # it may just begin, or try again
             time.sleep(CUT_EVERY_S)

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit import Frame, Property, ResourceError, SegmentSink
+from streamkit import Frame, NumberedFilesSink, Property, ResourceError
 from streamkit.output.file import OutputFile
 from streamkit_media.files.filesink import as_bytes
 
 
-class MultiFileSink(SegmentSink):
+class MultiFileSink(NumberedFilesSink):
     """Writes each frame's bytes to a file of its own.
 
     Example:
@@ -20,7 +20,7 @@ class MultiFileSink(SegmentSink):
 
     sink = "ANY"
     example = "out/%06d.jpg"
-    has_ledger = False  # it would be written with each frame
+    remembers_earlier_runs = False  # it would be written with each frame
 
     location: str = Property("", file="write", doc="Path with a number or time: out/%06d.jpg.")
 

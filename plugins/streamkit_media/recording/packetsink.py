@@ -14,12 +14,12 @@ from streamkit import (
     Direction,
     Frame,
     FrameFlags,
+    NumberedFilesSink,
     OnError,
     PadTemplate,
     Presence,
     Property,
     PropertyError,
-    SegmentSink,
     StreamError,
 )
 from streamkit_media.codecs import CODED_CAPS, caps_parameters
@@ -37,7 +37,7 @@ DAMAGED = "damaged packet"
 EARLY_LIMIT = 256
 
 
-class PacketSink(SegmentSink):
+class PacketSink(NumberedFilesSink):
     """Records coded video and KLV telemetry without encoding.
 
     Packets are in the file within two seconds, so that a recording plays also when the process was killed. A

@@ -8,7 +8,7 @@ from av.stream import Stream
 
 from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
-from streamkit_media.nalunits import AnnexBWriter, BadPacket
+from streamkit_media.nalunits import AnnexBConverter, BadPacket
 from streamkit_media.recording.filemuxer import (
     FORMATS,
     FRAGMENT_TICKS,
@@ -43,7 +43,7 @@ class PacketWriter:
     def __init__(
         self, file: OutputFile, codec: str, size: tuple[int, int], extradata: bytes, *, with_klv: bool = False
     ) -> None:
-        self._annexb = AnnexBWriter(codec, extradata)
+        self._annexb = AnnexBConverter(codec, extradata)
         self._codec = codec
         self.path = file.path
         self.has_begun = False

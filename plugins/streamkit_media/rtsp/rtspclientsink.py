@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import errno
 import os
 import threading
@@ -11,9 +12,11 @@ from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink, mask_secrets
 from streamkit_media.codecs import caps_parameters
-from streamkit_media.nalunits import AnnexBWriter, BadPacket
+from streamkit_media.live.endpoint import Endpoint
+from streamkit_media.live.reachability import unreachable
+from streamkit_media.live.retries import Reconnect
+from streamkit_media.nalunits import AnnexBConverter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
-from streamkit_media.rtsp.endpoint import Reconnect, RtspEndpoint, Transport
 from streamkit_media.rtsp.pusher import PushPacket
 from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
 
@@ -28,7 +31,10 @@ NOT_CONNECTED = "between two connections"
 LOST = "lost with the connection"
 
 
-class RtspClientSink(RtspEndpoint, Sink):
+Transport = enum.StrEnum("Transport", "TCP UDP")
+
+
+class RtspClientSink(Endpoint, Sink):
     """Pushes coded video to an RTSP server that takes recordings, such as MediaMTX or gst-rtsp-server.
 
     It begins with a key frame. Every change of the connection is an element message `connection` as that of
@@ -165,7 +171,7 @@ class RtspClientSink(RtspEndpoint, Sink):
     def _open(self, frame: Frame) -> None:
         """Has the process connect for the format of this frame."""
         parameters = caps_parameters(frame.caps)
-        self._annexb = AnnexBWriter(parameters.codec, parameters.extradata)
+        self._annexb = AnnexBConverter(parameters.codec, parameters.extradata)
         if self._process is None:
             self._process = self._begin_process()
         pts, dts = times_of(frame)
@@ -267,7 +273,8 @@ class RtspClientSink(RtspEndpoint, Sink):
         # FFmpeg reports an unknown host in these words, and every failure of TLS.
         is_vague = bool(self._tls_options) or reason == os.strerror(errno.EIO)
         if not self._is_connected and is_vague:
-            cause = self._unreachable("check address and port, and that the server runs")
+            remedy = "check address and port, and that the server runs"
+            cause = unreachable(self.location, self._tls_options.get("ca_file"), self.timeout_s, remedy)
             if cause:
                 return f"{self._where}: {cause}"
         if self._is_connected:

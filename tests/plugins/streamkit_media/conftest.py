@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import socket
 import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
+from types import ModuleType
 
 import av
 import numpy as np
@@ -117,6 +120,36 @@ def _answer_one(connection: socket.socket, left: list[int]) -> None:
         number = next(line for line in request.split("\r\n") if line.startswith("CSeq"))
         reply = f"RTSP/1.0 200 OK\r\n{number}\r\nPublic: OPTIONS, DESCRIBE, SETUP, PLAY\r\n\r\n"
         connection.sendall(reply.encode())
+
+
+def load(file: str) -> ModuleType:
+    """A module beside the tests of RTSP."""
+    name = f"streamkit_media_{Path(file).stem}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("rtsp") / file)
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+    return sys.modules[name]
+
+
+@pytest.fixture(scope="session")
+def fake() -> ModuleType:
+    """The module of the server: `FakeServer`, `Behaviour`, `access_units`."""
+    return load("fake_server.py")
+
+
+@pytest.fixture(scope="session")
+def proxy() -> ModuleType:
+    """The module of the bad network: `LossyProxy`."""
+    return load("lossy_proxy.py")
+
+
+@pytest.fixture(scope="session")
+def units(fake: ModuleType) -> list[bytes]:
+    """60 frames of 64 x 48; frame i is of brightness 40 + 2 * i, every 15th a key frame."""
+    return fake.access_units()
 
 
 class RealServer:

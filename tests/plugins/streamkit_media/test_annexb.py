@@ -1,6 +1,6 @@
 import pytest
 
-from streamkit_media.nalunits import AnnexBWriter, BadPacket
+from streamkit_media.nalunits import AnnexBConverter, BadPacket
 
 AVCC = bytes.fromhex("0142c00aff e1 0003 67aabb 01 0002 68cc".replace(" ", ""))
 SETS = bytes.fromhex("00000001 67aabb 00000001 68cc".replace(" ", ""))
@@ -8,7 +8,7 @@ SETS = bytes.fromhex("00000001 67aabb 00000001 68cc".replace(" ", ""))
 
 def test_lengths_become_start_codes() -> None:
     """Two units with lengths are two with start codes; a key frame has the parameter sets before it."""
-    writer = AnnexBWriter("h264", AVCC)
+    writer = AnnexBConverter("h264", AVCC)
     data = bytes.fromhex("00000002 0901 00000003 658899".replace(" ", ""))
     plain = bytes.fromhex("00000001 0901 00000001 658899".replace(" ", ""))
     assert writer.packet(data, False) == plain
@@ -17,7 +17,7 @@ def test_lengths_become_start_codes() -> None:
 
 def test_start_codes_pass() -> None:
     """Packets in Annex B stay as they are; sets that are within are not put there twice."""
-    writer = AnnexBWriter("h264", SETS)
+    writer = AnnexBConverter("h264", SETS)
     bare = b"\0\0\0\1\x65\x88"
     assert writer.packet(bare, False) == bare
     assert writer.packet(bare, True) == SETS + bare
@@ -26,14 +26,14 @@ def test_start_codes_pass() -> None:
 
 def test_other_codecs_pass() -> None:
     """VP9 and the like have neither."""
-    assert AnnexBWriter("vp9", b"x").packet(b"abc", True) == b"abc"
+    assert AnnexBConverter("vp9", b"x").packet(b"abc", True) == b"abc"
 
 
 @pytest.mark.parametrize("cut", range(1, len(AVCC)))
 def test_damaged_headers_are_refused(cut: int) -> None:
     """A header cut anywhere is an error or holds fewer sets, never a crash."""
     try:
-        writer = AnnexBWriter("h264", AVCC[:cut])
+        writer = AnnexBConverter("h264", AVCC[:cut])
     except BadPacket:
         return
     assert writer.packet(b"\0\0\0\1\x65", False)
@@ -42,4 +42,4 @@ def test_damaged_headers_are_refused(cut: int) -> None:
 def test_damaged_packets_are_refused() -> None:
     """A unit that leads out of its packet is an error."""
     with pytest.raises(BadPacket, match="the length of a NAL unit exceeds its packet of 5 bytes"):
-        AnnexBWriter("h264", AVCC).packet(b"\0\0\0\x09\x65", False)
+        AnnexBConverter("h264", AVCC).packet(b"\0\0\0\x09\x65", False)

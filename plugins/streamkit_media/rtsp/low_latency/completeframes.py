@@ -9,20 +9,14 @@ from contextlib import closing
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit_media.rtsp.low_latency.accessunits import KINDS, AccessUnits
+from streamkit_media.live.accessunits import AccessUnits
+from streamkit_media.live.sockets import duplicate
 from streamkit_media.rtsp.low_latency.rtpheaders import RtpHeaders, is_marked, payload_bytes
-from streamkit_media.rtsp.sockets import duplicate
 
-UNPARSED = {"fflags": "+noparse"}  # FFmpeg's option to return what each RTP packet carries
 # A read that takes longer has waited for the network.
 MIN_WAIT_S = 0.001
 # A piece is its payload with start codes instead of fragment headers or sizes: so many bytes longer.
 MIN_MORE_BYTES, MAX_MORE_BYTES = -3, 512
-
-
-def can_be_joined(stream: Stream) -> bool:
-    """Whether frames of the stream's codec can be joined here."""
-    return stream.codec_context is not None and stream.codec_context.name in KINDS
 
 
 def complete_frames(
@@ -38,7 +32,7 @@ def complete_frames(
         pieces: its packets.
         video: the stream whose pieces are joined; others pass.
         duration: of a frame in the stream's time base; 0 if unknown.
-        sockets: names of the connection's own sockets, see `rtsp.sockets`.
+        sockets: names of the connection's own sockets, see `live.sockets`.
         left_s: how long the next packet may be waited for before FFmpeg reads on itself.
     """
     units = AccessUnits(video.codec_context.name, duration)

@@ -1,10 +1,11 @@
-import importlib.util
 import json
 import re
 import shlex
+import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -17,20 +18,6 @@ from streamkit_media.doctor.report import Report, Verdict
 from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
 
 BINARY = Path(sys.executable).with_name("streamkit")
-
-
-@pytest.fixture(scope="module")
-def fake() -> Iterator[ModuleType]:
-    """The tests' own RTSP server."""
-    path = Path(__file__).parents[1] / "rtsp" / "fake_server.py"
-    name = "streamkit_media_fake_server"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        sys.modules[name] = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[name])
-    return sys.modules[name]
 
 
 def verdicts(report: Report) -> dict[str, str]:
@@ -154,6 +141,31 @@ def test_the_command(small_video: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert "a file must be there" in done.stdout
+
+
+def test_video_over_udp(two_klv_streams: Path) -> None:
+    """What comes to a port is watched as other live video; the line has livesrc, and the telemetry."""
+    data, done = two_klv_streams.read_bytes(), threading.Event()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind(("127.0.0.1", 0))
+        port = sender.getsockname()[1] ^ 1
+
+        def send() -> None:
+            while not done.wait(0.4):
+                for at in range(0, len(data), 1316):
+                    sender.sendto(data[at : at + 1316], ("127.0.0.1", port))
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        try:
+            report = examine(f"udp://127.0.0.1:{port}", seconds=0.3, timeout_s=5.0, transport="tcp")
+        finally:
+            done.set()
+            thread.join(10)
+    assert verdicts(report)["stream"] == "good"
+    assert "over UDP" in report.as_text()
+    assert f"livesrc name=s uri=udp://127.0.0.1:{port} ! decode ! posesync name=p" in report.pipeline
+    assert "s.klv_1 ! p.telemetry" in report.pipeline
 
 
 def test_telemetry_in_the_second_stream(two_klv_streams: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from streamkit import ElementFailure, Pipeline
-from streamkit_media.rtsp.reachability import tls_failure, trusted_authorities
+from streamkit_media.live.reachability import tls_failure, trusted_authorities
 
 SCRIPT = Path(__file__).parents[4] / "docs" / "examples" / "zenoh" / "make-test-certificates.sh"
 LIMIT_S = 10.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from streamkit import FrameFlags, Pipeline
-from streamkit_media.rtsp import packetreader
+from streamkit_media.rtsp import rtspinput
 
 StartServer = Callable[..., Any]
 NO_MORE = "send ten frames and half of another, then nothing"
@@ -55,13 +55,13 @@ def test_without_low_latency_ffmpeg_parses(
 ) -> None:
     """With low-latency=false nothing peeks at the socket; packets, their times and frames are the same."""
     calls = []
-    complete = packetreader.complete_frames
+    complete = rtspinput.complete_frames
 
     def counted(*arguments: Any) -> Any:
         calls.append(arguments)
         return complete(*arguments)
 
-    monkeypatch.setattr(packetreader, "complete_frames", counted)
+    monkeypatch.setattr(rtspinput, "complete_frames", counted)
     found = {}
     for switch in ("true", "false"):
         server = start_server(units=units)

@@ -1,60 +1,25 @@
-"""Base of rtspsrc and rtspclientsink: address, credentials, TLS and retries."""
+"""Base of elements that connect to a server: address, credentials, TLS and retries."""
 
 from __future__ import annotations
 
-import enum
 import random
-from typing import Any, NoReturn
-from urllib.parse import urlsplit
+from typing import ClassVar, NoReturn
+from urllib.parse import SplitResult, urlsplit
 
 from streamkit import Element, Property, ResourceError, mask_secrets
 from streamkit_media.container import with_credentials
-from streamkit_media.rtsp.reachability import DEFAULT_PORTS, SECURE, port_of, trusted_authorities, unreachable
-
-GROWTH = 2.0
-MIN_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
+from streamkit_media.live.reachability import PLAIN_OF, RTSP_SCHEMES, port_of, trusted_authorities
+from streamkit_media.live.retries import Backoff, Reconnect
 
 
-Transport = enum.StrEnum("Transport", "TCP UDP")
+class Endpoint(Element):
+    """Base of elements that connect to a server and connect again.
 
-
-class Reconnect(enum.StrEnum):
-    """When to connect again."""
-
-    NEVER = "never"
-    ON_ERROR = "on-error"
-    ALWAYS = "always"
-
-
-class Backoff:
-    """Capped exponential delays with jitter.
-
-    Args:
-        first_s: the first delay before jitter, s.
-        cap_s: none is longer, s.
-        random_source: of the jitter.
-
-    Source: Brooker, Exponential Backoff and Jitter, "equal jitter".
+    Further class attributes: the `schemes` of the location, and its form for errors, `example`.
     """
 
-    def __init__(self, first_s: float, cap_s: float, random_source: random.Random) -> None:
-        self._first_s, self._cap_s, self._random = first_s, cap_s, random_source
-        self.tries = 0
-
-    def next_delay_s(self) -> float:
-        """The delay before the next try, which is counted."""
-        # Past 60 doublings every cap is reached; the power itself would overflow at a thousand.
-        longest = min(self._cap_s, self._first_s * GROWTH ** min(self.tries, 60))
-        self.tries += 1
-        return longest * self._random.uniform(MIN_SHARE, 1.0)
-
-    def reset(self) -> None:
-        """It worked: the next delay is the first one again."""
-        self.tries = 0
-
-
-class RtspEndpoint(Element):
-    """Base of elements that connect to an RTSP server."""
+    schemes: ClassVar[tuple[str, ...]] = RTSP_SCHEMES
+    example: ClassVar[str] = "location=rtsp://host:port/path"
 
     location: str = Property(
         "", doc="URL, rtsp:// or rtsps://user:password@host:port/path; passwords are never shown."
@@ -62,10 +27,10 @@ class RtspEndpoint(Element):
     user_id: str = Property("", doc="User name, where the URL has none.")
     user_pw: str = Property("", secret=True, doc="Password, where the URL has none; never shown.")
     tls_verify: bool = Property(
-        True, doc="For rtsps://, refuse a server whose certificate is not trusted or of another host."
+        True, doc="Over TLS, refuse a server whose certificate is not trusted or of another host."
     )
     tls_ca_file: str = Property(
-        "", doc="For rtsps://, file (PEM) of the authorities that are trusted; the system's where empty."
+        "", doc="Over TLS, file (PEM) of the authorities that are trusted; the system's where empty."
     )
     timeout_s: float = Property(
         5.0, min=0.1, max=600.0, unit="s", doc="Silence, also while connecting, that ends a connection."
@@ -92,27 +57,23 @@ class RtspEndpoint(Element):
         """Checks what can be checked without the server.
 
         Raises:
-            ResourceError: the location is no RTSP URL, or the authorities' file is not there.
+            ResourceError: the location is no URL of the schemes, or the authorities' file is not there.
         """
         longest_s = max(self.max_retry_delay_s, self.retry_delay_s)
         self._backoff = Backoff(self.retry_delay_s, longest_s, random.Random())
         try:
             port_of(self.location)
         except ValueError as error:
-            raise ResourceError(f"location={self._where}: {error}; write rtsp://host:port/path") from None
+            raise ResourceError(f"{error}, got {self._where!r}; write {self.example}") from None
         parts = urlsplit(self.location)
-        if parts.scheme not in DEFAULT_PORTS or not parts.hostname:
-            raise ResourceError(
-                f"location={self._where!r} must be an RTSP URL; write location=rtsp://host:port/path"
-            )
-        self._tls_options = self._secured() if parts.scheme == SECURE else {}
+        self.check_address(parts)
+        self._tls_options = self._secured() if parts.scheme in PLAIN_OF else {}
 
-    def properties_set(self) -> dict[str, Any]:
-        """The properties set in the text, the location without passwords."""
-        found = super().properties_set()
-        if "location" in found:
-            found["location"] = mask_secrets(str(found["location"]))
-        return found
+    def check_address(self, parts: SplitResult) -> None:
+        """Checks the parts of the location; raises `ResourceError` where they name no server."""
+        if parts.scheme not in self.schemes or not parts.hostname:
+            known = " or ".join(f"{scheme}://" for scheme in self.schemes)
+            raise ResourceError(f"{self._where!r} must begin with {known} and a host; write {self.example}")
 
     @property
     def _where(self) -> str:
@@ -135,10 +96,6 @@ class RtspEndpoint(Element):
         except OSError as error:
             raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
 
-    def _unreachable(self, remedy: str) -> str:
-        """Why the server cannot be reached or trusted; "" where it can."""
-        return unreachable(self.location, self._tls_options.get("ca_file"), self.timeout_s, remedy)
-
     def _has_tried_enough(self, *, has_worked: bool) -> bool:
         """Whether to give up; `has_worked` means that a connection has worked before."""
         if self.max_retries >= 0:
@@ -151,9 +108,9 @@ class RtspEndpoint(Element):
         self._post_state("gave-up", attempt=tries, reason=str(error))
         raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
 
-    def _delay_before_retry(self, reason: str) -> float:
+    def _delay_before_retry(self, reason: str, *, is_at_once: bool = False) -> float:
         """Counts and reports the next try; the delay before it, s."""
-        delay_s = self._backoff.next_delay_s()
+        delay_s = self._backoff.next_delay_s() * (not is_at_once)
         self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
         return delay_s

@@ -1,7 +1,7 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.connection import Timeline
+from streamkit_media.live.timeline import Timeline
 
 SECOND = 10**9
 
@@ -59,3 +59,10 @@ def test_every_connection_lies_after_those_before(steps: list[list[int]]) -> Non
             placed.append(line.place(pts, arrival))
         assert min(placed) > highest
         highest = max(placed)
+
+
+def test_packets_without_a_time_get_that_of_arrival() -> None:
+    """JPEG over HTTP has no times: they are as far apart as the packets arrive."""
+    line = Timeline()
+    line.begin_connection()
+    assert [line.place(None, arrival) for arrival in (5, 45, 80)] == [0, 40, 75]

@@ -1,29 +1,23 @@
 """The process's own sockets, found through Linux's /proc, so that a connection can be shut down from outside.
 
 FFmpeg looks at its time limit only, PyAV offers no other way to end a call under way, and neither hands out
-the socket. Shutting it down from another thread ends any wait on it at once. A wait for the first datagram of
-a UDP stream, which has no connection, is done here before FFmpeg opens the port.
+the socket. Shutting it down from another thread ends any wait on it at once.
 """
 
 from __future__ import annotations
 
 import errno
-import ipaddress
 import os
-import select
 import socket
 import threading
-import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from urllib.parse import urlsplit
 
 DESCRIPTORS = Path("/proc/self/fd")
 TCP_INFO_BYTES = 8
 TCP_ESTABLISHED = 1
 FAMILIES = (socket.AF_INET, socket.AF_INET6)
 IS_LISTENING = (socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-LOOK_EVERY_S = 0.1
 
 
 def open_sockets() -> dict[str, int]:
@@ -132,31 +126,3 @@ def _cut(connection: socket.socket, port: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def await_datagram(location: str, limit_s: float, cancelled: threading.Event) -> bool:
-    """Whether a datagram for a `udp://` URL has come within the limit; False also where it is cancelled.
-
-    Raises:
-        OSError: the port or the group cannot be used.
-    """
-    parts = urlsplit(location)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
-        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        receiver.bind(("", parts.port or 0))
-        if is_group(parts.hostname or ""):
-            group = socket.inet_aton(parts.hostname or "") + socket.inet_aton("0.0.0.0")
-            receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
-        deadline_s = time.monotonic() + limit_s
-        while not cancelled.is_set() and time.monotonic() < deadline_s:
-            if select.select([receiver], [], [], LOOK_EVERY_S)[0]:
-                return True
-    return False
-
-
-def is_group(host: str) -> bool:
-    """Whether a host is a multicast group."""
-    try:
-        return ipaddress.ip_address(host).is_multicast
-    except ValueError:
-        return False

@@ -2,7 +2,7 @@ import socket
 
 import pytest
 
-from streamkit_media.rtsp.reachability import connection_failure, port_of
+from streamkit_media.live.reachability import connection_failure, port_of
 
 
 def test_ports() -> None:

@@ -9,7 +9,7 @@ from av.packet import Packet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.low_latency.accessunits import AccessUnits, DecodingTimes, has_recovery_point
+from streamkit_media.live.accessunits import AccessUnits, DecodingTimes, has_recovery_point
 
 START = b"\0\0\0\1"
 FRAGMENTS = {"h264": (28, 1), "h265": (49, 2)}

@@ -5,14 +5,15 @@ import pytest
 
 from streamkit import Frame, ResourceError
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.rtsp.packetreader import PacketReader, silence
+from streamkit_media.live.packetreader import PacketReader, silence
+from streamkit_media.rtsp.rtspinput import RtspInput
 
 MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 
 
 def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, BoundedQueue[Frame]]:
     """A reader over TCP and its queue."""
-    return PacketReader(location, {"rtsp_transport": "tcp"}, timeout_s), BoundedQueue(8)
+    return PacketReader(RtspInput(location, {"rtsp_transport": "tcp"}, timeout_s)), BoundedQueue(8)
 
 
 def ignore(*_: object) -> None:

@@ -1,7 +1,7 @@
-"""Access units of H.264 and H.265 from the pieces that RTP packets carry.
+"""Access units of H.264 and H.265 from the pieces that packets of RTP or MPEG-TS (PES) carry.
 
 FFmpeg's parser ends a frame when the next one begins, which delays it by one frame. RTP marks the last packet
-of a frame.
+of a frame, and a PES packet is one.
 
 Source: RFC 6184, 5.1 (marker); ITU-T H.264, 7.4.1.2.3 and H.265, 7.4.2.4.4 (where an access unit begins).
 """
@@ -14,9 +14,12 @@ from dataclasses import dataclass
 
 from av.packet import Packet
 from av.stream import Stream
+from av.video.stream import VideoStream
 
+from streamkit_media.codecs import stream_rate
 from streamkit_media.nalunits import START_CODES, unit_type, units
 
+UNPARSED = {"fflags": "+noparse"}  # FFmpeg's option to return pieces
 MAX_REORDERED = 16
 SUPPLEMENT, RECOVERY_POINT = 6, 6  # type of such units of H.264, and of the message in them
 
@@ -49,6 +52,17 @@ KINDS = {
 }
 
 
+def can_be_joined(stream: Stream) -> bool:
+    """Whether frames of the stream's codec can be joined here."""
+    return stream.codec_context is not None and stream.codec_context.name in KINDS
+
+
+def frame_duration(video: VideoStream) -> int:
+    """Duration of a frame in the stream's time base; 0 if unknown."""
+    rate, base = stream_rate(video), video.time_base
+    return round(1 / (rate * base)) if rate and base else 0
+
+
 class DecodingTimes:
     """Decoding times of frames, estimated from their presentation times."""
 
@@ -74,13 +88,16 @@ class AccessUnits:
     Args:
         codec: h264 or hevc.
         duration: of a frame in the pieces' time base; 0 if unknown.
+        has_decoding_times: whether the pieces have them; they are estimated otherwise.
 
     Attributes:
         trusts_marks: whether marked pieces end frames; false after a mark within a frame.
+        has_several: whether a piece held more than one frame: only a parser takes them apart.
     """
 
-    def __init__(self, codec: str, duration: int = 0) -> None:
-        self.trusts_marks = True
+    def __init__(self, codec: str, duration: int = 0, *, has_decoding_times: bool = False) -> None:
+        self.trusts_marks, self.has_several = True, False
+        self._has_decoding_times = has_decoding_times
         self._codec, self._kinds = codec, KINDS[codec]
         self._duration = duration
         self._times = DecodingTimes()
@@ -110,6 +127,7 @@ class AccessUnits:
         self._pieces.append(piece)
         self._data.append(data)
         for unit in found:
+            self.has_several |= self._has_slice and unit is not found[0] and self._may_begin(unit)
             self._note(unit)
         if is_marked and self.trusts_marks and self._has_slice:
             self._marked_pts = piece.pts
@@ -141,7 +159,10 @@ class AccessUnits:
         first = self._pieces[0]
         whole: Packet[Stream] = Packet(b"".join(self._data))
         whole.pts, whole.time_base = first.pts, first.time_base
-        whole.dts = None if first.pts is None else self._times.of(first.pts)
+        if self._has_decoding_times:
+            whole.dts = first.dts
+        else:
+            whole.dts = None if first.pts is None else self._times.of(first.pts)
         whole.duration = self._duration
         whole.is_keyframe, whole.is_corrupt = self._is_key, any(piece.is_corrupt for piece in self._pieces)
         for item in first.iter_sidedata():

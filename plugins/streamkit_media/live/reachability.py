@@ -1,4 +1,4 @@
-"""Where an RTSP server is, and why it cannot be reached or trusted, in plain words."""
+"""Where a server is, and why it cannot be reached or trusted, in plain words."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ import ssl
 from pathlib import Path
 from urllib.parse import urlsplit
 
-SECURE = "rtsps"
 LOOK_LIMIT_S = 1.0
-DEFAULT_PORTS = {"rtsp": 554, SECURE: 322}
+DEFAULT_PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443, "rtmp": 1935, "rtmps": 443}
+RTSP_SCHEMES = ("rtsp", "rtsps")
+LIVE_SCHEMES = ("udp", "tcp", "rtmp", "rtmps")  # never a file, which http may lead to
+PLAIN_OF = {"rtsps": "rtsp", "https": "http", "rtmps": "rtmp"}  # schemes with TLS, and the same without
 MISMATCHES = (62, 63, 64)  # OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and those of other kinds of names
 # Where Python's own TLS was built without a place, as in wheels: Debian, Red Hat, Alpine and macOS.
 USUAL_FILES = ("/etc/ssl/certs/ca-certificates.crt", "/etc/pki/tls/certs/ca-bundle.crt", "/etc/ssl/cert.pem")
 
 
 def port_of(location: str) -> int:
-    """The TCP port a URL leads to.
+    """The port a URL leads to; 0 where neither it nor its scheme has one.
 
     Raises:
         ValueError: the URL's port is no number from 0 to 65535; the text may be a password.
     """
     try:
         parts = urlsplit(location)
-        return parts.port or DEFAULT_PORTS.get(parts.scheme, 554)
+        return parts.port or DEFAULT_PORTS.get(parts.scheme, 0)
     except ValueError:
         raise ValueError(
             "the port must be a number from 0 to 65535, and / ? # @ in a password %2F %3F %23 %40"
@@ -43,7 +45,8 @@ def unreachable(location: str, ca_file: str | None, limit_s: float, remedy: str)
     host, port = parts.hostname or "", port_of(location)
     if reason := connection_failure(host, port, limit_s):
         return f"{reason}; {remedy}"
-    return tls_failure(host, port, ca_file, limit_s) if parts.scheme == SECURE else ""
+    plain = PLAIN_OF.get(parts.scheme)
+    return tls_failure(host, port, ca_file, limit_s, plain) if plain else ""
 
 
 def connection_failure(host: str, port: int, limit_s: float) -> str:
@@ -81,7 +84,7 @@ def trusted_authorities(path: str = "") -> str:
     raise OSError("this system has no file of trusted authorities; name one, or set tls-verify=false")
 
 
-def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> str:
+def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float, plain_scheme: str = "rtsp") -> str:
     """Why no trusted TLS connection can be made; "" where one can.
 
     FFmpeg calls every such failure an input/output error.
@@ -91,7 +94,9 @@ def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> st
         port: of the server.
         ca_file: of the authorities that are trusted; None trusts every server.
         limit_s: longest wait, for the connection and for each answer.
+        plain_scheme: of the same address without TLS.
     """
+    remedy = f"write {plain_scheme}:// if it is not encrypted"
     context = ssl.create_default_context(cafile=ca_file)
     if ca_file is None:
         context.check_hostname = False
@@ -104,15 +109,15 @@ def tls_failure(host: str, port: int, ca_file: str | None, limit_s: float) -> st
             return ""
     except ssl.SSLCertVerificationError as error:
         is_of_other = error.verify_code in MISMATCHES
-        remedy = "write the name that it is of" if is_of_other else "name its authority in tls-ca-file="
+        advice = "write the name that it is of" if is_of_other else "name its authority in tls-ca-file="
         return (
             f"the server's certificate is refused: {error.verify_message.rstrip('.')}; "
-            f"{remedy}, or trust every server with tls-verify=false"
+            f"{advice}, or trust every server with tls-verify=false"
         )
     except TimeoutError:
-        return f"no TLS on port {port}: the server does not answer; write rtsp:// if it is not encrypted"
+        return f"no TLS on port {port}: the server does not answer; {remedy}"
     except (ssl.SSLError, ConnectionResetError, BrokenPipeError) as error:
         reason = getattr(error, "reason", None) or "the connection was closed"
-        return f"no TLS on port {port}: {reason}; write rtsp:// if it is not encrypted"
+        return f"no TLS on port {port}: {reason}; {remedy}"
     except OSError:
         return ""  # connection_failure reports this

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from streamkit_media.rtsp.sockets import cut_connections, open_sockets
+from streamkit_media.live.sockets import cut_connections, open_sockets
 
 
 def test_a_cut_connection_ends_a_wait() -> None:

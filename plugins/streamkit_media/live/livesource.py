@@ -1,0 +1,220 @@
+"""Base of sources that receive live video: connections, epochs, time limits and back-off."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from typing_extensions import override
+
+from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source, StreamError
+from streamkit_media.codecs import CODED_CAPS
+from streamkit_media.container import AccessRefused
+from streamkit_media.live.connection import Connection
+from streamkit_media.live.endpoint import Endpoint
+from streamkit_media.live.packetreader import ConnectionLost, LiveInput, PacketReader, Silence
+from streamkit_media.live.retries import Reconnect
+from streamkit_media.live.timeline import Timeline
+from streamkit_media.streams import StreamKind
+
+STOP_LIMIT_S = 1.8
+LEAVE_LIMIT_S = 0.5
+# Most readers that are still in a call of FFmpeg; each ends at its own time limit.
+ABANDONED_LIMIT = 8
+
+
+class LiveSource(Endpoint, Source):
+    """Base of live sources: override `make_input`; `templates` are the pads besides the video's."""
+
+    src = CODED_CAPS
+    is_live = True
+
+    latency_ms: int = Property(
+        100,
+        name="latency",
+        min=0,
+        max=60_000,
+        unit="ms",
+        doc="Longest wait for packets out of order (RTSP over UDP), and for slow consumers before newer ones "
+        "go first.",
+    )
+    max_packets: int = Property(
+        256, min=2, doc="Packets queued for a slow consumer before the oldest are dropped."
+    )
+
+    low_latency: bool = Property(
+        True,
+        doc="Take a frame's end from RTP (RTSP over TCP) or MPEG-TS (over UDP); off, FFmpeg's parser adds "
+        "one frame of delay.",
+    )
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._connection: Connection | None = None
+        super().__init__(name, **properties)
+
+    def start(self) -> None:
+        """Checks the location; the connection is made by the source's thread."""
+        self._abandoned: list[PacketReader] = []
+        self._received = 0
+        self._next_seq = 0
+        self._epoch = -1
+        self._timeline = Timeline()
+        self._kinds = frozenset(map(StreamKind, ["video", *(pad.name for pad in self.templates)]))
+        super().start()
+
+    # Overridden by the kinds of live sources.
+
+    @property
+    def carrier(self) -> str:
+        """What carries the next connection, for the message `connecting`."""
+        raise NotImplementedError
+
+    def make_input(self) -> LiveInput:
+        """The next connection, not made yet."""
+        raise NotImplementedError
+
+    def falls_back(self, failure: ResourceError) -> bool:
+        """Whether to go on at once with another carrier after a connection that brought nothing."""
+        return False
+
+    def with_remedy(self, failure: ResourceError) -> ResourceError:
+        """The failure of a connection that brought nothing, with what may help."""
+        return failure
+
+    def listens(self, failure: ResourceError | None) -> bool:
+        """Whether to try again at once after a failure: the next try is itself a wait for the sender."""
+        return False
+
+    # Called by the engine.
+
+    @property
+    def received(self) -> int:
+        """Packets received since the start; each is delivered, or counted in `drops` here or downstream."""
+        connection = self._connection
+        return self._received + (connection.queue.statistics.received if connection is not None else 0)
+
+    def negotiate(self, allowed: Caps) -> Caps | None:
+        """None: the server chooses."""
+        return None
+
+    def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
+        """The packets as they come, over one connection after another.
+
+        Raises:
+            ResourceError: a connection failed and is not, or no longer, to be tried again.
+        """
+        while not self.over.is_set():
+            before = self._received
+            self._post_state("connecting", attempt=self._backoff.tries, transport=self.carrier)
+            try:
+                yield from self._one_connection()
+                failure = None
+            except ResourceError as error:
+                failure = error
+            finally:
+                self._disconnect(LEAVE_LIMIT_S)
+            if self.over.is_set():
+                return
+            if failure is not None and self._received == before:
+                if self.falls_back(failure):
+                    continue
+                failure = self.with_remedy(failure)
+            if not self._tries_again(failure):
+                return
+
+    @override
+    def interrupt(self) -> None:
+        connection = self._connection
+        if connection is not None:
+            connection.queue.wake()
+
+    @override
+    def stop(self) -> None:
+        deadline = time.monotonic() + STOP_LIMIT_S
+        self._disconnect(STOP_LIMIT_S)
+        ended = [reader.end(max(0.0, deadline - time.monotonic())) for reader in self._abandoned]
+        if not all(ended):
+            self.post_warning(
+                f"FFmpeg has not closed {self._where} within {STOP_LIMIT_S:g} s; "
+                f"it will within {self.timeout_s:g} s"
+            )
+
+    # One connection.
+
+    def _one_connection(self) -> Iterator[Frame | tuple[str, Frame]]:
+        """Its packets; the first makes it a new epoch."""
+        self._timeline.begin_connection()
+        reader = PacketReader(self.make_input(), self._kinds)
+        connection = self._connection = Connection(
+            reader, self.max_packets, self.latency_ms, self._next_seq, self._timeline, self.clock
+        )
+        known: set[StreamKind] = set()
+        for kind, frame in connection.frames(self.over, self.count_drop):
+            if not known:
+                self._epoch += 1
+                self._backoff.reset()
+                self._add_pads(connection.reader.found)
+                self._post_state("connected", epoch=self._epoch, caps=str(frame.caps))
+            is_gap = kind not in known and self._epoch > 0
+            flags = frame.flags | (FrameFlags.DISCONTINUITY if is_gap else 0)
+            known.add(kind)
+            own = frame.replace(epoch=self._epoch, flags=flags)
+            if kind is StreamKind.VIDEO:
+                yield own
+            elif kind.value in self.pads:
+                yield kind.value, own
+        if not known and not self.over.is_set():
+            raise StreamError(f"{self._where}: the server ended before the first packet")
+
+    def _add_pads(self, found: frozenset[StreamKind]) -> None:
+        """Adds pads for the streams other than the video."""
+        for kind in sorted(found - {StreamKind.VIDEO}):
+            if kind.value not in self.pads:
+                self.add_pad(kind.value)
+        if self._epoch == 0:
+            for name in sorted(self.pads.keys() & (self._kinds - found)):
+                self.post_warning(f"{self._where}: it sends no stream for the pad {name}")
+            self.no_more_pads()
+
+    def _disconnect(self, limit_s: float) -> None:
+        """Ends the connection; a reader in a call of FFmpeg ends at its own limit."""
+        connection, self._connection = self._connection, None
+        if connection is None:
+            return
+        ended = connection.reader.end(limit_s)
+        self._received += connection.queue.statistics.received
+        if left := len(connection.queue):
+            self.count_drop("the connection was left", left)
+        self._next_seq = connection.next_seq
+        self._abandoned = [reader for reader in self._abandoned if not reader.end(0)]
+        if not ended:
+            self._abandoned.append(connection.reader)
+        if len(self._abandoned) > ABANDONED_LIMIT:
+            raise ResourceError(
+                f"{self._where}: FFmpeg does not close {ABANDONED_LIMIT} connections that have "
+                "ended; check the name server and the network"
+            )
+
+    # Between two connections.
+
+    def _tries_again(self, failure: ResourceError | None) -> bool:
+        """Waits before the next try; False where the stream has ended regularly.
+
+        Raises:
+            ResourceError: it is not to be tried again.
+        """
+        if isinstance(failure, Silence):
+            self._post_state("stalled", reason=str(failure))
+        ends = self.reconnect is Reconnect.NEVER
+        if failure is None or (ends and isinstance(failure, ConnectionLost)):
+            if ends or self.reconnect is Reconnect.ON_ERROR:
+                self.post_warning(f"{self._where}: the server has ended the stream")
+                return False
+        elif (
+            ends or isinstance(failure, AccessRefused) or self._has_tried_enough(has_worked=self._epoch >= 0)
+        ):
+            self._give_up(failure)
+        reason = str(failure) if failure is not None else f"{self._where}: the stream has ended"
+        self.over.wait(self._delay_before_retry(reason, is_at_once=self.listens(failure)))
+        return True

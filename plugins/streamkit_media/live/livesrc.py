@@ -1,0 +1,119 @@
+"""livesrc: live video over UDP, TCP, RTMP or HTTP."""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import SplitResult, urlsplit
+
+from typing_extensions import override
+
+from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
+from streamkit.output.names import is_network
+from streamkit_media.live.datagraminput import DatagramInput
+from streamkit_media.live.datagrams import datagram_address
+from streamkit_media.live.livesource import LiveSource
+from streamkit_media.live.packetreader import ConnectionLost, LiveInput, Silence
+from streamkit_media.live.reachability import LIVE_SCHEMES, port_of
+from streamkit_media.live.transportpackets import Reception
+from streamkit_media.live.urlinput import UrlInput
+from streamkit_media.streams import KLV_CAPS
+
+UDP = "udp"
+# What a server sends must not make FFmpeg open files.
+PROTOCOLS = "tcp,tls,http,https,httpproxy,crypto,data,rtmp,rtmps,rtmpt,rtmpts,rtmpe,ffrtmphttp,ffrtmpcrypt"
+CAMERA = (
+    "FFmpeg reads no cameras here; have GStreamer send it: gst-launch-1.0 v4l2src ! videoconvert ! "
+    "x264enc tune=zerolatency ! mpegtsmux ! udpsink host=127.0.0.1 port=5000, and write uri=udp://127.0.0.1:5000"
+)
+REMEDIES = {
+    "rtsp": "rtspsrc receives RTSP; write rtspsrc location=rtsp://host:port/path",
+    "rtsps": "rtspsrc receives RTSP; write rtspsrc location=rtsps://host:port/path",
+    "rtp": "MPEG-TS in RTP is recognised by itself; write uri=udp://@:PORT",
+    "srt": "FFmpeg has no SRT here; pass it on with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:5000 "
+    "(or GStreamer's srtsrc ! udpsink, or MediaMTX), and write uri=udp://127.0.0.1:5000",
+    "v4l2": CAMERA,
+}
+
+
+class LiveSrc(LiveSource):
+    """Receives live video from anything but RTSP as coded packets, by the rules of `rtspsrc`.
+
+    `udp://[@]HOST:PORT[?localaddr=ADDRESS]` is MPEG-TS, bare or in RTP, from one sender or a multicast group;
+    no HOST is every interface. FFmpeg opens `tcp://`, `rtmp://`, `rtmps://`, `http://` and `https://`; a
+    playlist (HLS) is played in real time. Reconnects, epochs, drops, the message `connection` and the pads
+    of telemetry are those of `rtspsrc`.
+
+    Example:
+        livesrc uri=udp://@239.1.2.3:5000 ! decode ! fakesink
+    """
+
+    schemes = (*LIVE_SCHEMES, "http", "https")
+    uri_schemes = LIVE_SCHEMES
+    example = "uri=udp://@:5000"
+    templates = tuple(
+        PadTemplate(name, Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES) for name in ("klv", "klv_1")
+    )
+
+    location: str = Property(
+        "", name="uri", aliases=("location",), doc="URL of the stream; passwords are never shown."
+    )
+    lost: int = Property(
+        0, read=lambda source: source._reception.lost, doc="Datagrams missing in the sequence numbers of RTP."
+    )
+    overflowed: int = Property(
+        0,
+        read=lambda source: source._reception.overflowed,
+        doc="Datagrams that came faster than they were read.",
+    )
+    refused: int = Property(
+        0,
+        read=lambda source: source._reception.refused,
+        doc="Datagrams that were no MPEG-TS, late or repeated.",
+    )
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._reception = Reception()
+        super().__init__(name, **properties)
+
+    def start(self) -> None:
+        """Checks the address; the connection is made by the source's thread."""
+        self._reception = Reception()
+        super().start()
+
+    @override
+    def check_address(self, parts: SplitResult) -> None:
+        remedy = CAMERA if self.location.startswith("/dev/video") else REMEDIES.get(parts.scheme, "")
+        if not remedy and self.location and not is_network(self.location):
+            remedy = "filesrc reads files; write filesrc location=FILE"
+        if remedy:
+            raise ResourceError(f"{self._where!r}: {remedy}")
+        if parts.scheme != UDP:
+            super().check_address(parts)
+            if not port_of(self.location):
+                raise ResourceError(f"{self._where!r}: the port is missing; write uri=tcp://host:port")
+            return
+        try:
+            datagram_address(self.location)
+        except ValueError as error:
+            raise ResourceError(f"{self._where!r}: {error}; write {self.example}") from None
+
+    @property
+    @override
+    def carrier(self) -> str:
+        return urlsplit(self.location).scheme
+
+    @override
+    def make_input(self) -> LiveInput:
+        if self.carrier == UDP:
+            return DatagramInput(
+                self.location,
+                self.timeout_s,
+                self._reception,
+                self.post_warning,
+                low_latency=self.low_latency,
+            )
+        return UrlInput(self._url, {**self._tls_options, "protocol_whitelist": PROTOCOLS}, self.timeout_s)
+
+    @override
+    def listens(self, failure: ResourceError | None) -> bool:
+        return self.carrier == UDP and isinstance(failure, Silence | ConnectionLost)
