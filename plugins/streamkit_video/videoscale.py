@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing_extensions import override
 
-from streamkit import Caps, Frame, IntRange, NotNegotiated, Property, Transform, scale_metadata
+from streamkit import Caps, Frame, IntRange, NotNegotiated, Property
 from streamkit.geometry.scaling import scaling_homography
-from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 from streamkit_video.pixel_formats import FORMATS, PLANAR, odd_size_error, supports_size
+from streamkit_video.reframing import ReframingTransform
 from streamkit_video.scaling import ScaleMethod, Size, scale_image
 
 MAX_SIDE = 32767
 """Limit of OpenCV's resize, px."""
 
 
-class VideoScale(Transform):
+class VideoScale(ReframingTransform):
     """Scales raw video to the size that the caps after it ask for.
 
     Frames pass unchanged where no size is asked for. Where only the width or the height is given, the other
@@ -36,9 +36,9 @@ class VideoScale(Transform):
 
     @override
     def start(self) -> None:
+        super().start()
         self._before: Size = (0, 0)
         self._after: Size = (0, 0)
-        self._scaling = self._previous_scaling = scaling_homography((1, 1), (1, 1))
 
     @override
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
@@ -70,18 +70,10 @@ class VideoScale(Transform):
         for size in (self._before, self._after):
             if self._before != self._after and not supports_size(self._format, *size):
                 raise NotNegotiated(f"{self.name}: {odd_size_error(self._format, *size)}")
-        self._scaling = scaling_homography(self._before, self._after)
+        self.mapping = scaling_homography(self._before, self._after)
 
     @override
     def transform(self, frame: Frame) -> Frame:
-        previous, self._previous_scaling = self._previous_scaling, self._scaling
         if self._before == self._after:
-            return frame
-        data = scale_image(frame.data, self._format, self._after, self.method)
-        if frame.metadata:
-            frame = scale_metadata(frame, self._scaling, previous)
-        if (registration := frame.get(TrueRegistration)) is not None:
-            frame = frame.attach(registration.scaled(self._scaling, previous))
-        if (targets := frame.get(TrueTargets)) is not None:
-            frame = frame.attach(targets.scaled(self._scaling))
-        return frame.replace(data=data, caps=self.src_caps)
+            return self.reframed(frame, None)
+        return self.reframed(frame, scale_image(frame.data, self._format, self._after, self.method))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.geometry.homography import FloatArray
-from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points
+from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points, scale_vectors
 
 IntArray = NDArray[np.int64]
 
@@ -60,7 +60,7 @@ class TrueTargets:
         return len(self.ids)
 
     def scaled(self, scaling: FloatArray) -> TrueTargets:
-        """The truth of the frame scaled by an axis-parallel homography, float64[3, 3]."""
+        """The truth of the frame that an affine homography makes of this one, float64[3, 3]."""
         boxes = scale_boxes(scaling, self.lengths, self.widths, self.angles)
-        velocities = self.velocities * np.diag(scaling)[:2]
+        velocities = scale_vectors(scaling, self.velocities)
         return TrueTargets(self.ids, scale_points(scaling, self.centres), *boxes, velocities)
