@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 import msgspec
 import typer
 
-from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TargetRecord, TrackRecord
+from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TargetRecord, TrackRecord, TrackState
 
 SINKS = {
     ".csv": "tracksink",
@@ -23,6 +23,8 @@ SINKS = {
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
+
+CONFIRMED = TrackState.CONFIRMED.value
 
 
 @dataclass
@@ -60,8 +62,11 @@ def tracks(
         typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
     for line in map(_json_line, found) if as_json else table_lines(found):
         typer.echo(line)
+    confirmed = sum(CONFIRMED in target.states for target in found)
     if not found:
         typer.echo(f"note: {file} has no target", err=True)
+    elif not as_json:
+        typer.echo(f"{len(found)} target{'s' * (len(found) > 1)}, {confirmed} confirmed", err=True)
 
 
 def convert(

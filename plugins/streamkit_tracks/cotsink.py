@@ -1,17 +1,20 @@
 """cotsink: targets with ground coordinates as Cursor-on-Target events, for TAK."""
 
+from typing import Any
+
 import msgspec
 from typing_extensions import override
 
 from streamkit import Frame, Property, RecordTally, ResourceError, Sink, track_record
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_tracks.cursor_on_target import EventSender, InvalidAddress, events
+from streamkit_tracks.file_formats import located
 
 STOP_LIMIT_S = 2.0
 
 
 class CotSink(Sink):
-    """Sends each confirmed target whose ground coordinates are known as a Cursor-on-Target event.
+    """Sends each shown target (confirmed or coasting) with ground coordinates as a Cursor-on-Target event.
 
     Over UDP, including multicast, or TCP, from a thread of its own: events that do not fit the queue are
     dropped and counted, a lost TCP connection is opened again. Coordinates come with the records, or from
@@ -39,7 +42,7 @@ class CotSink(Sink):
     def start(self) -> None:
         self._executor = self._sender = None
         self._has_warned = False
-        self._next_ns = 0
+        self._waits: dict[int, int] = {}  # by id, until when no other event of a target is due, ns
         self._tally = RecordTally(needs_positions=True)
         try:
             self._sender = EventSender(self.address)
@@ -56,9 +59,6 @@ class CotSink(Sink):
         sender = self._sender
         assert self._executor is not None, "start() precedes frames"
         assert sender is not None, "start() precedes frames"
-        now_ns = self.clock_ns()
-        if now_ns < self._next_ns:
-            return
         record = track_record(
             frame,
             source=self.source,
@@ -67,14 +67,21 @@ class CotSink(Sink):
         )
         has_position = any(target.geo is not None for target in record.tracks)
         self._tally.note(frame, has_position=has_position, ground_altitude_m=self.ground_altitude)
-        found = list(events(msgspec.to_builtins(record), self.cot_type, self.stale_s))
+        found = list(events(self._due(msgspec.to_builtins(record)), self.cot_type, self.stale_s))
         if not found:
-            self.count_drop("no target with a place")
             return
-        self._next_ns = now_ns + round(self.interval_s * 1e9)
         dropped = self._executor.submit_dropping(lambda: sender.send(found))
         if dropped:
             self.count_drop("queue full", dropped)
+
+    def _due(self, record: dict[str, Any]) -> dict[str, Any]:
+        """The record with those of its targets of which an event is due."""
+        now_ns = self.clock_ns()
+        self._waits = {number: until for number, until in self._waits.items() if until > now_ns}
+        due = [track for track in located(record) if track["id"] not in self._waits]
+        next_ns = now_ns + round(self.interval_s * 1e9)
+        self._waits.update((track["id"], next_ns) for track in due)
+        return {**record, "tracks": due}
 
     @override
     def drain(self) -> None:

@@ -24,7 +24,7 @@ class InvalidAddress(ValueError):
 def events(
     record: Mapping[str, Any], kind: str, stale_s: float, now: datetime | None = None
 ) -> Iterator[bytes]:
-    """One event for each confirmed target with ground coordinates.
+    """One event for each shown target (confirmed or coasting) with ground coordinates.
 
     Args:
         record: a record with the fields of its JSON.

@@ -9,7 +9,7 @@ import msgspec
 from typing_extensions import override
 
 from streamkit import Frame, Property, ResourceError, TrackRecord, encode_record
-from streamkit_tracks.record_file import RecordFileSink
+from streamkit_tracks.record_sink import RecordFileSink
 
 SCHEMA = "streamkit.tracks/1"
 FLUSH_S = 1.0

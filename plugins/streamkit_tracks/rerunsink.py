@@ -9,7 +9,7 @@ from typing_extensions import override
 
 from streamkit import SHOWN_STATES, Frame, Property, ResourceError, TrackRecord
 from streamkit.geometry.homography import project
-from streamkit_tracks.record_file import RecordFileSink
+from streamkit_tracks.record_sink import RecordFileSink
 
 APPLICATION = "streamkit"
 

@@ -5,7 +5,7 @@ from typing_extensions import override
 
 from streamkit import TRACKS_CAPS, Frame, Property, TextFileSink, encode_record, record_line
 from streamkit_tracks.file_formats import FORMATS, GEOGRAPHIC, KINDS, FileKind, RecordFormat
-from streamkit_tracks.record_file import RecordFileSink
+from streamkit_tracks.record_sink import RecordFileSink
 
 
 class TrackSink(TextFileSink[RecordFormat], RecordFileSink):

@@ -2,28 +2,16 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 from typing_extensions import override
 
-from streamkit import (
-    TRACKS_CAPS,
-    Caps,
-    Frame,
-    Property,
-    ResourceError,
-    RunCounter,
-    Source,
-    StreamError,
-    decode_record,
-)
-
-# As for a record received over zenoh.
-LINE_LIMIT_BYTES = 4 << 20
+from streamkit import TRACKS_CAPS, Caps, Frame, Property, RecordFile, ResourceError, Source
 
 
 class TrackSrc(Source):
     """Reads the track records that tracksink has written as JSON lines, with the times of their frames.
+
+    A last line that is only half written, as by a process that was killed, is left out with a warning.
 
     Example:
         tracksrc location=tracks.jsonl ! identity sync=true ! zenohsink key=uav/1
@@ -35,21 +23,15 @@ class TrackSrc(Source):
         0, min=0, doc="The run that is read, of a file to which several were appended; 0: all."
     )
 
-    _lines: BinaryIO | None = None
-
     @override
     def start(self) -> None:
         try:
-            self._lines = Path(self.location).open("rb")  # noqa: SIM115 - closed by stop()
+            with Path(self.location).open("rb"):
+                pass
         except OSError as error:
             raise ResourceError(
                 f"location={self.location}: {error.strerror}; name a file that tracksink wrote"
             ) from None
-
-    @override
-    def stop(self) -> None:
-        if self._lines is not None:
-            self._lines.close()
 
     @override
     def negotiate(self, allowed: Caps) -> Caps:
@@ -58,22 +40,12 @@ class TrackSrc(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         """One frame for each line; raises `StreamError` where a line is no record."""
-        lines, number = self._lines, 0
-        assert lines is not None, "start() precedes frames"
-        runs = RunCounter()
-        while line := lines.readline(LINE_LIMIT_BYTES):
-            number += 1
-            if not line.strip():
-                continue
-            frame = self._frame(line.strip(), number)
-            if self.run in (0, runs.run_of(frame.epoch, frame.seq)):
-                yield frame
-
-    def _frame(self, line: bytes, number: int) -> Frame:
-        try:
-            record = decode_record(line)
-        except StreamError as error:
-            raise StreamError(f"{self.location}, line {number}: {error}") from None
-        return Frame(
-            line, TRACKS_CAPS, pts=record.pts_ns, epoch=record.epoch, seq=record.seq, capture=record.capture
-        )
+        records = RecordFile(Path(self.location))
+        for run, record, line in records.lines():
+            if self.run in (0, run):
+                yield Frame(
+                    line, TRACKS_CAPS, pts=record.pts_ns, epoch=record.epoch, seq=record.seq,
+                    capture=record.capture,
+                )  # fmt: skip
+        if records.is_cut_off:
+            self.post_warning(f"the last line of {self.location} is only half written and left out")

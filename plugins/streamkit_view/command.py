@@ -25,8 +25,8 @@ def view(
     what: Annotated[
         list[str],
         typer.Argument(
-            help="Keys of zenohsink, for example uav/1; or one video file, rtsp:// URL, or the records of a "
-            "finished run, tracks.jsonl."
+            help="Keys of zenohsink, for example uav/1; or one video file, URL of live video, or the records "
+            "of a finished run, tracks.jsonl."
         ),
     ],
     listen: Annotated[
@@ -49,7 +49,7 @@ def view(
     except ImportError as error:
         _fail(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import Access, is_loopback
-    from streamkit_view.playback import is_run, is_source, playing
+    from streamkit_view.playback import is_run, is_source, playing, unplayable
 
     sources = [text for text in what if is_source(text)]
     if sources and len(what) > 1:
@@ -59,6 +59,9 @@ def view(
             _fail(f"{text}: there is no such file")
     if any(map(is_run, sources)) != bool(video):
         _fail("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
+    for text in filter(None, [*sources, video]):
+        if reason := unplayable(text):
+            _fail(reason)
     host, bound = _bind(listen)
     token = secrets.token_urlsafe(24)
     # Until the server handles signals itself: what was started is ended by this process only.

@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
-from urllib.parse import urlsplit
 
-from streamkit import mask_secrets
+from streamkit import ElementFailure, Pipeline, choose_source, mask_secrets
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
@@ -29,11 +28,27 @@ def is_run(text: str) -> bool:
     return Path(text).suffix.lower() == ".jsonl"
 
 
-def pipeline_for(location: str) -> str:
-    """The name of the pipeline for a location."""
+def pipeline_for(location: str) -> tuple[str, str]:
+    """The name of the pipeline for a location, and the element and property that take it."""
     if is_run(location):
-        return "run.pipe"
-    return "camera.pipe" if urlsplit(location).scheme in ("rtsp", "rtsps") else "file.pipe"
+        return "run.pipe", "tracksrc location"
+    source = choose_source(location)
+    return "camera.pipe" if source.is_live else "file.pipe", f"{source.element} {source.property}"
+
+
+def unplayable(location: str) -> str:
+    """Why a file cannot be played; "" where it can, and for a URL, which is opened with the page."""
+    if "://" in location:
+        return ""
+    element = pipeline_for(location)[1].split()[0]
+    pipeline = Pipeline.parse(f"{element} name=file ! fakesink")
+    pipeline["file"].location = location
+    try:
+        with pipeline:
+            pipeline.ready()
+    except ElementFailure as error:
+        return str(error.cause)
+    return ""
 
 
 class Playback:
@@ -48,7 +63,10 @@ class Playback:
 
     def __init__(self, location: str, key: str, command: tuple[str, ...], video: str = "") -> None:
         self._location, self._command = location, command
+        self._pipeline, source = pipeline_for(location)
         self._variables = {"location": location, "key": key} | ({"video": video} if video else {})
+        if self._pipeline == "camera.pipe":
+            self._variables["source"] = source
         self._process: subprocess.Popen[bytes] | None = None
         self._last_line = ""
         self._lock = threading.Lock()
@@ -60,7 +78,7 @@ class Playback:
             if self._is_closed or (self._process is not None and self._process.poll() is None):
                 return
             self._last_line = ""
-            arguments = ["launch", "-f", str(folder / pipeline_for(self._location))]
+            arguments = ["launch", "-f", str(folder / self._pipeline)]
             for name, value in self._variables.items():
                 arguments += ["--set", f"{name}={value}"]
             self._process = subprocess.Popen(

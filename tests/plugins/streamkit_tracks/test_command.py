@@ -36,7 +36,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_targets_are_listed(records: Path) -> None:
     """A line each: id, times, frames, size, states; as JSON the same."""
     done = run("tracks", str(records))
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, "1 target, 1 confirmed\n")
     head, line = done.stdout.splitlines()
     assert head.split() == ["id", "from", "s", "to", "s", "frames", "size", "px", "states"]
     assert line.split()[:4] == ["1", "0.00", "0.76", "20"]

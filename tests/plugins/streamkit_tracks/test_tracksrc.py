@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import ElementFailure, Pipeline
+from streamkit import ElementFailure, MessageKind, Pipeline
 
 VIDEO = "videotestsrc num-buffers=12 ! video/x-raw, width=320, height=240, framerate=25/1"
 
@@ -25,9 +25,9 @@ def test_records_come_back_as_they_were_written(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (None, "No such file or directory; name a file that tracksink wrote"),
-        (b"\n{}\n", "tracks.jsonl, line 2: not a track record"),
-        (b"\xff\xfe\n", "tracks.jsonl, line 1: not a track record"),
-        (b"[" * 100_000, "tracks.jsonl, line 1: not a track record"),
+        (b"\n{}\n", "tracks.jsonl:2: not a track record"),
+        (b"\xff\xfe\n", "tracks.jsonl:1: not a track record"),
+        (b"[" * 100_000, "tracks.jsonl:1: not a track record"),
     ],
 )
 def test_a_file_of_something_else_is_an_error_with_its_line(
@@ -39,3 +39,18 @@ def test_a_file_of_something_else_is_an_error_with_its_line(
         path.write_bytes(content)
     with pytest.raises(ElementFailure, match=message):
         Pipeline.parse(f"tracksrc location={path} ! fakesink").run(timeout_s=30)
+
+
+def test_a_half_written_last_line_is_left_out_with_a_warning(tmp_path: Path) -> None:
+    """As a process that was killed leaves it."""
+    path = tmp_path / "tracks.jsonl"
+    Pipeline.parse(f"{VIDEO} ! tracksink location={path}").run(timeout_s=120)
+    path.write_bytes(path.read_bytes()[:-20])
+    warnings: list[str] = []
+    with Pipeline.parse(f"tracksrc location={path} ! appsink name=out") as pipeline:
+        pipeline.bus.watch(
+            lambda message: warnings.append(message.text) if message.kind is MessageKind.WARNING else None
+        )
+        pipeline.play()
+        assert len(list(pipeline["out"])) == 11
+    assert ["half written" in text for text in warnings] == [True]

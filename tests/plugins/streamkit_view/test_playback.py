@@ -2,11 +2,12 @@
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from streamkit_view.playback import Playback
+from streamkit_view.playback import Playback, pipeline_for, unplayable
 
 SCRIPT = """
 import sys, time
@@ -47,3 +48,28 @@ def test_a_failure_is_its_last_line_without_secrets(wait_for: Callable[..., Any]
         assert "secret" not in found.failure
     finally:
         found.close()
+
+
+def test_a_file_that_cannot_be_played_is_known_before(tmp_path: Path, streamkit_data: Path) -> None:
+    """With the reason; a URL is tried when the page is opened."""
+    text = tmp_path / "notes.mp4"
+    text.write_text("no video")
+    assert "no media that FFmpeg can read" in unplayable(str(text))
+    assert unplayable(str(streamkit_data / "video" / "fixed_camera_cars.mp4")) == ""
+    assert unplayable("rtsp://nowhere.invalid/live") == ""
+
+
+@pytest.mark.parametrize(
+    ("location", "pipeline", "source"),
+    [
+        ("flight.mp4", "file.pipe", "filesrc location"),
+        ("https://host/flight.mp4", "file.pipe", "filesrc location"),
+        ("https://host/live.m3u8?x=1", "camera.pipe", "livesrc uri"),
+        ("udp://@239.1.2.3:5000", "camera.pipe", "livesrc uri"),
+        ("rtsps://drone/live", "camera.pipe", "rtspsrc location"),
+        ("tracks.jsonl", "run.pipe", "tracksrc location"),
+    ],
+)
+def test_the_pipeline_fits_the_location(location: str, pipeline: str, source: str) -> None:
+    """Live URLs are received with reconnects, files are played in real time."""
+    assert pipeline_for(location) == (pipeline, source)

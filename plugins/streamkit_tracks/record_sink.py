@@ -6,7 +6,7 @@ from streamkit import Frame, OutputFileSink, Property, RecordTally, TrackRecord,
 
 
 class RecordFileSink(OutputFileSink):
-    """Makes the records of frames."""
+    """Makes the records of frames, and explains at the end why none was of use."""
 
     sink = "video/x-raw; application/x-tracks"
     source: str | None = Property(
@@ -17,7 +17,7 @@ class RecordFileSink(OutputFileSink):
     )
 
     def start(self) -> None:
-        """Checks the name."""
+        """Checks the file's name, and begins to count."""
         self._tally = RecordTally(needs_positions=self.needs_positions())
         super().start()
 

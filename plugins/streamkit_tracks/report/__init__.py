@@ -1,0 +1,1 @@
+"""The command `streamkit report`: one page about a finished run, which needs no network."""

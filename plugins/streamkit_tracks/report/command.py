@@ -1,0 +1,114 @@
+"""The command `streamkit report`."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
+from streamkit_tracks.report.run_data import Run, TargetPath, collect_run
+
+MOST_CROPS = 60
+
+
+def report(
+    file: Annotated[
+        Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.")] = Path("report.html"),
+    video: Annotated[
+        Path | None, typer.Option(help="The video that the tracks are of: adds pictures of the targets.")
+    ] = None,
+    run: Annotated[
+        int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
+    ] = None,
+) -> None:
+    """Writes a page about a finished run: map, time line of the targets, age, registration, pictures."""
+    try:
+        found, number, count = read_run(file, run)
+        if count > 1 and run is None:
+            typer.echo(f"note: {file} has {count} runs, this is run {number}; see --run", err=True)
+        frame, crops = (b"", {}) if video is None else take_pictures(found, video)
+        write_page(found, file.name, output, frame, crops)
+    except (OSError, StreamkitError) as error:
+        _fail(str(error))
+    except ImportError as error:
+        _fail(f"{error}; install the extra: pip install 'streamkit[report]'")
+    typer.echo(f"wrote {output}")
+
+
+def read_run(file: Path, wanted: int | None) -> tuple[Run, int, int]:
+    """A run of a file, its number, and how many runs the file has; the last run if None is wanted.
+
+    Raises:
+        OSError: the file cannot be read.
+        StreamError: a line is no track record.
+    """
+    count = max((number for number, _ in RecordFile(file)), default=0)
+    number = wanted or count
+    if not 0 < number <= count:
+        _fail(f"{file}: no run {number}, it has {count}")
+    return collect_run(record for of, record in RecordFile(file) if of == number), number, count
+
+
+def write_page(run: Run, title: str, output: Path, frame: bytes, crops: dict[int, bytes]) -> None:
+    """Writes the page.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        OSError: the page cannot be written.
+    """
+    from streamkit_tracks.report.figures import draw_figures
+    from streamkit_tracks.report.page import build_page
+
+    page = build_page(run, title, draw_figures(run), frame, crops)
+    output.write_text(page, encoding="utf-8")
+
+
+def take_pictures(run: Run, video: Path) -> tuple[bytes, dict[int, bytes]]:
+    """The frame with the most targets, and a crop of each of the longest targets where it is largest.
+
+    A frame of the video belongs to the record of the same time; without times, of the same number.
+
+    Raises:
+        StreamError: no frame belongs to a record, or frames have another size.
+        StreamkitError: the video cannot be read.
+    """
+    from streamkit_tracks.report.pictures import crop_jpeg, frame_jpeg
+
+    wanted: defaultdict[int, list[TargetPath]] = defaultdict(list, {run.busiest: []})
+    for path in run.shown_paths()[:MOST_CROPS]:
+        wanted[path.largest[1]].append(path)
+    indices = {pts: index for index, pts in enumerate(run.pts_ns) if pts is not None}
+    picture, crops, has_match = b"", {}, False
+    with Pipeline.parse(
+        "filesrc name=file ! decode ! video/x-raw, format=BGR ! appsink name=out"
+    ) as pipeline:
+        pipeline["file"].location = str(video)
+        pipeline.play()
+        for number, frame in enumerate(pipeline["out"]):
+            index = indices.get(frame.pts) if indices else number
+            has_match |= index is not None
+            if run.size is not None and frame.data.shape[1::-1] != run.size:
+                size = "{} x {}".format(*run.size)
+                raise StreamError(f"{video}: the tracks are of frames of {size} px; give their own video")
+            if index is None or index not in wanted:
+                continue
+            if index == run.busiest:
+                picture = frame_jpeg(frame.data, run.busiest_boxes)
+            crops.update({path.id: crop_jpeg(frame.data, path.largest[2]) for path in wanted.pop(index)})
+            if not wanted:
+                break
+    if not has_match:
+        raise StreamError(
+            f"{video}: no frame has the time of a record; give the video that the tracks are of"
+        )
+    return picture, crops
+
+
+def _fail(text: str) -> NoReturn:
+    typer.echo(f"error: {text}", err=True)
+    raise typer.Exit(1)

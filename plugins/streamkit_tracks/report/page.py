@@ -1,0 +1,86 @@
+"""The page of a report: one HTML file that loads nothing."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from collections.abc import Mapping
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from streamkit_tracks.report.run_data import Run, TargetPath
+
+MOST_TARGETS = 200
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+img { max-width: 100%; background: white; } figure { margin: 1.5rem 0; } figcaption { color: #555; }
+table { border-collapse: collapse; } td, th { padding: .2rem .7rem; text-align: right; }
+td:last-child, th:last-child { text-align: left; } tr { border-bottom: 1px solid #ccc8; }
+"""
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def build_page(
+    run: Run, title: str, figures: Mapping[str, tuple[str, bytes]], frame: bytes, crops: Mapping[int, bytes]
+) -> str:
+    """The page.
+
+    Args:
+        run: what it is about.
+        title: of the page.
+        figures: caption and SVG by heading.
+        frame: JPEG of the frame with the most targets; empty without a video.
+        crops: JPEG of each target, by id.
+    """
+    head = (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
+    )
+    parts = [head, f"<body><h1>{escape(title)}</h1><p>{escape(_totals(run))}</p>"]
+    if frame:
+        caption = "The frame with the most targets."
+        parts.append(_figure(_image(frame, "image/jpeg", caption), caption))
+    for heading, (caption, svg) in figures.items():
+        image = _image(svg, "image/svg+xml", f"{heading}: {caption}")
+        parts.append(f"<h2>{escape(heading)}</h2>{_figure(image, caption)}")
+    parts.append(_table(run.shown_paths(), crops))
+    return "\n".join([*parts, "</body></html>\n"])
+
+
+def _totals(run: Run) -> str:
+    paths, frames = run.shown_paths(), len(run.times_s)
+    seconds = run.times_s[-1] if run.times_s else 0.0
+    size = "" if run.size is None else f" of {run.size[0]} x {run.size[1]} px"
+    states = Counter(filter(None, run.statuses))
+    registration = ", ".join(f"{count} {status}" for status, count in states.most_common())
+    return (
+        f"Source {run.source}: {frames} frames{size} in {seconds:.1f} s, {len(paths)} confirmed targets of "
+        f"{len(run.paths)} ids" + (f"; registration: {registration}." if registration else ".")
+    )
+
+
+def _image(data: bytes, media_type: str, text: str) -> str:
+    content = base64.b64encode(data).decode()
+    return f'<img alt="{escape(text)}" src="data:{media_type};base64,{content}">'
+
+
+def _figure(image: str, caption: str) -> str:
+    return f"<figure>{image}<figcaption>{escape(caption)}</figcaption></figure>"
+
+
+def _table(paths: list[TargetPath], crops: Mapping[int, bytes]) -> str:
+    """The targets, the longest first."""
+    rows = []
+    for path in paths[:MOST_TARGETS]:
+        states = ", ".join(f"{count} {state}" for state, count in Counter(path.states).items())
+        crop = _image(crops[path.id], "image/jpeg", f"target {path.id}") if path.id in crops else ""
+        rows.append(
+            f"<tr><td>{crop}</td><td>{path.id}</td><td>{path.times_s[0]:.2f}</td>"
+            f"<td>{path.times_s[-1]:.2f}</td><td>{len(path.times_s)}</td><td>{escape(states)}</td></tr>"
+        )
+    left_out = len(paths) - len(rows)
+    note = f"<p>{left_out} more, of fewer frames, are not listed.</p>" if left_out else ""
+    head = "".join(f"<th>{name}</th>" for name in ("", "id", "from, s", "to, s", "frames", "states"))
+    return f"<h2>Targets</h2><table><tr>{head}</tr>{''.join(rows)}</table>{note}"

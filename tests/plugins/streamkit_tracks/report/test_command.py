@@ -1,0 +1,80 @@
+"""`streamkit report`: the page of a finished run shows its targets, and loads nothing."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from streamkit import Pipeline
+from tests.slowness import patience
+
+BINARY = str(Path(sys.executable).with_name("streamkit"))
+pytestmark = pytest.mark.timeout(240)
+
+
+def report(*arguments: object) -> subprocess.CompletedProcess[str]:
+    """Runs the command."""
+    return subprocess.run(
+        [BINARY, "report", *map(str, arguments)],
+        capture_output=True, text=True, timeout=patience(60), check=False,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Records of one drawn target, and the video that they are of."""
+    folder = tmp_path_factory.mktemp("run")
+    records, video = folder / "<b>tracks.jsonl", folder / "flight.mp4"
+    pipeline = Pipeline.parse(
+        "dronetestsrc num-buffers=20 cars=1 ! video/x-raw, format=I420, width=320, height=240, "
+        f"framerate=25/1 ! tee name=t  t. ! queue ! videofilesink location={video} "
+        "t. ! queue ! particletrack window=100,80,40,30 ! tracksink name=records"
+    )
+    pipeline["records"].location = str(records)
+    pipeline.run(timeout_s=patience(150))
+    return records, video
+
+
+def test_the_page_shows_the_run(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """Figures, pictures and the table; text of the file is text, and every image is in the page."""
+    records, video = run
+    page = tmp_path / "page.html"
+    done = report(records, "--video", video, "-o", page)
+    assert (done.returncode, done.stderr, done.stdout) == (0, "", f"wrote {page}\n")
+    text = page.read_text()
+    assert "&lt;b&gt;tracks.jsonl" in text
+    assert "<b>" not in text
+    assert re.findall("<h2>(.*?)</h2>", text) == [
+        "Map", "Targets over time", "Number of targets", "Targets",
+    ]  # fmt: skip
+    sources = re.findall('src="([^,]*),', text)
+    assert sources == ["data:image/jpeg;base64", *["data:image/svg+xml;base64"] * 3, "data:image/jpeg;base64"]
+    assert "<td>1</td><td>0.00</td><td>0.76</td><td>20</td>" in text
+    assert re.search(r'(?:src|href)="(?!data:)', text) is None
+
+
+def test_without_a_video_there_are_figures_only(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """The same records give the same page."""
+    pages = [tmp_path / "a.html", tmp_path / "b.html"]
+    for page in pages:
+        assert report(run[0], "-o", page).returncode == 0
+    assert pages[0].read_bytes() == pages[1].read_bytes()
+    assert "image/jpeg" not in pages[0].read_text()
+
+
+def test_what_does_not_belong_together_is_an_error(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """Another video, a run that is not there, a page that cannot be written."""
+    records, flight = run
+    other = flight.with_name("other.mp4")
+    text = "videotestsrc num-buffers=2 ! video/x-raw, width=64, height=48 ! videofilesink location={}"
+    Pipeline.parse(text.format(other)).run(timeout_s=patience(60))
+    done = report(records, "--video", other, "-o", tmp_path / "x.html")
+    assert done.returncode == 1
+    assert "the tracks are of frames of 320 x 240 px; give their own video" in done.stderr
+    done = report(records, "--run", 3, "-o", tmp_path / "x.html")
+    assert (done.returncode, "no run 3, it has 1" in done.stderr) == (1, True)
+    done = report(records, "-o", tmp_path / "nowhere" / "x.html")
+    assert (done.returncode, "No such file or directory" in done.stderr) == (1, True)
+    assert list(tmp_path.iterdir()) == []
