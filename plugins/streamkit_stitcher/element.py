@@ -42,7 +42,7 @@ from streamkit import (
 from streamkit.geometry.homography import centre, project
 from streamkit.output.names import FileNames
 from streamkit_kernels import COMPILING, on_compilation
-from streamkit_stitcher.flight_plan.plan import CameraView, FlightPlan, parse_strip, plan_strip
+from streamkit_stitcher.flight_plan.plan import FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.ground_view import ground_view
 from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
@@ -298,9 +298,9 @@ class Stitch(Transform):
 
     def _plan(self, strip: str, shape: tuple[int, int]) -> FlightPlan:
         try:
-            view = CameraView.of_width(self._view_across(shape), shape)
+            view = self._view_across(shape)
             overlap = self.settings.keyframe_overlap
-            return plan_strip(parse_strip(strip), self.altitude, view, overlap, self.speed, shape[1])
+            return plan_strip(parse_strip(strip), self.altitude, view, overlap, self.speed, shape)
         except (ValueError, ZeroDivisionError) as error:
             raise ResourceError(
                 f"{self.name}: strip needs altitude, field-of-view and speed above 0: {error}"

@@ -5,7 +5,9 @@ from collections import deque
 from dataclasses import replace
 from typing import Final
 
-from streamkit.geometry.homography import IDENTITY, inverse, normalised
+import numpy as np
+
+from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, georeferenced
 from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, local_metres
 from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
@@ -13,7 +15,7 @@ from streamkit_stitcher.plane.frame_registration import FrameRegistration, Statu
 # The views of the last forty seconds: over longer times the plane drifts.
 _MOST_VIEWS: Final = 200
 _INTERVAL_S: Final = 0.2
-# Positions over which the speed is taken: some are sent twice.
+# Positions over which the velocity is taken: some are sent twice.
 _STEPS: Final = 5
 # Views that are added between two fits, as a part of those there are.
 _GROWTH: Final = 1 / 8
@@ -27,7 +29,7 @@ class LiveGround:
         self._geo: Georeference | None = None
         self._added, self._last_s = 0, -math.inf
         self._last: GroundView | None = None
-        self._speeds = deque[float](maxlen=_STEPS)
+        self._velocities = deque[FloatArray](maxlen=_STEPS)
 
     def locate(
         self, registered: FrameRegistration, shape: tuple[int, int], position: Position
@@ -50,14 +52,13 @@ class LiveGround:
         if registered.status is Status.LOST:
             return None
         if isinstance(position, GroundView):
-            self._speeds.append(_speed(self._last, position))
+            self._velocities.append(_velocity(self._last, position))
             self._last = position
             if registered.anchored:
                 self._add(FrameView(0, registered.to_reference, shape, position))
         if self._geo is None:
             return None
-        # Telemetry and image differ by this time, and either may be right.
-        error_m = math.hypot(self._geo.error_m, max(self._speeds, default=0.0) * self._geo.lead_s)
+        error_m = math.hypot(self._geo.error_m, self._geo.lead_error_m(self._velocities))
         return replace(self._geo.seen_through(inverse(registered.to_reference)), error_m=error_m)
 
     def _forget(self) -> None:
@@ -79,9 +80,9 @@ class LiveGround:
             self._added = 0
 
 
-def _speed(before: GroundView | None, view: GroundView) -> float:
-    """Speed over the ground of what the middle of the frame shows, m/s; 0 where it is unknown."""
+def _velocity(before: GroundView | None, view: GroundView) -> FloatArray:
+    """Velocity over the ground of what the middle of the frame shows, m/s; 0 where it is unknown."""
     if before is None or before.time_s is None or view.time_s is None or view.time_s <= before.time_s:
-        return 0.0
+        return np.zeros(2)
     step = local_metres([view.places[0]], before.places[0])[0]
-    return math.hypot(*step) / (view.time_s - before.time_s)
+    return np.asarray(step / (view.time_s - before.time_s))

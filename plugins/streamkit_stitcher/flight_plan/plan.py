@@ -16,25 +16,6 @@ class GeodeticPoint:
 
 
 @dataclass(frozen=True)
-class CameraView:
-    """Field of view of a camera that looks straight down.
-
-    Attributes:
-        horizontal: across the frame, rad.
-        vertical: along its height, rad.
-    """
-
-    horizontal: float
-    vertical: float
-
-    @classmethod
-    def of_width(cls, horizontal: float, shape: tuple[int, int]) -> "CameraView":
-        """From the horizontal field of view, rad, and the (height, width) of the frames."""
-        height, width = shape
-        return cls(horizontal, 2 * math.atan(math.tan(horizontal / 2) * height / width))
-
-
-@dataclass(frozen=True)
 class FlightPlan:
     """A planned strip.
 
@@ -80,28 +61,23 @@ def parse_strip(text: str) -> tuple[GeodeticPoint, GeodeticPoint]:
     return ends
 
 
-def footprint(altitude_m: float, view: CameraView) -> tuple[float, float]:
-    """Ground across and along a frame taken straight down from `altitude_m` above the ground, m."""
-    return 2 * altitude_m * math.tan(view.horizontal / 2), 2 * altitude_m * math.tan(view.vertical / 2)
-
-
 def plan_strip(
     ends: tuple[GeodeticPoint, GeodeticPoint],
     altitude_m: float,
-    view: CameraView,
+    field_of_view: float,
     overlap: float,
     speed_m_s: float,
-    width_px: int,
+    shape: tuple[int, int],
 ) -> FlightPlan:
     """Plans a strip flown along the height of the frames.
 
     Args:
         ends: centres of the first and the last frame.
         altitude_m: above the ground.
-        view: of the camera.
+        field_of_view: horizontal, of a camera that looks straight down, rad.
         overlap: of consecutive frames, 0 to below 1.
         speed_m_s: over the ground.
-        width_px: of the frames.
+        shape: height and width of the frames, px.
 
     Raises:
         ValueError: a value is out of range, or the strip needs more than 100 000 frames.
@@ -120,7 +96,8 @@ def plan_strip(
     azimuth, _, length = pyproj.Geod(ellps="WGS84").inv(
         ends[0].longitude, ends[0].latitude, ends[1].longitude, ends[1].latitude
     )
-    across, along = footprint(altitude_m, view)
+    across = 2 * altitude_m * math.tan(field_of_view / 2)
+    along = across * shape[0] / shape[1]
     step = along * (1 - overlap)
     images = math.ceil(length / step - 1e-9) + 1
     if images > _MAX_IMAGES:
@@ -129,5 +106,5 @@ def plan_strip(
             f"{_MAX_IMAGES} are possible: check altitude, field of view and overlap"
         )
     return FlightPlan(
-        float(length), math.radians(azimuth), (across, along), images, step / speed_m_s, across / width_px
+        float(length), math.radians(azimuth), (across, along), images, step / speed_m_s, across / shape[1]
     )

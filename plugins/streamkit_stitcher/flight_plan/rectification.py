@@ -146,17 +146,3 @@ def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float
     half_height = min(half_height, float(bulging.min()))
     half_width = half_height * aspect
     return middle[0] - half_width, middle[1] - half_height, 2 * half_width, 2 * half_height
-
-
-def common_rectangle(
-    rectangles: list[tuple[float, float, float, float]], aspect: float
-) -> tuple[float, float]:
-    """Width and height that all rectangles can be cropped to, at the aspect ratio.
-
-    Raises:
-        ValueError: there is no rectangle.
-    """
-    if not rectangles:
-        raise ValueError("no frame to cut: give at least one inscribed rectangle")
-    width = min(min(rectangle[2], rectangle[3] * aspect) for rectangle in rectangles)
-    return width, width / aspect

@@ -11,7 +11,6 @@ from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.flight_plan.rectification import (
     Camera,
     MapArray,
-    common_rectangle,
     inscribed_rectangle,
     levelling,
     rectification_maps,
@@ -43,8 +42,9 @@ class Rectifier:
         self._camera, self._shape, self._aspect, self._max_tilt = camera, shape, aspect, max_tilt
         turns = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS) if max_tilt > 0 else np.empty(0)
         tilts = [(0.0, 0.0), *((max_tilt * math.cos(turn), max_tilt * math.sin(turn)) for turn in turns)]
-        width, height = common_rectangle([self._inscribed(self._to_level(*tilt)) for tilt in tilts], aspect)
-        self.size: tuple[int, int] = _even(width), _even(height)
+        inscribed = [self._inscribed(self._to_level(*tilt)) for tilt in tilts]
+        width = min(min(wide, high * aspect) for _, _, wide, high in inscribed)
+        self.size: tuple[int, int] = _even(width), _even(width / aspect)
         if not (math.isfinite(width) and min(self.size) > 1):
             raise ValueError(
                 f"nothing can be cut out of {shape[1]} x {shape[0]} px at a tilt of "

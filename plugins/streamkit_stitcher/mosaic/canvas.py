@@ -15,9 +15,8 @@ CellArray = npt.NDArray[np.int64]
 
 _SMALLEST_SCALE: Final = 1 / 16
 _SPILL_FACTOR: Final = 16
-_LONGEST_SIDE: Final = 500_000
-_PER_TILE: Final = 64
-_COARSE: Final = TILE // _PER_TILE
+# Largest distance of a point of the canvas from its origin, px at scale 1.
+LONGEST_SIDE: Final = 500_000
 _PREVIEW_WHOLE_PX: Final = 4_000_000
 
 
@@ -28,15 +27,13 @@ class Canvas:
 
     Args:
         max_px: most pixels in memory; 16 times as many go to a file before the scale is halved.
-        reduction: px of the ground per px of the plane, which limits the canvas's extent.
 
     Attributes:
         scale: canvas pixels per px of the first plane, 1 or a power of a half.
     """
 
-    def __init__(self, max_px: int, reduction: int = 1) -> None:
+    def __init__(self, max_px: int) -> None:
         self._memory_px = max_px
-        self._longest = _LONGEST_SIDE / reduction
         self._limit = max_px * _SPILL_FACTOR
         self.scale = 1.0
         self._store: TileStore | None = None
@@ -68,15 +65,6 @@ class Canvas:
         scaling = np.array([[self.scale, 0, offset], [0, self.scale, offset], [0, 0, 1]])
         return normalised(scaling @ self._from_current)
 
-    @property
-    def covered_px(self) -> float:
-        """Painted area, px of the plane, sampled at every eighth pixel."""
-        if self._store is None:
-            return 0.0
-        cells = [self._store.coarse_depth(key) for key in self._store.keys]
-        painted = sum(int(np.count_nonzero(depth)) for depth in cells if depth is not None)
-        return painted * _COARSE**2 / self.scale**2
-
     def move_plane(self, change: FloatArray) -> None:
         """Follows a change of the plane, float64[3, 3] old to new; painted pixels do not move."""
         self._from_current = normalised(self._from_current @ inverse(change))
@@ -87,7 +75,7 @@ class Canvas:
         Only the first call decides the channels. False, with nothing changed, where a sixteenth of the
         resolution would not be enough.
         """
-        if float(np.abs(points).max()) > self._longest:
+        if float(np.abs(points).max()) > LONGEST_SIDE:
             return False
         scale, low, high = self.scale, self._low, self._high
         while True:
@@ -143,28 +131,6 @@ class Canvas:
             )
             tile.pixels[there], tile.depth[there] = pixels[here], depth[here]
             self._store.put(key, tile)
-
-    def is_painted(self, cells: CellArray) -> npt.NDArray[np.bool_]:
-        """Whether canvas pixels, int64[n, 2] x y, are painted, at every eighth pixel."""
-        painted = np.zeros(len(cells), dtype=np.bool_)
-        if self._store is None or not len(cells):
-            return painted
-        inside = ((cells >= self._low) & (cells < self._high)).all(axis=1)
-        if not inside.any():
-            return painted
-        coarse = cells[inside] // _COARSE
-        low, high = coarse.min(axis=0) // _PER_TILE, coarse.max(axis=0) // _PER_TILE + 1
-        columns, rows = (high - low).tolist()
-        depths = np.zeros((rows * _PER_TILE, columns * _PER_TILE), dtype=np.uint8)
-        for row in range(rows):
-            for column in range(columns):
-                depth = self._store.coarse_depth((int(low[0]) + column, int(low[1]) + row))
-                if depth is not None:
-                    top, left = row * _PER_TILE, column * _PER_TILE
-                    depths[top : top + _PER_TILE, left : left + _PER_TILE] = depth
-        x, y = (coarse - low * _PER_TILE).T
-        painted[inside] = depths[y, x] > 0
-        return painted
 
     def preview(self, width: int, height: int) -> tuple[ImageArray, FloatArray]:
         """The whole canvas fitted into `width` x `height`, with black borders.

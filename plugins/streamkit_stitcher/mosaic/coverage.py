@@ -1,86 +1,73 @@
 """The ground that the frames of a plane cover, from their outlines."""
 
-from typing import Final
-
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project, to_reduced
-from streamkit_stitcher.mosaic.mosaic import Mosaic, is_paintable
+from streamkit.geometry.homography import IDENTITY, FloatArray, corners, inverse, normalised, project
+from streamkit_stitcher.mosaic.canvas import LONGEST_SIDE
+from streamkit_stitcher.mosaic.mosaic import is_paintable
 
-_FACTOR: Final = 4
-_LEAST_SIDE: Final = 256
+# Rows and columns of the points of a frame that are looked up.
+_GRID = 18, 32
 
 
 class Coverage:
-    """The outlines of frames on a plane reduced by four: a sixteenth of a mosaic's work.
+    """The outlines of frames on a plane.
 
-    Frames lower or narrower than 256 px are not reduced.
-
-    Args:
-        max_px: most px of the plane in memory.
+    Attributes:
+        covered_px: covered area, px of the first plane.
     """
 
-    def __init__(self, max_px: int) -> None:
-        self._max_px = max_px
-        self._factor = _FACTOR
-        self._outlines = Mosaic(max_px // _FACTOR**2, _FACTOR)
+    def __init__(self) -> None:
+        self._to_first = IDENTITY
+        self._from_first: list[FloatArray] = []
+        self._shapes: list[tuple[int, int]] = []
+        self._boxes = np.empty((0, 4))
+        self.covered_px = 0.0
 
     @property
     def is_empty(self) -> bool:
         """Whether no frame was added."""
-        return self._outlines.canvas.is_empty
-
-    @property
-    def covered_px(self) -> float:
-        """Covered area, px of the plane."""
-        return self._outlines.covered_px * self._factor**2
+        return not self._shapes
 
     def add(self, shape: tuple[int, int], to_plane: FloatArray) -> bool:
-        """Adds a frame's outline; False where a mosaic would refuse the frame, see `Mosaic.add`.
-
-        Raises:
-            OSError: a temporary file is full.
-        """
-        if self.is_empty and min(shape) < _LEAST_SIDE:
-            self._factor = 1
-            self._outlines = Mosaic(self._max_px)
-        outline, matrix = self._reduced(shape), self._on_grid(shape, to_plane)
-        canvas = self._outlines.canvas
-        if not (is_paintable(matrix, outline) and is_paintable(canvas.from_frame(matrix), outline)):
+        """Adds a frame's outline; False where a mosaic would refuse the frame, see `Mosaic.add`."""
+        matrix = np.asarray(self._to_first @ to_plane)
+        if not is_paintable(matrix, shape):
             return False
-        if not canvas.make_room(canvas.at_scale_one(project(matrix, corners(outline))), 1):
+        outline = project(matrix, corners(shape))
+        if float(np.abs(outline).max()) > LONGEST_SIDE:
             return False
-        points = project(normalised(canvas.from_plane @ matrix), corners(outline))
-        left, top = np.floor(points.min(axis=0)).astype(int).tolist()
-        right, bottom = (np.ceil(points.max(axis=0)).astype(int) + 1).tolist()
-        inside = np.zeros((bottom - top, right - left), dtype=np.uint8)
-        cv2.fillConvexPoly(inside, np.rint((points - (left, top)) * 16).astype(np.int32), 255, cv2.LINE_8, 4)
-        pixels, depth = canvas.read(left, top, right - left, bottom - top)
-        canvas.write(left, top, pixels, np.maximum(depth, inside))
+        area = float(cv2.contourArea(outline.astype(np.float32)))
+        self.covered_px += area * self.uncovered(shape, to_plane)
+        self._from_first.append(inverse(matrix))
+        self._shapes.append(shape)
+        self._boxes = np.vstack([self._boxes, [*outline.min(axis=0), *outline.max(axis=0)]])
         return True
 
     def uncovered(self, shape: tuple[int, int], to_plane: FloatArray) -> float:
         """Part of a frame that shows new ground, 0 to 1."""
-        return self._outlines.uncovered(self._reduced(shape), self._on_grid(shape, to_plane))
+        rows, columns = (
+            (np.arange(count) + 0.5) * side / count - 0.5 for count, side in zip(_GRID, shape, strict=True)
+        )
+        grid = np.stack(np.meshgrid(columns, rows), axis=2).reshape(-1, 2)
+        points = project(normalised(self._to_first @ to_plane), grid)
+        low, high = points.min(axis=0), points.max(axis=0)
+        near = ((self._boxes[:, 2:] >= low) & (self._boxes[:, :2] <= high)).all(axis=1)
+        for number in np.flatnonzero(near)[::-1]:
+            points = points[~_inside(project(self._from_first[number], points), self._shapes[number])]
+            if not len(points):
+                break
+        return len(points) / len(grid)
 
     def move_plane(self, change: FloatArray) -> None:
         """Follows a change of the plane, float64[3, 3] old to new."""
-        self._outlines.canvas.move_plane(to_reduced(change, self._factor))
+        self._to_first = normalised(self._to_first @ inverse(change))
 
-    def close(self) -> None:
-        """Releases the canvas."""
-        self._outlines.canvas.close()
 
-    def _reduced(self, shape: tuple[int, int]) -> tuple[int, int]:
-        """Rows and columns of a reduced frame."""
-        return max(1, shape[0] // self._factor), max(1, shape[1] // self._factor)
-
-    def _on_grid(self, shape: tuple[int, int], to_plane: FloatArray) -> FloatArray:
-        """float64[3, 3] from the reduced frame to the reduced plane."""
-        height, width = self._reduced(shape)
-        across, down = shape[1] / width, shape[0] / height
-        enlarged = np.array([[across, 0, (across - 1) / 2], [0, down, (down - 1) / 2], [0, 0, 1]])
-        offset = (1 - self._factor) / 2
-        reduced_for = np.array([[1, 0, offset], [0, 1, offset], [0, 0, self._factor]])
-        return np.asarray(reduced_for @ to_plane @ enlarged, dtype=np.float64)
+def _inside(points: FloatArray, shape: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Points of a frame within its border."""
+    return np.asarray(
+        (np.abs(points + 0.5 - np.array(shape[::-1]) / 2) <= np.array(shape[::-1]) / 2).all(axis=1)
+    )

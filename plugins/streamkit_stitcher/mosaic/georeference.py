@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -62,6 +62,8 @@ class Georeference:
         fixes: number of frames used.
         spread_m: root mean square distance of the positions from the origin.
         lead_s: time by which the positions are ahead of the frames, as telemetry often is.
+        lead_std_s: its standard deviation, large where all positions move alike.
+        velocity: float64[2], the mean one of the positions, m/s.
     """
 
     to_local: FloatArray
@@ -71,6 +73,20 @@ class Georeference:
     fixes: int
     spread_m: float
     lead_s: float = 0.0
+    lead_std_s: float = 0.0
+    velocity: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    def lead_error_m(self, velocities: Sequence[FloatArray]) -> float:
+        """Error of a place at velocities float64[2], m/s, as the positions are ahead by an unknown time.
+
+        Telemetry and image differ by `lead_s`, and either may be right. What is unknown of it shows where the
+        velocity is not that of the positions, as a constant one only shifts the fit.
+        """
+        errors = [
+            math.hypot(math.hypot(*own) * self.lead_s, math.hypot(*(own - self.velocity)) * self.lead_std_s)
+            for own in velocities
+        ]
+        return max(errors, default=0.0)
 
     def seen_through(self, matrix: FloatArray) -> "Georeference":
         """That of pixels to which `matrix`, float64[3, 3], maps those of this one."""
@@ -149,7 +165,16 @@ def georeference(
         len(views),
         math.sqrt(float((metres**2).sum(axis=1).mean())),
         lead_s,
+        _lead_std_s(distances[first], speeds[first]),
+        speeds[first].mean(axis=0),
     )
+
+
+def _lead_std_s(distances: FloatArray, speeds: FloatArray) -> float:
+    """Standard deviation of the lead of positions that are so far off, m, and move so, float64[n, 2], m/s."""
+    power = float(((speeds - speeds.mean(axis=0)) ** 2).sum())
+    spread = _RMS_OF_MEDIAN * float(np.median(distances))
+    return min(_LONGEST_LEAD_S, spread / math.sqrt(power)) if power > 0 else _LONGEST_LEAD_S
 
 
 def _speeds(views: Sequence[GroundView], metres: FloatArray, first: npt.NDArray[np.int64]) -> FloatArray:

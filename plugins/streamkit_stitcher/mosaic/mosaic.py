@@ -27,11 +27,10 @@ class Mosaic:
 
     Args:
         max_px: most pixels in memory.
-        reduction: px of the frames per px of the plane, for reduced frames.
     """
 
-    def __init__(self, max_px: int, reduction: int = 1) -> None:
-        self.canvas = Canvas(max_px, reduction)
+    def __init__(self, max_px: int) -> None:
+        self.canvas = Canvas(max_px)
         self._frames = 0
 
     @property
@@ -44,11 +43,6 @@ class Mosaic:
         """Mosaic pixels per px of the reference plane, 1 or a power of a half."""
         return self.canvas.scale
 
-    @property
-    def covered_px(self) -> float:
-        """Covered area, px of the reference plane."""
-        return self.canvas.covered_px
-
     def image(self) -> ImageArray | None:
         """The mosaic so far: uint8[h, w] or uint8[h, w, 3] BGR, black where there is no frame, or None."""
         if self.canvas.is_empty:
@@ -56,16 +50,6 @@ class Mosaic:
         left, top, right, bottom = self.canvas.box
         pixels, _ = self.canvas.read(left, top, right - left, bottom - top)
         return pixels[:, :, 0] if self.canvas.channels == 1 else pixels
-
-    def uncovered(self, shape: tuple[int, int], to_reference: FloatArray) -> float:
-        """Part of a frame that shows new ground, 0 to 1."""
-        height, width = shape
-        columns = (np.arange(32) + 0.5) * width / 32 - 0.5
-        rows = (np.arange(18) + 0.5) * height / 18 - 0.5
-        across, down = np.meshgrid(columns, rows)
-        grid = np.stack([across.ravel(), down.ravel()], axis=1)
-        cells = np.rint(project(normalised(self.canvas.from_plane @ to_reference), grid)).astype(np.int64)
-        return 1.0 - float(np.count_nonzero(self.canvas.is_painted(cells))) / len(cells)
 
     def add(self, frame: ImageArray, to_reference: FloatArray, fills_gaps: bool = False) -> bool:
         """Paints a frame, converted to the format of the first one.

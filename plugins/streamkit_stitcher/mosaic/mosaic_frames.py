@@ -289,13 +289,12 @@ class MosaicFrames:
             if registered.key_index in homographies
         ]
 
-    def _covered_px(self, placed: Sequence[PlacedFrame]) -> float:
-        coverage = Coverage(self._settings.memory_px)
+    @staticmethod
+    def _covered_px(placed: Sequence[PlacedFrame]) -> float:
+        coverage = Coverage()
         for frame in placed:
             coverage.add(frame.shape, frame.to_plane)
-        area = coverage.covered_px
-        coverage.close()
-        return area
+        return coverage.covered_px
 
     def _composed(
         self, location: str, placed: Sequence[PlacedFrame], geo: Georeference | None

@@ -54,7 +54,7 @@ class MosaicRecorder:
         report = (lambda: None) if executor is None else executor.report_progress
         self.frames = MosaicFrames(settings, report)
         self.refused = 0
-        self._coverage = Coverage(settings.memory_px)
+        self._coverage = Coverage()
         self._reference = self._added = 0
         self._views, self._stride, self._skipped = list[FrameView](), 1, 0
 
@@ -100,7 +100,7 @@ class MosaicRecorder:
             OSError: a temporary file is full.
         """
         if self.is_new_plane(registered):
-            self._new_coverage()
+            self._coverage = Coverage()
             self._do(partial(self.frames.begin_plane, registered.reference))
         elif registered.rebase is not None:
             self._coverage.move_plane(registered.rebase)
@@ -147,7 +147,7 @@ class MosaicRecorder:
         """
         work = partial(self._write, self._coverage.covered_px, self._reference, adjust, written, self._views)
         self._views, self._stride, self._skipped = [], 1, 0
-        self._new_coverage()
+        self._coverage = Coverage()
         self._added = 0
         if self._executor is not None:
             return self._executor.submit(work)
@@ -179,17 +179,12 @@ class MosaicRecorder:
     def close(self) -> None:
         """Releases everything that was not written; the executor must have ended."""
         self.frames.close()
-        self._coverage.close()
 
     def _do(self, work: Callable[[], object], size: int = 0) -> None:
         if self._executor is None:
             work()
         else:
             self._executor.submit_waiting(work, size, self._cancelled)
-
-    def _new_coverage(self) -> None:
-        self._coverage.close()
-        self._coverage = Coverage(self._settings.memory_px)
 
     def _write(
         self,

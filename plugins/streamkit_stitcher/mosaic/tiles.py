@@ -13,8 +13,6 @@ ImageArray = npt.NDArray[np.uint8]
 
 TILE: Final = 512
 REDUCTION: Final = 4
-_CELL: Final = 8
-_CELLS: Final = TILE // _CELL
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,18 +41,14 @@ class TileStore:
         self._most = max(4, max_px // TILE**2)
         self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
         self._slots: dict[tuple[int, int], int] = {}
-        self._depths: dict[tuple[int, int], ImageArray] = {}
+        self._painted: set[tuple[int, int]] = set()
         self._small: dict[tuple[int, int], ImageArray] = {}
         self._file: IO[bytes] | None = None
 
     @property
     def keys(self) -> tuple[tuple[int, int], ...]:
         """Column and row of every tile, sorted."""
-        return tuple(sorted(self._depths))
-
-    def coarse_depth(self, key: tuple[int, int]) -> ImageArray | None:
-        """uint8[64, 64], the depth of every eighth pixel of a tile, or None."""
-        return self._depths.get(key)
+        return tuple(sorted(self._painted))
 
     def reduced(self, key: tuple[int, int]) -> ImageArray | None:
         """uint8[128, 128, c], a cached tile at a quarter of its sides; None where not painted."""
@@ -90,14 +84,14 @@ class TileStore:
             OSError: the temporary file is full.
         """
         self._small.pop(key, None)
-        self._depths[key] = tile.depth[_CELL // 2 :: _CELL, _CELL // 2 :: _CELL].copy()
+        self._painted.add(key)
         self._keep(key, tile)
 
     def close(self) -> None:
         """Releases all tiles and the file."""
         self._tiles.clear()
         self._slots.clear()
-        self._depths.clear()
+        self._painted.clear()
         self._small.clear()
         if self._file is not None:
             self._file.close()

@@ -8,7 +8,6 @@ from typing import Final
 from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
-    corner_shift,
     inverse,
     normalised,
 )
@@ -16,31 +15,25 @@ from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
-from streamkit_stitcher.plane.keyframe_matcher import pooled_fit
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving
 from streamkit_stitcher.plane.loop_closure import better, tie_of
-from streamkit_stitcher.plane.near_matching import NearMatching
-from streamkit_stitcher.plane.patch_matching import PatchMatching
+from streamkit_stitcher.plane.matching import KeyframeMatching
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import Description, describe
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
 
 # A new keyframe is tied to the keyframes that it overlaps most, this many, by at least this part.
-_POOLED: Final = 4
-_POOLED_OVERLAP: Final = 0.25
-_POOLED_POINTS: Final = 250
+_TIED: Final = 4
+_TIED_OVERLAP: Final = 0.25
+_TIED_POINTS: Final = 250
 # An earlier keyframe takes over where it overlaps this much more than a new one would be needed for.
 _REVISIT_MARGIN: Final = 0.1
 _REVISIT_TRIES: Final = 2
 _RELOCALISED: Final = 3
-# Shift, px, between a frame's measurement and its ties above which the plane moves, not the frame.
-_PLANE_STEP: Final = 1.0
 # Frames without a match after which one becomes a keyframe: where the camera leaves the keyframe, and else.
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
-# An out-of-focus frame makes a poor keyframe: the next one may be sharp.
-_BLURRED_MARGIN: Final = 0.15
 
 
 class KeyframeAnchor:
@@ -53,7 +46,7 @@ class KeyframeAnchor:
 
     Attributes:
         keyframes: the keyframes of all planes.
-        near: matches frames with the current keyframe where they are expected.
+        matching: matches frames with keyframes.
         description: features of the last frame, where it was relocalised.
     """
 
@@ -64,8 +57,7 @@ class KeyframeAnchor:
         self._level = level
         self._search_level = max(0, level - 1)
         self.keyframes = KeyframeMap(settings, plane)
-        self._patches = PatchMatching(self.keyframes, self._limits, settings.max_points)
-        self.near = NearMatching(self.keyframes, self._patches)
+        self.matching = KeyframeMatching(self.keyframes, self._limits, settings.max_points)
         self._relocaliser = self.keyframes.relocaliser
         self.description: Description | None = None
         self._unmatched = 0
@@ -80,7 +72,7 @@ class KeyframeAnchor:
     ) -> Keyframe:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
         keyframe = self.keyframes.add(images, to_reference, self._level, ties, corner_std)
-        self._patches.prepare(keyframe)
+        self.matching.prepare(keyframe)
         if self.description is not None:
             self._relocaliser.remember(keyframe, self.description)
         self._unmatched = 0
@@ -132,7 +124,7 @@ class KeyframeAnchor:
             predicted: its homography by the motion since the previous frame.
             trusted: whether that motion is a measured homography; otherwise the search is wider and the
                 prediction is not good enough for a keyframe.
-            followed: the result of `near`, which saves the search.
+            followed: the result of `matching.near`, which saves the search.
             recognised: the result of `recognise`, from where the search begins.
             due: whether the frame becomes a keyframe in any case.
             consecutive: whether a recognised frame directly follows the previous one, as photographs do; it
@@ -150,8 +142,7 @@ class KeyframeAnchor:
             match, predicted = self._aligned(active, images, predicted, recognised, consecutive)
         elif match is None:
             match = self._search(active, images, predicted, trusted)
-        certain = recognised is None or self._patches.certain(match) is not None
-        certain = certain and (match is None or match.sharp)
+        certain = recognised is None or self.matching.certain(match) is not None
         found = AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
         if match is not None:
             found = _anchored(active, match)
@@ -160,10 +151,7 @@ class KeyframeAnchor:
         self._is_prediction_reliable = match is not None or (
             trusted and recognised is None and self._is_prediction_reliable
         )
-        least = self._settings.keyframe_overlap
-        if match is not None and not match.sharp:
-            least -= _BLURRED_MARGIN
-        leaving = is_leaving(active, found.to_reference, least)
+        leaving = is_leaving(active, found.to_reference, self._settings.keyframe_overlap)
         if match is not None and not due and not leaving:
             return found
         revisited = None if due or recognised is not None else self._revisit(active, images, found)
@@ -181,10 +169,10 @@ class KeyframeAnchor:
     ) -> KeyframeMatch | None:
         """Matches with the current keyframe from fast to thorough."""
         level = self._search_level if trusted else LEVELS - 1
-        match = self._patches.certain(self._patches.follow(active, images, predicted))
-        match = match or self._patches.certain(self._patches.match(active, images, predicted, level))
+        match = self.matching.certain(self.matching.follow(active, images, predicted))
+        match = match or self.matching.certain(self.matching.search(active, images, predicted, level))
         if match is None and trusted:
-            match = self._patches.certain(self._patches.match(active, images, predicted, LEVELS - 1))
+            match = self.matching.certain(self.matching.search(active, images, predicted, LEVELS - 1))
         return match
 
     def _aligned(
@@ -199,11 +187,11 @@ class KeyframeAnchor:
 
         Returns the match, None where there is none and the frame is not consecutive, and the homography.
         """
-        aligned = self._patches.certain(self._patches.follow(active, images, predicted))
-        aligned = aligned or self._patches.match(active, images, predicted, LEVELS - 1)
+        aligned = self.matching.certain(self.matching.follow(active, images, predicted))
+        aligned = aligned or self.matching.search(active, images, predicted, LEVELS - 1)
         best = better(recognised, aligned, active, self._settings.max_points)
         found = (
-            self._patches.certain(best) or self._patches.certain(aligned) or (best if consecutive else None)
+            self.matching.certain(best) or self.matching.certain(aligned) or (best if consecutive else None)
         )
         if found is None and aligned is not None and aligned.deviation < recognised.deviation:
             predicted = normalised(active.to_reference @ aligned.fit.matrix)
@@ -213,13 +201,13 @@ class KeyframeAnchor:
         self, active: Keyframe, images: Sequence[GreyArray], found: AnchoredFrame
     ) -> AnchoredFrame | None:
         """Switches to an earlier keyframe where the camera has returned to it."""
-        least = self._settings.keyframe_overlap + _REVISIT_MARGIN if found.measured else _POOLED_OVERLAP
+        least = self._settings.keyframe_overlap + _REVISIT_MARGIN if found.measured else _TIED_OVERLAP
         near = self.keyframes.overlapping(found.to_reference, active.shape, min(least, 0.95))
         candidates = [keyframe for _, keyframe in near if keyframe.index != active.index]
         for keyframe in candidates[:_REVISIT_TRIES]:
-            match = self._patches.certain(
-                self._patches.follow(keyframe, images, found.to_reference)
-                or self._patches.match(keyframe, images, found.to_reference, LEVELS - 1)
+            match = self.matching.certain(
+                self.matching.follow(keyframe, images, found.to_reference)
+                or self.matching.search(keyframe, images, found.to_reference, LEVELS - 1)
             )
             if match is not None:
                 self.keyframes.active = keyframe
@@ -232,48 +220,27 @@ class KeyframeAnchor:
     def _promote(
         self, images: Sequence[GreyArray], found: AnchoredFrame, known: tuple[Keyframe, KeyframeMatch] | None
     ) -> AnchoredFrame:
-        """Makes the frame a keyframe, registered to all keyframes that it overlaps.
+        """Makes the frame a keyframe, tied to the keyframes that it overlaps.
 
         `found` is its registration so far, `known` the keyframe it was measured against, and the match.
         """
-        certain = found.certain
         change = self.keyframes.adopt() if self.keyframes.is_adjusting else None
         if change is not None:
             found = replace(found, to_reference=normalised(change @ found.to_reference))
         shape = (images[0].shape[0], images[0].shape[1])
-        matches = self._pooled_matches(images, found.to_reference, shape, known)
-        pooled = None
-        if known is not None and known[0].index not in {keyframe.index for keyframe, _ in matches}:
+        matches = self._overlapping_matches(images, found.to_reference, shape, known)
+        if known is None and matches:
+            found = replace(_anchored(*matches[0]), certain=found.certain)
+        elif known is not None and known[0].index not in {keyframe.index for keyframe, _ in matches}:
             matches.append((self.keyframes.current(known[0]), known[1].most_precise()))
             self.keyframes.learn(known[1])
-        elif len(matches) == 1:
-            # Its own fit knows the variances of its patches.
-            found = _anchored(*matches[0])
-        elif matches:
-            pooled = pooled_fit(matches, shape, self._limits, self.keyframes.rule)
-        if pooled is not None:
-            step = normalised(inverse(found.to_reference) @ pooled.matrix)
-            if found.measured and corner_shift(step, shape) > _PLANE_STEP:
-                # The frame did not move: its keyframes contradict each other.
-                moved = normalised(pooled.matrix @ inverse(found.to_reference))
-                change = moved if change is None else normalised(moved @ change)
-            found = AnchoredFrame(
-                pooled.matrix,
-                True,
-                matches=len(pooled.inliers),
-                inliers=pooled.count,
-                rmse=pooled.rmse,
-                corner_std=min(_anchored(*pair).corner_std for pair in matches),
-            )
         # Of its own registration only: ties and adjustments correct what earlier keyframes had.
         own = min((match.corner_std for _, match in matches), default=found.corner_std)
-        doubt = own if own > OK_STD else 0.0
-        self.add(
-            images, found.to_reference, [tie_of(keyframe, 0, match) for keyframe, match in matches], doubt
-        )
-        return replace(found, keyframe=True, change=change, certain=certain)
+        ties = [tie_of(keyframe, 0, match) for keyframe, match in matches]
+        self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
+        return replace(found, keyframe=True, change=change)
 
-    def _pooled_matches(
+    def _overlapping_matches(
         self,
         images: Sequence[GreyArray],
         to_reference: FloatArray,
@@ -282,13 +249,13 @@ class KeyframeAnchor:
     ) -> list[tuple[Keyframe, KeyframeMatch]]:
         """The frame's matches with the keyframes that it overlaps most."""
         matches = []
-        for _, keyframe in self.keyframes.overlapping(to_reference, shape, _POOLED_OVERLAP)[:_POOLED]:
+        for _, keyframe in self.keyframes.overlapping(to_reference, shape, _TIED_OVERLAP)[:_TIED]:
             if known is not None and known[0].index == keyframe.index and known[1].variances is not None:
                 match: KeyframeMatch | None = known[1]
             else:
-                match = self._patches.follow(
-                    keyframe, images, to_reference, _POOLED_POINTS
-                ) or self._patches.match(keyframe, images, to_reference, self._search_level, _POOLED_POINTS)
+                match = self.matching.follow(
+                    keyframe, images, to_reference, _TIED_POINTS
+                ) or self.matching.search(keyframe, images, to_reference, self._search_level, _TIED_POINTS)
             if match is not None:
                 matches.append((keyframe, match.most_precise()))
                 self.keyframes.learn(match)

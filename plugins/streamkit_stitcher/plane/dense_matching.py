@@ -31,8 +31,6 @@ _LEAST_DEVIATION: Final = 0.1
 _LARGEST_DEVIATION: Final = 8.0
 _GAIN: Final = 0.1
 _OUTLIER: Final = 3.0
-_USUAL: Final = 2.0
-_EXPECTED: Final = 2
 _HELD: Final = 0.5
 # Part of the agreement of the best motion that a more precise match by patches must reach.
 _AS_GOOD: Final = 0.95
@@ -63,7 +61,6 @@ class DenseMatcher:
         before_std: float,
         expected: FloatArray,
         followed: KeyframeMatch | None,
-        measured: FloatArray | None,
     ) -> KeyframeMatch:
         """The likeliest match with a keyframe; its `share` is small where next to nothing agrees.
 
@@ -77,21 +74,16 @@ class DenseMatcher:
             before_std: its predicted error, px.
             expected: the predicted homography to the keyframe.
             followed: the match of the patches, if any.
-            measured: the homography by the motion since the previous frame, if that was measured.
         """
         factor = keyframe.factor
         motions = [IDENTITY, before, expected]
-        if followed is not None:
-            motions.append(followed.fit.matrix)
-        if measured is not None:
-            motions.append(measured)
         found = align_densely(
             self._prepared(keyframe),
             small,
             [to_reduced(inverse(matrix), factor) for matrix in motions],
             self._prior(before_std / factor),
             preferred=(0, 1),
-            jumps=range(_EXPECTED + 1, len(motions)),
+            rival=None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
         )
         self._learn(found)
         kept, std, away = found.prediction, found.corner_std * factor, found.away * factor
@@ -112,10 +104,6 @@ class DenseMatcher:
         """
         doubt = max(0.0, before_std**2 - self._std**2 - SMALLEST_CORNER_STD**2)
         return self._covariance + np.diag((self._deviation**2 + doubt) * STEP_RATIOS**2)
-
-    def is_usual(self, step: float) -> bool:
-        """Whether the camera moves by a step, px, as it did lately."""
-        return step < _USUAL * self._deviation
 
     def _learn(self, found: DenseAlignment) -> None:
         self._rest += _GAIN * ((found.prediction == 0) - self._rest)

@@ -40,9 +40,6 @@ _MIDDLE_POINTS: Final = 56
 _MIDDLE_PASSES: Final = 3
 _MIDDLE_SETTLED: Final = 0.7
 _MIN_AGREEING: Final = 0.5
-# Out-of-focus patches agree on a place some px off: fewer agree, and none correlates well.
-_MOSTLY_AGREEING: Final = 0.75
-_SHARP_CORRELATION: Final = 0.9
 _SHARE: Final = 0.68
 # A patch is left out after two frames in a row off the plane, and used again after some 20 frames.
 _SUSPECT: Final = 1.5
@@ -118,7 +115,7 @@ class KeyframeFollower:
         if match is None:
             # The ground itself may have been suspect.
             scores[:] = 0
-        elif match.sharp:
+        else:
             _update_scores(scores, found)
         return match
 
@@ -217,6 +214,5 @@ def _accepted(
         found.numbers + LEVEL_PATCHES * level,
         found.deviation * factor,
         found.variances,
-        agreeing > _MOSTLY_AGREEING * found.visible_count or found.correlation > _SHARP_CORRELATION,
-        agreeing / found.visible_count,
+        share=agreeing / found.visible_count,
     )

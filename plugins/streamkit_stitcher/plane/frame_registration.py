@@ -6,10 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, FloatArray, corners
+from streamkit.geometry.homography import IDENTITY, FloatArray, corners, scale_change
 
 # Largest predicted error of a frame that is ok, px: 99.5 % are then within 2 px.
 OK_STD: Final = 0.7
+# Well within the limits of a mosaic, see `mosaic.is_paintable`.
+_PLANE_SCALE: Final = (0.3, 3.3)
+# Photographs that lean 12 degrees one way and the other, of a camera that sees 60 degrees.
+_MAX_DEPTH_RATIO: Final = 1.75
 
 
 class Status(StrEnum):
@@ -100,3 +104,11 @@ def depth_ratio(to_plane: FloatArray, shape: tuple[int, int]) -> float:
     depths = to_plane[2, :2] @ corners(shape).T + to_plane[2, 2]
     near, far = float(np.min(depths)), float(np.max(depths))
     return far / near if near > 0 else float("inf")
+
+
+def is_stretched(to_plane: FloatArray, shape: tuple[int, int]) -> bool:
+    """Whether the plane stretches a frame too much for a mosaic."""
+    low, high = _PLANE_SCALE
+    return not (
+        depth_ratio(to_plane, shape) < _MAX_DEPTH_RATIO and low < scale_change(to_plane, shape) < high
+    )

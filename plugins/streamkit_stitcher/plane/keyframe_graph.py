@@ -7,10 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import FloatArray, inverse, normalised, project
+from streamkit.geometry.homography import FloatArray, inverse, normalised, project, scale_change
+from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, PlaneProblem
 
 _PATCHES: Final = 1 << 20
+_LARGEST_SCALE: Final = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,3 +189,16 @@ def _observations(
         np.concatenate([hosts[once], observers]).astype(np.int64),
         np.concatenate([host_points[once], points]),
     )
+
+
+def adjusted_homographies(
+    problem: PlaneProblem, indices: Sequence[int], settings: AdjustmentSettings
+) -> tuple[dict[int, FloatArray], float]:
+    """Homographies of the free keyframes, without degenerate ones, and the rms residual, px."""
+    result = adjust(problem, settings)
+    homographies = {}
+    for camera, index in enumerate(indices):
+        matrix = inverse(result.cameras[camera])
+        if not problem.fixed[camera] and 0 < scale_change(matrix, (720, 1280)) < _LARGEST_SCALE:
+            homographies[index] = matrix
+    return homographies, result.rmse

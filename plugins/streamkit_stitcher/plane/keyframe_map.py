@@ -1,17 +1,26 @@
 """The keyframes of a stream's planes: their homographies, ties and adjustment."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, centre, inverse, normalised
+from streamkit.geometry.homography import (
+    IDENTITY,
+    FloatArray,
+    GreyArray,
+    centre,
+    inverse,
+    normalised,
+)
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings
 from streamkit_stitcher.bundle_adjustment.lens import Lens
-from streamkit_stitcher.plane.adjuster import BackgroundAdjuster, adjust_homographies
-from streamkit_stitcher.plane.closure_check import FEW_STEPS, ClosureCheck
+from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
+from streamkit_stitcher.plane.closure_check import FEW_STEPS, accepted_ties
 from streamkit_stitcher.plane.keyframe_content import (
     LEVELS,
     TIMEOUT_S,
@@ -19,7 +28,7 @@ from streamkit_stitcher.plane.keyframe_content import (
     executor_for,
     keyframe_content,
 )
-from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
+from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie, adjusted_homographies
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, KeyframeStore
 from streamkit_stitcher.plane.loop_closure import LoopCloser
 from streamkit_stitcher.plane.plane_joining import joins
@@ -35,6 +44,9 @@ _LOOP_CANDIDATES: Final = 3
 _WHOLE_LIMIT: Final = 60
 _FINAL_ITERATIONS: Final = 30
 _MAX_HOMOGRAPHIES: Final = 20_000
+# Homographies of the adjusted keyframes to the plane, and the ties found to earlier keyframes.
+_Adjusted = tuple[Mapping[int, FloatArray], Sequence[Tie]]
+_NOTHING: Final[_Adjusted] = ({}, ())
 
 
 class KeyframeMap:
@@ -56,8 +68,8 @@ class KeyframeMap:
         self._graph = KeyframeGraph(settings.max_adjusted)
         self.relocaliser = Relocaliser()
         self._closer = LoopCloser(self.relocaliser)
-        self._adjuster = BackgroundAdjuster()
-        self._closures = ClosureCheck()
+        self._adjuster = executor_for("adjuster")
+        self._pending: Future[_Adjusted] | None = None
         self._selection = ModelSelection()
         self._plane = plane
         self._references: dict[int, int] = {}
@@ -113,7 +125,7 @@ class KeyframeMap:
     @property
     def is_adjusting(self) -> bool:
         """Whether an adjustment was begun whose result was not adopted."""
-        return self._adjuster.is_busy
+        return self._pending is not None
 
     def tied_to(self, index: int) -> set[int]:
         """The earlier keyframes that a keyframe shares tie points with."""
@@ -192,22 +204,28 @@ class KeyframeMap:
         # Copies: the buffer behind the frame may be reused.
         own = pyramid(tuple(image.copy() for image in images), LEVELS) if candidates or others else ()
         keyframe = self.active
-        self._adjuster.submit(
-            found,
-            self._adjustment(),
-            partial(self._closer.close, keyframe, own, candidates, near, description, others),
-        )
+        close_loops = partial(self._closer.close, keyframe, own, candidates, near, description, others)
+        self._pending = self._adjuster.submit(partial(_adjusted, found, self._adjustment(), close_loops))
 
     def adopt(self) -> FloatArray | None:
-        """Waits for the adjustment; returns the change of the plane under the active keyframe, or None."""
-        before = self.active
-        homographies, found = self._adjuster.take()
+        """Waits for the adjustment; returns the change of the plane under the active keyframe, or None.
+
+        The stream adopts it at a moment of its own choice and waits for it there, so that the same frames
+        give the same homographies however the threads run. One that fails or takes 20 s changes nothing.
+        """
+        before, pending, self._pending = self.active, self._pending, None
+        homographies, found = _NOTHING
+        if pending is not None:
+            with suppress(TimeoutError, np.linalg.LinAlgError):
+                homographies, found = pending.result(timeout=TIMEOUT_S)
         planes = self._graph.planes
         across = [tie for tie in found if planes.get(tie.host) != planes.get(tie.observer)]
-        ties = self._accepted_ties([tie for tie in found if tie not in across])
+        inside = [tie for tie in found if tie not in across]
+        steps = self._graph.steps_from(inside[0].observer) if inside else {}
+        ties, is_far = accepted_ties(inside, self._graph.homographies, steps, self._shape)
         for tie in ties:
             self._graph.tie(tie)
-        self._loop_closed = self._loop_closed or (bool(ties) and self._closures.is_far)
+        self._loop_closed = self._loop_closed or is_far
         self._graph.move(homographies)
         for change, moved, kept in joins(across, self._graph, self.plane, self._shape):
             self._graph.rebase(change, moved, kept)
@@ -225,19 +243,13 @@ class KeyframeMap:
         Returns:
             The homography from the old plane to the new.
         """
-        change = inverse(self._graph.homographies.get(reference, IDENTITY))
-        self._references[self.plane] = reference
-        self.level(change, number)
-        return change
-
-    def level(self, change: FloatArray, number: int) -> None:
-        """Moves the current plane, old to new, to the plane `number`, whose pixels are no keyframe's."""
-        old = self.plane
+        change, old = inverse(self._graph.homographies.get(reference, IDENTITY)), self.plane
         self._graph.rebase(change, old, number)
-        if old in self._references:
-            self._references[number] = self._references.pop(old)
+        self._references.pop(old, None)
+        self._references[number] = reference
         self._plane = number
         self._refresh()
+        return change
 
     def reference_of(self, number: int) -> int | None:
         """The keyframe number `number` of the current plane, counted from 0."""
@@ -259,7 +271,7 @@ class KeyframeMap:
             lens = Lens(focal_px, centre(self._shape))
             problem = replace(problem, fixed=np.zeros_like(problem.fixed), lens=lens)
             settings = replace(settings, model=MotionModel.HOMOGRAPHY)
-        homographies, rmse = adjust_homographies(problem, indices, settings)
+        homographies, rmse = adjusted_homographies(problem, indices, settings)
         self._graph.move(homographies)
         self._refresh()
         return rmse
@@ -273,7 +285,8 @@ class KeyframeMap:
 
     def close(self) -> None:
         """Ends the threads; `executor` last, as a running job may wait for it."""
-        self._adjuster.close()
+        self._pending = None
+        self._adjuster.close(TIMEOUT_S)
         self.executor.close(TIMEOUT_S)
 
     def _adjustment(self) -> AdjustmentSettings:
@@ -288,12 +301,6 @@ class KeyframeMap:
             if other.index < keyframe.index - 2 and other.index not in tied
         )[:_LOOP_CANDIDATES]
 
-    def _accepted_ties(self, ties: Sequence[Tie]) -> tuple[Tie, ...]:
-        if not ties:
-            return ()
-        steps = self._graph.steps_from(ties[0].observer)
-        return self._closures.accepted(ties, self._graph.homographies, steps, self._shape)
-
     def _refresh(self) -> None:
         """Copies the graph's homographies to the stored keyframes."""
         graph = self._graph
@@ -304,3 +311,13 @@ class KeyframeMap:
             self.active = replace(
                 self.active, to_reference=graph.homographies.get(index, IDENTITY), plane=plane
             )
+
+
+def _adjusted(
+    found: tuple[PlaneProblem, tuple[int, ...]] | None,
+    settings: AdjustmentSettings,
+    close_loops: Callable[[], Sequence[Tie]],
+) -> _Adjusted:
+    """The ties of the newest keyframe, and the adjustment of those before it."""
+    ties = close_loops()
+    return ({} if found is None else adjusted_homographies(*found, settings)[0]), ties

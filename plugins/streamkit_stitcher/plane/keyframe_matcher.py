@@ -1,7 +1,6 @@
 """Coarse-to-fine registration of a frame to a keyframe, patch by patch."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,6 @@ from streamkit.geometry.homography import (
     is_plausible,
     overlap,
     project,
-    scale_change,
     to_reduced,
     translation,
 )
@@ -23,15 +21,9 @@ from streamkit_stitcher.plane.keyframe_content import at_level
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
-from streamkit_stitcher.registration.motion_models import FitLimits, MotionFit, MotionModel, fit_homography
-from streamkit_stitcher.registration.patches import (
-    OFF_PLANE,
-    SMALLEST_STD,
-    Alignment,
-    PatchLevel,
-    align,
-    prepare,
-)
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel, fit_homography
+from streamkit_stitcher.registration.patch_search import Alignment, align
+from streamkit_stitcher.registration.patches import OFF_PLANE, SMALLEST_STD, PatchLevel, prepare
 
 _CACHED: Final = 12
 _COARSE_POINTS: Final = 96
@@ -61,7 +53,6 @@ class KeyframeMatcher:
         top_level: int,
         max_points: int,
         rule: MotionRule = ANY_MOTION,
-        coarse_points: int = _COARSE_POINTS,
     ) -> KeyframeMatch | None:
         """Registers a frame to a keyframe with sub-pixel accuracy; None where too few patches agree.
 
@@ -73,7 +64,6 @@ class KeyframeMatcher:
             top_level: coarsest level to start from, 0 for full size only.
             max_points: patches to use, spread evenly over the keyframe.
             rule: motion model.
-            coarse_points: patches to use at half size.
         """
         top_level = min(top_level, len(images) - 1, len(keyframe.patches) - 1)
         key_to_frame = inverse(frame_to_key)
@@ -81,7 +71,7 @@ class KeyframeMatcher:
             # Keeps the number of patches in view; the corners beyond them need them most.
             max_points += max_points // 2
         for level in range(top_level, -1, -1):
-            patches, chosen = self._level(keyframe, level, coarse_points if level == 1 else max_points)
+            patches, chosen = self._level(keyframe, level, _COARSE_POINTS if level == 1 else max_points)
             expected = to_reduced(key_to_frame, 2**level)
             tolerance = _COARSE_TOLERANCE if level else _FINE_TOLERANCE
             found = align(patches, images[level], expected, tolerance)
@@ -113,25 +103,6 @@ class KeyframeMatcher:
         if len(self._prepared) > _CACHED:
             del self._prepared[next(iter(self._prepared))]
         return prepared
-
-
-def pooled_fit(
-    matches: Sequence[tuple[Keyframe, KeyframeMatch]],
-    shape: tuple[int, int],
-    limits: FitLimits,
-    rule: MotionRule = ANY_MOTION,
-) -> MotionFit | None:
-    """Fits a frame's homography to the plane to its matches with several keyframes; None where they disagree.
-
-    Residuals and the threshold are in px of the frame.
-    """
-    plane = np.concatenate([project(keyframe.to_reference, match.key_points) for keyframe, match in matches])
-    frame = np.concatenate([match.frame_points for _, match in matches])
-    fit = fit_homography(plane, frame, limits.ransac_threshold)
-    if fit is None or fit.count < limits.min_inliers or fit.ratio < limits.min_inlier_ratio:
-        return None
-    fit = rule.apply(fit, plane, frame)
-    return replace(fit, matrix=inverse(fit.matrix)) if scale_change(inverse(fit.matrix), shape) > 0 else None
 
 
 def _shifted(expected: FloatArray, source: FloatArray, target: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     centre,
-    corners,
     inverse,
     normalised,
     overlap,
@@ -24,6 +23,8 @@ from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.registration.motion_models import MotionFit
 
 _SCALE_RANGE: Final = (0.7, 1.4)
+# Distance of the middles of frames of these scales, in diagonals, beyond which they do not overlap.
+_FAR: Final = 1.5
 # A frame of another scale than its keyframe, or seen much more obliquely, becomes a keyframe.
 _KEPT_SCALES: Final = (0.8, 1.25)
 _MAX_TILT: Final = 0.5
@@ -89,7 +90,6 @@ class KeyframeMatch:
         patches: int64[n], numbers of the keyframe's patches.
         deviation: standard deviation of the fit at the worst corner of the frame, px.
         variances: float64[n], of each patch's position, in any unit, infinite off the plane; None if unknown.
-        sharp: whether most patches agree or correlate well with those of the keyframe.
         share: patches that agree, as a part of those in view.
         std: predicted error at the worst corner, px, systematic errors included; None to derive it.
         at_rest: whether the camera stayed where it was at the keyframe or in the previous frame.
@@ -101,7 +101,6 @@ class KeyframeMatch:
     patches: npt.NDArray[np.int64]
     deviation: float = 0.0
     variances: FloatArray | None = None
-    sharp: bool = True
     share: float = 1.0
     std: float | None = None
     at_rest: bool = False
@@ -178,8 +177,14 @@ class KeyframeStore:
     ) -> list[tuple[float, Keyframe]]:
         """Keyframes of a plane that overlap a frame by `least` (0 to 1) at a similar scale, most first."""
         found = []
-        keyframes = [keyframe for keyframe in self._keyframes if keyframe.plane == plane]
-        for keyframe in _near(keyframes, to_reference, shape, least):
+        to_frame, middle = inverse(to_reference), centre(shape)
+        for keyframe in self._keyframes:
+            if keyframe.plane != plane:
+                continue
+            apart = project(to_frame @ keyframe.to_reference, middle[np.newaxis]) - middle
+            # Most of a hundred are far away, and an exact overlap takes a tenth of a millisecond.
+            if np.hypot(*apart[0]) > _FAR * np.hypot(*shape):
+                continue
             to_key = inverse(keyframe.to_reference) @ to_reference
             share = overlap(to_key, shape)
             if share >= least and _SCALE_RANGE[0] < scale_change(to_key, shape) < _SCALE_RANGE[1]:
@@ -211,34 +216,6 @@ class KeyframeStore:
         distances[np.tril_indices(len(middles))] = np.inf
         distances[0] = np.inf
         return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
-
-
-def _near(
-    keyframes: list[Keyframe], to_reference: FloatArray, shape: tuple[int, int], least: float
-) -> list[Keyframe]:
-    """Keyframes whose bounding boxes allow an overlap of `least`.
-
-    Vectorised: most of a hundred are far away, and an exact overlap takes a tenth of a millisecond.
-    """
-    if not keyframes:
-        return []
-    matrices = np.stack([keyframe.to_reference for keyframe in keyframes])
-    outline = np.concatenate([corners(shape), np.ones((4, 1))], axis=1)
-    try:
-        mapped = np.linalg.solve(matrices, (to_reference @ outline.T)[np.newaxis]).transpose(0, 2, 1)
-    except np.linalg.LinAlgError:
-        return keyframes
-    depths = mapped[:, :, 2]
-    in_front = np.abs(np.sign(depths).sum(axis=1)) == len(outline)
-    points = mapped[:, :, :2] / np.where(in_front[:, np.newaxis], depths, 1.0)[:, :, np.newaxis]
-    x, y = points[:, :, 0], points[:, :, 1]
-    after = np.roll(points, -1, axis=1)
-    area = np.abs((x * after[:, :, 1] - y * after[:, :, 0]).sum(axis=1)) / 2
-    ends = np.array([shape[1] - 1, shape[0] - 1])
-    sides = np.minimum(points.max(axis=1), ends) - np.maximum(points.min(axis=1), 0.0)
-    shared = np.maximum(sides, 0.0).prod(axis=1)
-    near = ~in_front | (shared >= 0.99 * least * area)
-    return [keyframe for keyframe, kept in zip(keyframes, near, strict=True) if kept]
 
 
 def is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, normalised, project, scale_change
+from streamkit_stitcher.plane.frame_registration import is_stretched
 from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
-from streamkit_stitcher.plane.levelling import is_stretched
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 
 _FEWEST_POINTS: Final = 24

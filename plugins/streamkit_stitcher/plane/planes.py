@@ -7,10 +7,10 @@ import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, GreyArray, inverse, normalised
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
+from streamkit_stitcher.plane.frame_registration import is_stretched
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
-from streamkit_stitcher.plane.levelling import is_stretched, levelling_due
-from streamkit_stitcher.plane.schedule import ReferenceSchedule
+from streamkit_stitcher.plane.schedule import reference_at
 from streamkit_stitcher.plane.settings import PlaneSettings
 
 _SAME: Final = 1e-12
@@ -37,7 +37,6 @@ class Planes:
 
     def __init__(self, settings: PlaneSettings) -> None:
         self._settings = settings
-        self._schedule = ReferenceSchedule(settings.strip_length)
         self._closed: KeyframeMap | None = None
         self.number = self._last_number = self.ended = 0
         self.anchor: KeyframeAnchor | None = None
@@ -113,15 +112,12 @@ class Planes:
         """
         since_key, self._since_key = self._since_key, 0
         keyframes, shape = anchor.keyframes, (images[0].shape[0], images[0].shape[1])
-        keys = [one.to_reference for one in keyframes.stored if one.plane == keyframes.plane]
-        levelled = levelling_due([*keys, to_reference], shape)
-        if levelled is not None:
-            keyframes.level(levelled, self._new_number())
-            to_reference = self._moved(levelled, to_reference)
         if is_stretched(to_reference, shape):
             return self._open(images, to_reference, level)
-        count = self._schedule.at(len(keyframes)) if self._settings.is_centred else None
-        reference = None if count is None else keyframes.reference_of(count)
+        number = (
+            reference_at(len(keyframes), self._settings.strip_length) if self._settings.is_centred else None
+        )
+        reference = None if number is None else keyframes.reference_of(number)
         if reference is not None:
             matrix = keyframes.homographies.get(reference, IDENTITY)
             if not np.allclose(matrix, IDENTITY, atol=_SAME):

@@ -67,26 +67,25 @@ class Relocaliser:
 
     def match(self, frame: Description, keyframe: Keyframe) -> KeyframeMatch | None:
         """Registers a frame of the same size to a keyframe; None where it does not match."""
-        found = recognise(frame, self.description(keyframe), _FEWEST_INLIERS)
+        known = self.description(keyframe)
+        found = recognise(frame, known, _FEWEST_INLIERS)
         if found is None:
             return None
+        fit, own, other = found
         factor = 2 ** scene_level(keyframe.shape)
-        matrix = from_reduced(found.fit.matrix, factor)
+        matrix, rmse, offset = from_reduced(fit.matrix, factor), fit.rmse * factor, (factor - 1) / 2
         if not (
             overlap(matrix, keyframe.shape) > _LEAST_OVERLAP
             and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT, _LARGEST_AREA_SCALE)
         ):
             return None
-        offset = (factor - 1) / 2
-        every = np.ones(found.fit.count, dtype=np.bool_)
-        fit = MotionFit(matrix, found.fit.model, every, found.fit.rmse * factor)
-        source = found.source_points * factor + offset
+        source = frame.points[own] * factor + offset
         return KeyframeMatch(
-            fit,
+            MotionFit(matrix, fit.model, np.ones(fit.count, dtype=np.bool_), rmse),
             source,
-            found.target_points * factor + offset,
-            found.target_indices + _FIRST_FEATURE,
-            corner_deviation(matrix, source, fit.rmse, keyframe.shape),
+            known.points[other] * factor + offset,
+            other + _FIRST_FEATURE,
+            corner_deviation(matrix, source, rmse, keyframe.shape),
         )
 
 

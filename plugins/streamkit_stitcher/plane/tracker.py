@@ -6,40 +6,40 @@ from functools import partial
 from typing import Final
 
 from streamkit.geometry.homography import IDENTITY, GreyArray, corner_shift, inverse, normalised
+from streamkit_kernels import prepare
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
-from streamkit_stitcher.plane.correlation_shift import motion_since
 from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame, FrameRegistration, Status
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
 from streamkit_stitcher.plane.photograph_rule import PhotographRule
 from streamkit_stitcher.plane.planes import Planes
-from streamkit_stitcher.plane.recognition_pauses import is_recognition_due
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
     WorkingImage,
-    is_flat,
+    register,
     working_image,
     working_level,
 )
 from streamkit_stitcher.registration.patches import pyramid
-from streamkit_stitcher.warm_up import warm_up
 
 _MAX_LOST: Final = 25
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
-# Predicted error of a weak frame, px, above which the motion since then is not certain, either.
-_DOUBT_BEFORE: Final = 2.0
 _STILL_SHIFT: Final = 0.2
 # Share of the contrast that agrees with a dense alignment: certainly, beyond chance, and, where the camera is
 # at rest and nothing was searched for, twice that of another scene (at most 0.028 over 132 pairs of scenes).
 _AGREEING: Final = 0.2
 _RELATED: Final = 0.12
 _SAME_SCENE: Final = 0.06
+# By how much more must agree under the motion of the corners.
+_MORE: Final = 2.0
 _ADOPT_AFTER: Final = 10
+# Frames without a matching keyframe after which relocalisation is tried at every sixteenth only.
+_OFTEN: Final = 4
+_RARELY: Final = 16
 
 
 class PlaneTracker:
@@ -59,8 +59,8 @@ class PlaneTracker:
     """
 
     def __init__(self, settings: PlaneSettings) -> None:
-        # Here, as the stream would wait for the compiler at the first alignment.
-        warm_up()
+        # Compiles the kernels: else the stream would wait at the first alignment.
+        prepare("streamkit_stitcher")
         self._settings = settings
         self._planes = Planes(settings)
         self._previous: FrameRegistration | None = None
@@ -122,15 +122,12 @@ class PlaneTracker:
         """Drops all state but the keyframes; frames of `shape` follow."""
         self._shape = shape
         self._level = working_level(shape, self._settings.registration_width)
-        self._detector = CornerDetector()
         self._base: GreyArray | None = None
         self._motion, self._photographs = MotionPredictor(shape), PhotographRule(shape)
-        if self._planes.anchor is not None:
-            self._planes.anchor.near.restart()
         self._lost = self._unmeasured = self._since_key = 0
 
     def _working_image(self, images: Sequence[GreyArray], level: int) -> WorkingImage:
-        return working_image(images, level, self._detector, self._settings.max_points)
+        return working_image(images, level, self._settings.max_points)
 
     def _start_plane(self, images: Sequence[GreyArray]) -> FrameRegistration:
         """Starts a plane with its first usable frame."""
@@ -175,26 +172,28 @@ class PlaneTracker:
         due = 0 < self._settings.keyframe_interval <= self._since_key
         near = None
         if self._motion.predicted == 0:
-            near = anchor.near.match(images, self._level, before, std, expected)
+            near = anchor.matching.near(images, images[self._level], before, std, expected)
         if near is not None and near.share >= _AGREEING:
             self._photographs.is_video = True
             if (active := anchor.keyframes.active) is not None:
                 step = normalised(inverse(before) @ active.to_reference @ near.fit.matrix)
                 due = due or self._photographs.is_jump(step)
             return self._accept(images, anchor.register(images, expected, True, near, due=due), None)
-        if is_flat(images[self._level]):
-            return self._predict()
         image = self._working_image(images, self._level)
         if image.is_blank:
             return self._predict()
         earlier = replace(self._working_image((base,), 0), factor=image.factor)
         guess = normalised(inverse(self._planes.base) @ expected)
-        motion = motion_since(earlier, image, guess, self._settings.limits, self._motion.predicted)
-        if near is not None and _is_related(near):
+        limits = self._settings.limits
+        reach = min(1.0, limits.max_step * (1 + self._motion.predicted))
+        motion = register(earlier, image, guess, replace(limits, max_step=reach))
+        is_related = near is not None and near.share >= (_SAME_SCENE if near.at_rest else _RELATED)
+        if near is not None and is_related and motion.model is MotionModel.HOMOGRAPHY:
             # Movers may win among the corners: the area decides.
-            measured = None if motion.model is None else normalised(self._planes.base @ motion.matrix)
-            near = anchor.near.align(images[self._level], before, std, expected, None, measured)
-        if near is not None and _is_related(near):
+            measured = normalised(self._planes.base @ motion.matrix)
+            moved = anchor.matching.align(images[self._level], before, std, measured)
+            is_related = moved is None or moved.share <= _MORE * near.share
+        if is_related:
             return self._accept(images, anchor.register(images, expected, True, near, due=due), None)
         is_photograph = self._photographs.is_photograph(earlier, image, motion)
         return self._register_by_motion(images, anchor, motion, due, is_photograph)
@@ -228,7 +227,9 @@ class PlaneTracker:
             due=due and (trusted or recognised is not None),
         )
         is_open = not (anchored.measured or anchored.keyframe or recognised is not None)
-        if is_open and is_recognition_due(self._unmeasured, known and consecutive):
+        # Where the motion is known but keyframes never match, as over relief, the tries become rarer.
+        pause = _RARELY if known and consecutive and self._unmeasured > _OFTEN else 2
+        if is_open and self._unmeasured % pause == 0:
             recognised = self._recognise(images, anchor)
             if recognised is not None:
                 anchored = place(trusted=True, recognised=recognised, due=due)
@@ -258,7 +259,9 @@ class PlaneTracker:
         previous, before = self._previous, self._planes.before
         self._base, self._planes.base = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
-        status = Status.OK if self._is_certain(anchored) else Status.WEAK
+        # The measurement fixes the whole frame.
+        is_certain = anchored.measured and anchored.certain and anchored.corner_std <= OK_STD
+        status = Status.OK if is_certain else Status.WEAK
         steady = previous is not None and previous.status is not Status.LOST
         if status is Status.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
@@ -289,14 +292,6 @@ class PlaneTracker:
             )
         )
 
-    def _is_certain(self, anchored: AnchoredFrame) -> bool:
-        """Whether a measurement fixes the whole frame, and the motion since the previous one."""
-        previous = self._previous
-        is_doubtful = (
-            previous is not None and previous.status is Status.WEAK and previous.corner_std > _DOUBT_BEFORE
-        )
-        return anchored.measured and anchored.certain and anchored.corner_std <= OK_STD and not is_doubtful
-
     def _predict(self) -> FrameRegistration:
         """Publishes a lost frame at its predicted homography."""
         expected = self._motion.expected(self._planes.before)
@@ -316,8 +311,3 @@ class PlaneTracker:
         self._previous, planes.before = registered, registered.to_reference
         self._std_before = registered.corner_std
         return registered
-
-
-def _is_related(match: KeyframeMatch) -> bool:
-    """Whether a dense match agrees more than chance."""
-    return match.share >= (_SAME_SCENE if match.at_rest else _RELATED)

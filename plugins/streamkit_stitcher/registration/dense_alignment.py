@@ -14,6 +14,7 @@ from streamkit.geometry.homography import (
     GreyArray,
     corner_shift,
     corners,
+    from_reduced,
     inverse,
     normalised,
     to_reduced,
@@ -57,12 +58,6 @@ def levels_of(grey: GreyArray) -> tuple[GreyArray, ...]:
     while len(images) < _LEVELS and min(images[-1].shape) >= 2 * _SMALLEST_SIDE:
         images.append(halved(images[-1]))
     return tuple(images[::-1])
-
-
-def _block_means(values: Any, shape: tuple[int, int]) -> FloatArray:
-    rows, columns = shape
-    part = values[: rows * _BLOCK, : columns * _BLOCK]
-    return np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.float64).ravel()
 
 
 def _slopes(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -110,7 +105,11 @@ class DenseLevel:
         return _slopes((outline - outline.mean(axis=0)).T / self._unit)
 
     def _mean(self, values: Any) -> FloatArray:
-        return _block_means(values, self._blocks)
+        """The mean of each block, float64[n]."""
+        rows, columns = self._blocks
+        part = values[: rows * _BLOCK, : columns * _BLOCK]
+        means = cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
+        return np.asarray(means, np.float64).ravel()
 
     def compare(self, image: _SingleArray, motion: FloatArray) -> "Comparison":
         """Compares the keyframe with a texture of the same size under a motion, keyframe to frame."""
@@ -129,16 +128,6 @@ class DenseLevel:
         seen = float((visible * contrast).sum())
         agreement = float((alike * contrast).sum()) / seen if seen > 0 else 0.0
         return Comparison(weights, alike, squares, np.stack(sides), visible, agreement)
-
-    def evidence(self, one: "Comparison", other: "Comparison") -> float:
-        """By how much one comparison agrees more than another, in deviations of the parts of the frame.
-
-        Source: Vuong, Likelihood ratio tests for model selection, Econometrica 1989.
-        """
-        contrast = (self._structure[0] + self._structure[2]) * (one.visible & other.visible)
-        gains = (contrast * (one.alike - other.alike)).reshape(self._blocks)
-        parts = cv2.resize(gains, (_PARTS, _PARTS), interpolation=cv2.INTER_AREA)
-        return float(parts.sum() / max(1e-9, float(np.linalg.norm(parts))))
 
     def refine(
         self,
@@ -233,7 +222,7 @@ class DenseAlignment:
             then exactly that.
         away: distance of that prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
-        rival: agreement of the best of the jumps, as a part of that of the motion; 0 without jumps.
+        rival: agreement of the rival, as a part of that of the motion; 0 without one.
     """
 
     key_to_frame: FloatArray
@@ -256,10 +245,6 @@ _AGREEING: Final = 0.5
 _AS_GOOD: Final = 0.85
 _HELD: Final = 25.0
 _JITTER: Final = 0.25
-# Agreement by which a jump must exceed the camera's expected motion, in deviations of its parts of the frame.
-_EVIDENT: Final = 3.0
-_PARTS: Final = 6
-_JUMP_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
 _LEAST_AGREEMENT: Final = 1e-6
 # Shifts, px, under which only chance agrees.
 _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
@@ -271,7 +256,7 @@ def align_densely(
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
     preferred: Sequence[int] = (),
-    jumps: Sequence[int] = (),
+    rival: FloatArray | None = None,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
 
@@ -285,8 +270,7 @@ def align_densely(
         covariance: float64[8, 8], of the step from a prediction, px.
         preferred: numbers of predictions that are kept where they explain the frame about as well as any
             motion, first come first served: the camera at rest, the motion of most patches.
-        jumps: numbers of predictions that the camera's past does not suggest. They need evidence from all
-            over the frame, as a mover offers the motion of its own part of it, too.
+        rival: another motion, keyframe to frame, that the agreement of the result is compared with.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
@@ -295,22 +279,16 @@ def align_densely(
     coarsest = 2 ** (len(levels) - 1)
     reduced = [to_reduced(prediction, coarsest) for prediction in predictions]
     scores = [levels[0].compare(textures[0], prediction).agreement for prediction in reduced]
-    chosen = max(
-        (number for number in range(len(predictions)) if number not in jumps), key=scores.__getitem__
-    )
+    chosen = int(np.argmax(scores))
     start, motion = predictions[chosen], reduced[chosen]
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
-        motion = _doubled(motion) if number else motion
+        motion = from_reduced(motion, 2) if number else motion
         size = 2 ** (len(levels) - 1 - number)
         motion, posterior, best = level.refine(image, motion, to_reduced(start, size), covariance / size**2)
     finest, image = levels[-1], textures[-1]
-    rival = 0.0
-    for number in jumps:
-        other = finest.compare(image, predictions[number])
-        rival = max(rival, other.agreement / max(_LEAST_AGREEMENT, best.agreement))
-        if finest.evidence(other, best) > _EVIDENT:
-            start = predictions[number]
-            motion, posterior, best = finest.refine(image, start, start, _JUMP_COVARIANCE)
+    share = 0.0
+    if rival is not None:
+        share = finest.compare(image, rival).agreement / max(_LEAST_AGREEMENT, best.agreement)
     step = finest.step_of(inverse(start) @ motion)
     kept, found, away = None, motion, 0.0
     allowed = np.linalg.inv(posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
@@ -339,10 +317,5 @@ def align_densely(
         kept,
         away,
         float(np.sqrt(best.variance)),
-        rival,
+        share,
     )
-
-
-def _doubled(motion: FloatArray) -> FloatArray:
-    lift = np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]])
-    return normalised(lift @ motion @ inverse(lift))

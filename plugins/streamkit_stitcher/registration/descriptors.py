@@ -52,23 +52,6 @@ def describe(grey: GreyArray) -> Description:
     return Description(points, descriptors.astype(np.float16))
 
 
-@dataclass(frozen=True, eq=False)
-class Recognition:
-    """A frame matched with another by features.
-
-    Attributes:
-        fit: the homography from the source's points to the target's; all pairs below are inliers.
-        source_points: float64[k, 2], px of the source.
-        target_points: float64[k, 2], px of the target.
-        target_indices: int64[k], numbers of the target's features.
-    """
-
-    fit: MotionFit
-    source_points: FloatArray
-    target_points: FloatArray
-    target_indices: npt.NDArray[np.int64]
-
-
 def match_features(
     source: Description, target: Description
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
@@ -93,13 +76,18 @@ def match_features(
     return kept, best[kept]
 
 
-def recognise(source: Description, target: Description, min_inliers: int) -> Recognition | None:
-    """Matches two frames by features; None where fewer than `min_inliers` pairs agree on a homography."""
+def recognise(
+    source: Description, target: Description, min_inliers: int
+) -> tuple[MotionFit, npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
+    """Matches two frames by features; None where fewer than `min_inliers` pairs agree on a homography.
+
+    Returns:
+        The fit, source to target, and of its inliers the features of the source and of the target, int64[k].
+    """
     own, other = match_features(source, target)
     if len(own) < min_inliers:
         return None
-    first, second = source.points[own], target.points[other]
-    fit = fit_wide_baseline(first, second, _THRESHOLD, _ITERATIONS)
+    fit = fit_wide_baseline(source.points[own], target.points[other], _THRESHOLD, _ITERATIONS)
     if fit is None or fit.count < max(min_inliers, _MIN_RATIO * len(own)):
         return None
-    return Recognition(fit, first[fit.inliers], second[fit.inliers], other[fit.inliers])
+    return fit, own[fit.inliers], other[fit.inliers]

@@ -2,11 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, corners, normalised, project
+
+# Derivatives of a point's x and y by the eight parameters of a homography near the identity, by monomials.
+_ACROSS: Final[FloatArray] = np.zeros((8, 6))
+_ACROSS[[0, 1, 2, 6, 7], [3, 4, 5, 0, 1]] = 1, 1, 1, -1, -1
+_DOWN: Final[FloatArray] = np.zeros((8, 6))
+_DOWN[[3, 4, 5, 6, 7], [3, 4, 5, 1, 2]] = 1, 1, 1, -1, -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +83,26 @@ def corner_deviation(
         covariance = np.linalg.inv(_normal(powers @ powers.T)[:freedom, :freedom])
     except np.linalg.LinAlgError:
         return math.inf
-    x, y = ((project(matrix, corners(shape)) - scaling.middle) / scaling.size).T
-    none, one = np.zeros(4), np.ones(4)
-    across = np.stack([x, y, one, none, none, none, -x * x, -x * y])[:freedom]
-    down = np.stack([none, none, none, x, y, one, -x * y, -y * y])[:freedom]
-    spread = sum(np.einsum("ic,ij,jc->c", slopes, covariance, slopes) for slopes in (across, down))
     variance = rmse**2 * len(source) / (2 * len(source) - freedom)
-    worst = float(np.max(spread)) * variance
+    return worst_deviation(
+        np.asarray(covariance, np.float64), scaling, project(matrix, corners(shape)), variance
+    )
+
+
+def worst_deviation(covariance: FloatArray, scaling: Scaling, points: FloatArray, variance: float) -> float:
+    """Standard deviation of a motion at the worst of some points, px.
+
+    Args:
+        covariance: float64[f, f], inverse of the normal matrix of the first f parameters of a step.
+        scaling: of the points that the motion was fitted to.
+        points: float64[n, 2].
+        variance: of one coordinate of a residual, px squared.
+    """
+    powers = monomials((points - scaling.middle) / scaling.size)
+    slopes = np.concatenate([_ACROSS @ powers, _DOWN @ powers], axis=1)[: len(covariance)]
+    # The variances of x and y add up.
+    spread = (slopes * (covariance @ slopes)).sum(axis=0).reshape(2, -1).sum(axis=0)
+    worst = float(spread.max()) * variance
     return math.sqrt(worst) if worst >= 0 else math.inf
 
 

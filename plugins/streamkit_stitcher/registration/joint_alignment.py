@@ -9,18 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, corners, inverse, project
-from streamkit_stitcher.registration.gauss_newton import Scaling, monomials
+from streamkit_stitcher.registration.gauss_newton import Scaling, worst_deviation
 from streamkit_stitcher.registration.patch_steps import improve, settle
 from streamkit_stitcher.registration.patches import PatchLevel, prepare
 
 _PASSES: Final = 3
 _SETTLED: Final = 0.3
 _WILD: Final = 10.0
-# Derivatives of a point's x and y by the eight parameters of a homography near the identity, by monomials.
-_ACROSS: Final[FloatArray] = np.zeros((8, 6))
-_ACROSS[[0, 1, 2, 6, 7], [3, 4, 5, 0, 1]] = 1, 1, 1, -1, -1
-_DOWN: Final[FloatArray] = np.zeros((8, 6))
-_DOWN[[3, 4, 5, 6, 7], [3, 4, 5, 1, 2]] = 1, 1, 1, -1, -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +71,6 @@ class JointAlignment:
         compared: number of correlated patches, k or more.
         visible_count: number of patches in view, as many or more.
         deviation: standard deviation of the homography at the worst corner of the frame, px of the keyframe.
-        correlation: median correlation of the patches.
         off_plane: int64[m], correlated patches whose residuals exceed their covariances: roofs, cars.
         on_plane: int64[l], the other correlated patches.
     """
@@ -90,7 +84,6 @@ class JointAlignment:
     compared: int
     visible_count: int
     deviation: float
-    correlation: float
     off_plane: npt.NDArray[np.int64]
     on_plane: npt.NDArray[np.int64]
 
@@ -195,7 +188,9 @@ def _aligned(
     agreeing = np.flatnonzero(alike & (squares < threshold**2))
     key_points = level.patches.centres[agreeing]
     xx, xy, yy = buffers.information[:, agreeing]
-    frame_to_key = inverse(buffers.key_to_frame)
+    solved, inverted = cv2.invert(buffers.normal, flags=cv2.DECOMP_CHOLESKY)
+    covariance = np.asarray(inverted, dtype=np.float64)
+    outline = project(inverse(buffers.key_to_frame), corners(image.shape[:2]))
     return JointAlignment(
         buffers.key_to_frame,
         key_points,
@@ -205,23 +200,7 @@ def _aligned(
         math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
         int(np.count_nonzero(alike)),
         visible_count,
-        _deviation(buffers.normal, variance, level.scaling, project(frame_to_key, corners(image.shape[:2]))),
-        _median(buffers.products[2, near]),
+        worst_deviation(covariance, level.scaling, outline, variance) if solved else math.inf,
         level.numbers[alike & ~near],
         level.numbers[alike & near],
     )
-
-
-def _median(values: FloatArray) -> float:
-    return float(np.partition(values, len(values) // 2)[len(values) // 2])
-
-
-def _deviation(normal: FloatArray, variance: float, scaling: Scaling, outline: FloatArray) -> float:
-    """Standard deviation of a motion at the worst of some points, float64[n, 2] px, in px."""
-    solved, covariance = cv2.invert(normal, flags=cv2.DECOMP_CHOLESKY)
-    if not solved:
-        return math.inf
-    powers = monomials((outline - scaling.middle) / scaling.size)
-    slopes = np.concatenate([_ACROSS @ powers, _DOWN @ powers], axis=1)
-    worst = float((slopes * (covariance @ slopes)).sum(axis=0).max()) * variance
-    return math.sqrt(worst) if worst >= 0 else math.inf

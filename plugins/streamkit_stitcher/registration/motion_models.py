@@ -124,20 +124,20 @@ def fit_homography(
     return refined if refined is not None and refined.count >= _MIN_KEPT * fit.count else fit
 
 
-def fit_affine(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
-    """Fits an affine motion as `fit_homography` does; None for fewer than 3 pairs."""
-    if len(source) < 3:
-        return None
-    matrix, _ = cv2.estimateAffine2D(source, target, **_linear_options(threshold))
-    return _evaluate_linear(matrix, MotionModel.AFFINE, source, target, threshold)
-
-
 def fit_similarity(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
     """Fits translation, rotation and scale as `fit_homography` does; None for fewer than 2 pairs."""
     if len(source) < 2:
         return None
-    matrix, _ = cv2.estimateAffinePartial2D(source, target, **_linear_options(threshold))
-    return _evaluate_linear(matrix, MotionModel.SIMILARITY, source, target, threshold)
+    matrix, _ = cv2.estimateAffinePartial2D(
+        source,
+        target,
+        method=cv2.RANSAC,
+        ransacReprojThreshold=threshold,
+        maxIters=_MAX_ITERATIONS,
+        confidence=_CONFIDENCE,
+    )
+    whole = None if matrix is None else np.vstack([matrix, [0.0, 0.0, 1.0]])
+    return evaluate(whole, MotionModel.SIMILARITY, source, target, threshold)
 
 
 def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) -> FloatArray | None:
@@ -180,7 +180,7 @@ def restrict(fit: MotionFit, model: MotionModel, source: FloatArray, target: Flo
     return MotionFit(matrix, model, fit.inliers, math.sqrt(float(squares.mean())))
 
 
-_LADDER: Final = ((fit_homography, 1.0), (fit_affine, 0.6), (fit_similarity, 0.4))
+_LADDER: Final = ((fit_homography, 1.0), (fit_similarity, 0.4))
 
 
 def fit_motion(
@@ -239,23 +239,6 @@ def _inlier_mask(squares: FloatArray, weights: FloatArray, threshold: float) -> 
     near = counted[close]
     typical = float(np.partition(near, len(near) // 2)[len(near) // 2])
     return np.asarray((counted < _TRIM**2 * typical) | (squares < (_MIN_TRIM * threshold) ** 2))
-
-
-def _linear_options(threshold: float) -> dict[str, Any]:
-    return {
-        "method": cv2.RANSAC,
-        "ransacReprojThreshold": threshold,
-        "maxIters": _MAX_ITERATIONS,
-        "confidence": _CONFIDENCE,
-    }
-
-
-def _evaluate_linear(
-    matrix: Any, model: MotionModel, source: FloatArray, target: FloatArray, threshold: float
-) -> MotionFit | None:
-    if matrix is None:
-        return None
-    return evaluate(np.vstack([matrix, [0.0, 0.0, 1.0]]), model, source, target, threshold)
 
 
 def evaluate(

@@ -1,7 +1,8 @@
 """Registration of a frame to the previous one, at working size."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -18,9 +19,9 @@ from streamkit.geometry.homography import (
     normalised,
     project,
     to_reduced,
-    translation,
 )
-from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.corners import even_corners
+from streamkit_stitcher.registration.correlation_shift import search_shift
 from streamkit_stitcher.registration.motion_models import (
     NO_FIT,
     FitLimits,
@@ -37,10 +38,9 @@ _BLANK_DEVIATION: Final = 2.0
 _BLANK_POINTS: Final = 8
 _MIN_CORRELATION: Final = 0.1
 _LEAST_HEIGHT: Final = 64
-_PHASE_WIDTH: Final = 320
-_PHASE_RESPONSE: Final = 0.1
 _CUT_RATIO: Final = 0.3
-_CUT_CORRELATION: Final = 0.5
+# Correlation of thumbnails that show the same scene.
+_ALIKE: Final = 0.5
 _LEAST_SHARE: Final = 0.05
 
 
@@ -106,12 +106,6 @@ def working_level(shape: tuple[int, int], working_width: int) -> int:
     return level
 
 
-def is_flat(grey: GreyArray) -> bool:
-    """Whether the thumbnail of a frame has almost no contrast."""
-    thumbnail = cv2.resize(grey, _THUMBNAIL, interpolation=cv2.INTER_AREA)
-    return float(cv2.meanStdDev(thumbnail)[1][0, 0]) < _BLANK_DEVIATION
-
-
 def is_noise(thumbnail: FloatArray) -> bool:
     """Whether neighbouring pixels of a thumbnail, float64[h, w], are uncorrelated.
 
@@ -124,64 +118,59 @@ def is_noise(thumbnail: FloatArray) -> bool:
     return max(across, down) < _MIN_CORRELATION * power
 
 
-def working_image(
-    images: Sequence[GreyArray], level: int, detector: CornerDetector, most: int
-) -> WorkingImage:
-    """Detects at most `most` corners of the image at working size, which is `level`."""
+def working_image(images: Sequence[GreyArray], level: int, most: int) -> WorkingImage:
+    """Finds about `most` corners of the image at working size, which is `level`."""
     reduced = images[level]
+    height, width = reduced.shape
+    columns = max(1, round(math.sqrt(most * width / height)))
     thumbnail = cv2.resize(reduced, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64)
-    return WorkingImage(reduced, 2**level, detector.detect(reduced, most), thumbnail)
+    return WorkingImage(reduced, 2**level, even_corners(reduced, columns, max(1, most // columns)), thumbnail)
 
 
 def register(
     earlier: WorkingImage, current: WorkingImage, guess: FloatArray, limits: FitLimits
 ) -> PairwiseMotion:
-    """Registers `current` to `earlier`: homography, else affine, similarity, translation, nothing.
+    """Registers `current` to `earlier`: homography, else similarity, translation, nothing.
 
-    A doubtful result is tried again with the exposure of `earlier` matched to `current` and the motion
-    started from phase correlation, for gain steps and large shifts. `guess` predicts the motion of full-size
-    pixels, `current` to `earlier`; the threshold of `limits` is in px of the reduced images.
+    A doubtful result is tried again with the exposure of `earlier` matched to `current`, for gain steps, and
+    the motion started from cross-correlation, for shifts of more than a quarter of the width, as between
+    survey photographs; a shift beyond `limits.max_step` counts where a homography confirms it. `guess`
+    predicts the motion of full-size pixels, `current` to `earlier`; the threshold of `limits` is in px of the
+    reduced images.
 
-    Source: Lucas and Kanade 1981, Bouguet's pyramidal form; Kuglin and Hines, The phase correlation image
-    alignment method, 1975.
+    Source: Lucas and Kanade 1981, Bouguet's pyramidal form.
     """
     start = inverse(to_reduced(guess, current.factor))
     fit, best, matches = _track_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
     if fit is not None and fit.model is MotionModel.HOMOGRAPHY:
         return _motion(fit, matches, current.factor)
-    shift, response = _phase_shift(earlier.grey, current.grey)
-    restart = translation(shift) if response > _PHASE_RESPONSE else IDENTITY
-    matched = _with_exposure_of(earlier.grey, current.grey)
+    shift = search_shift(earlier.grey, current.grey)
+    back = IDENTITY if shift is None else shift
     second, second_best, second_matches = _track_and_fit(
-        matched, current.grey, earlier.points, restart, limits
+        _with_exposure_of(earlier.grey, current.grey, back),
+        current.grey,
+        earlier.points,
+        inverse(back),
+        replace(limits, max_step=1.0),
     )
+    if second is not None and second.model is not MotionModel.HOMOGRAPHY:
+        second = second if is_plausible(second.matrix, _shape(current), limits.max_step) else None
     if second is not None and (fit is None or second.count > fit.count):
         return _motion(second, second_matches, current.factor)
     if fit is not None:
         return _motion(fit, matches, current.factor)
-    if second_best.count > best.count:
-        best = second_best
-    return _unfitted(
-        earlier, current, best, translation(-shift) if response > _PHASE_RESPONSE else None, limits
-    )
+    best = max(best, second_best, key=lambda found: found.count)
+    found, step = (from_reduced(matrix, current.factor) for matrix in (best.matrix, back))
+    likeness = thumbnail_correlation(earlier, current, step)
+    if shift is not None and likeness >= _ALIKE and is_plausible(back, _shape(current), limits.max_step):
+        return PairwiseMotion(step, MotionModel.TRANSLATION, False, len(best.inliers), best.count, 0.0)
+    is_other = max(likeness, thumbnail_correlation(earlier, current, found)) < _ALIKE
+    is_cut = is_other and best.count < _CUT_RATIO * max(1, len(earlier.points))
+    return PairwiseMotion(IDENTITY, None, is_cut, len(best.inliers), best.count, 0.0)
 
 
-def _unfitted(
-    earlier: WorkingImage, current: WorkingImage, best: MotionFit, back: FloatArray | None, limits: FitLimits
-) -> PairwiseMotion:
-    """The result without an accepted fit: a cut, the shift `back` of phase correlation, or nothing."""
-    matches, factor = len(best.inliers), current.factor
-    shape = (current.grey.shape[0], current.grey.shape[1])
-    candidates = [best.matrix] if back is None else [best.matrix, back]
-    correlation = max(
-        thumbnail_correlation(earlier, current, from_reduced(matrix, factor)) for matrix in candidates
-    )
-    if best.count < _CUT_RATIO * max(1, len(earlier.points)) and correlation < _CUT_CORRELATION:
-        return PairwiseMotion(IDENTITY, None, True, matches, best.count, 0.0)
-    if back is not None and correlation >= _CUT_CORRELATION and is_plausible(back, shape, limits.max_step):
-        matrix = from_reduced(back, factor)
-        return PairwiseMotion(matrix, MotionModel.TRANSLATION, False, matches, best.count, 0.0)
-    return PairwiseMotion(IDENTITY, None, False, matches, best.count, 0.0)
+def _shape(image: WorkingImage) -> tuple[int, int]:
+    return image.grey.shape[0], image.grey.shape[1]
 
 
 def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: FloatArray) -> float:
@@ -246,23 +235,14 @@ def _track(
     return old[kept, 0].astype(np.float64), new[kept, 0].astype(np.float64)
 
 
-def _phase_shift(earlier: GreyArray, current: GreyArray) -> tuple[FloatArray, float]:
-    """Shift of the content from `earlier` to `current` in their px, and its peak response."""
-    height, width = current.shape
-    scale = min(1.0, _PHASE_WIDTH / width)
-    size = (max(16, round(width * scale)), max(16, round(height * scale)))
-    first = cv2.resize(earlier, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    second = cv2.resize(current, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    shift, response = cv2.phaseCorrelate(first, second, cv2.createHanningWindow(size, cv2.CV_32F))
-    if not np.isfinite([*shift, response]).all():
-        return np.zeros(2), 0.0
-    return np.array([shift[0] * width / size[0], shift[1] * height / size[1]]), float(response)
-
-
-def _with_exposure_of(image: GreyArray, model: GreyArray) -> GreyArray:
-    """`image` with the mean and deviation of `model`."""
-    mean, deviation = cv2.meanStdDev(image)
-    target_mean, target_deviation = cv2.meanStdDev(model)
+def _with_exposure_of(image: GreyArray, model: GreyArray, shift: FloatArray) -> GreyArray:
+    """`image` with the mean and deviation that `model` has where both show the same under a shift."""
+    x, y = np.rint(shift[:2, 2]).astype(int).tolist()
+    height, width = image.shape
+    own = image[max(0, y) : height + min(0, y), max(0, x) : width + min(0, x)]
+    other = model[max(0, -y) : height - max(0, y), max(0, -x) : width - max(0, x)]
+    mean, deviation = cv2.meanStdDev(own)
+    target_mean, target_deviation = cv2.meanStdDev(other)
     gain = float(target_deviation[0, 0]) / max(float(deviation[0, 0]), 1e-6)
     offset = float(target_mean[0, 0]) - gain * float(mean[0, 0])
     return np.asarray(np.clip(image * gain + offset, 0, 255), dtype=np.uint8)

@@ -27,6 +27,8 @@ _WILD: Final = 10.0
 # Patches within this distance of the common shift, px, are never off the plane.
 _CLOSE: Final = 0.3
 _FEWEST: Final = 10
+_SEARCH_PASSES: Final = 6
+_ENOUGH: Final = 0.85
 _MIN_COARSE_CORRELATION: Final = 0.2
 _MIN_CORRELATION: Final = 0.6
 
@@ -127,6 +129,40 @@ def improve(
     products[:2] -= moves
     freedom = 2 * np.count_nonzero(near) - 8
     return far, visible_count, squares[near].sum() / max(1, freedom)
+
+
+@kernel(INPUT, TABLE, _PATCHES, FLAGS, TABLE, types.float64, types.float64, TABLE, TABLE)
+def search(
+    image: GreyArray,
+    centres: FloatArray,
+    probes: _SingleArray,
+    usable: MaskArray,
+    matrix: FloatArray,
+    tolerance: float,
+    reach: float,
+    shift: FloatArray,
+    products: FloatArray,
+) -> int:
+    """Shifts each patch by itself from its place under a motion, until most move by less than `tolerance`.
+
+    Results: `shift` float64[n, 2], px of the keyframe, at most `reach` in x and in y; `products` of the last
+    step as of `probe`. Returns the number of patches in view at the beginning.
+    """
+    moved, seen, visible = centres.copy(), np.empty(len(centres), np.bool_), 0
+    shift[:] = 0.0
+    for step in range(_SEARCH_PASSES):
+        count = probe(image, moved, probes, usable, matrix, products, seen)
+        visible = count if step == 0 else visible
+        settled = 0
+        for patch in range(len(centres)):
+            for axis in range(2):
+                shift[patch, axis] = min(max(shift[patch, axis] + products[axis, patch], -reach), reach)
+                moved[patch, axis] = centres[patch, axis] + shift[patch, axis]
+            if seen[patch] and np.hypot(products[0, patch], products[1, patch]) < tolerance:
+                settled += 1
+        if settled > _ENOUGH * visible:
+            break
+    return visible
 
 
 @compiled

@@ -116,3 +116,20 @@ def test_telemetry_ahead_of_the_image_is_part_of_the_error():
     assert project(last[-1].to_local, np.array([[320.0, 180]]))[0] - local_metres(
         [GeodeticPoint(0.0, x / east_m)], last[-1].origin
     ) == pytest.approx(np.zeros((1, 2)), abs=4.0)
+
+
+def test_what_is_unknown_of_the_lead_shows_when_the_camera_swings():
+    """At a constant velocity a delay only shifts the fit; the first fast frame then has a large error."""
+    ground, errors = LiveGround(), []
+    random = np.random.default_rng(2)
+    north_m, east_m = metres_per_degree(0.0)
+    for number in range(60):
+        x = 2.0 * number if number < 50 else 98.0 + 40.0 * (number - 49)
+        y = random.normal(0, 1.0)
+        places = [GeodeticPoint((y + z) / north_m, (x + w) / east_m) for w, z in ((0, 0), (0, 50), (50, 0))]
+        pixels = np.array([[320.0, 180], [320, 130], [370, 180]])
+        registered = FrameRegistration(np.eye(3), translation(np.array([x, 0])), 0, Status.OK, anchored=True)
+        geo = ground.locate(registered, SHAPE, GroundView(pixels, places, 2.0, number / 10))
+        errors.append(math.nan if geo is None else geo.error_m)
+    assert max(errors[30:50]) < 5.0
+    assert errors[50] > 30.0

@@ -4,16 +4,16 @@ import math
 
 import pytest
 
-from streamkit_stitcher.flight_plan.plan import CameraView, GeodeticPoint, parse_strip, plan_strip
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint, parse_strip, plan_strip
 
 pytest.importorskip("pyproj")
+SHAPE = (720, 1280)
 
 
 def test_a_strip_along_the_equator():
     """A thousandth of a degree is 111.32 m there; frames and seconds follow from overlap and speed."""
     ends = GeodeticPoint(0.0, 10.0), GeodeticPoint(0.0, 10.01)
-    view = CameraView.of_width(2 * math.atan(0.5), (720, 1280))
-    plan = plan_strip(ends, 100.0, view, 0.6, 10.0, 1280)
+    plan = plan_strip(ends, 100.0, 2 * math.atan(0.5), 0.6, 10.0, SHAPE)
     assert plan.length_m == pytest.approx(1113.2, abs=0.1)
     assert plan.heading == pytest.approx(math.pi / 2)
     assert plan.footprint_m == pytest.approx((100.0, 56.25))
@@ -42,11 +42,11 @@ def test_no_flight_is_refused(altitude, speed, overlap):
     """Standing on the ground, hovering, or a frame that never moves on."""
     ends = GeodeticPoint(0.0, 0.0), GeodeticPoint(0.0, 0.01)
     with pytest.raises(ValueError, match="above 0"):
-        plan_strip(ends, altitude, CameraView(1.0, 0.6), overlap, speed, 1280)
+        plan_strip(ends, altitude, 1.0, overlap, speed, SHAPE)
 
 
 def test_an_endless_strip_is_refused():
     """A strip around the earth from a metre up names the number of frames."""
     ends = GeodeticPoint(0.0, 0.0), GeodeticPoint(0.0, 170.0)
     with pytest.raises(ValueError, match="at most 100000 are possible"):
-        plan_strip(ends, 1.0, CameraView(1.0, 0.6), 0.9, 5.0, 1280)
+        plan_strip(ends, 1.0, 1.0, 0.9, 5.0, SHAPE)

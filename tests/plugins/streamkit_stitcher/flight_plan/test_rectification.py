@@ -8,7 +8,6 @@ import pytest
 
 from streamkit_stitcher.flight_plan.rectification import (
     Camera,
-    common_rectangle,
     inscribed_rectangle,
     levelling,
     rectification_maps,
@@ -71,10 +70,3 @@ def test_the_rectangle_lies_inside_the_border():
     gaps = [cv2.pointPolygonTest(outline, corner, True) for corner in corners]
     assert min(gaps) > -1.0
     assert width > 400
-
-
-def test_all_frames_are_cut_to_the_narrowest():
-    """The common size is the shortest width at 4:3."""
-    assert common_rectangle([(0, 0, 640, 480), (5, 5, 600, 450)], 4 / 3) == pytest.approx((600, 450))
-    with pytest.raises(ValueError, match="no frame to cut"):
-        common_rectangle([], 4 / 3)

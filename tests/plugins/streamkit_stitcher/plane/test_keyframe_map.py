@@ -1,5 +1,7 @@
 """The keyframes of a plane."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,11 @@ def test_rebasing_puts_a_keyframe_at_the_origin_and_all_others_with_it(keyframes
     assert keyframes.homographies[2] == pytest.approx(shift(STEP))
     assert keyframes.stored[2].to_reference == pytest.approx(shift(STEP))
     assert keyframes.active.to_reference == pytest.approx(keyframes.homographies[3])
+
+
+def test_no_thread_is_left_when_closed(keyframes, ground):
+    """Closing waits for an adjustment that runs."""
+    keyframes.begin_adjustment((ground[400:760, 300:940],))
+    keyframes.close()
+    assert not keyframes.is_adjusting
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("adjuster")]

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import IDENTITY, inverse, translation
+from streamkit.geometry.homography import IDENTITY, translation
+from streamkit_stitcher.plane.following import KeyframeFollower
 from streamkit_stitcher.plane.keyframe_content import LEVELS, patches_around
-from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher, pooled_fit
+from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 from streamkit_stitcher.plane.keyframes import KeyframeStore
-from streamkit_stitcher.registration.corners import CornerDetector
+from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
 
@@ -16,7 +17,7 @@ LIMITS = FitLimits(max_step=1.0)
 
 def stored(store, frame, to_reference=IDENTITY):
     """A frame added to a store, with its corners."""
-    content = patches_around(CornerDetector().detect(frame, 300), pyramid((frame,), LEVELS), 0)
+    content = patches_around(even_corners(frame, 24, 13), pyramid((frame,), LEVELS), 0)
     return store.add(lambda: content, to_reference, frame.shape, 0)
 
 
@@ -52,10 +53,9 @@ def test_rows_of_trees_one_period_off_are_not_a_match(ground, off):
     noise = np.random.default_rng(1).normal(0, 2, (360, 640))
     images = pyramid((np.clip(orchard[2:362, 3:643] + noise, 0, 255).astype(np.uint8),), LEVELS)
     true = translation(np.array([3.0, 2.0]))
-    options = {"top_level": 1, "max_points": 220, "coarse_points": 48}
-    found = KeyframeMatcher().match(key, images, true, LIMITS, **options)
+    found = KeyframeFollower().follow(key, images, true, LIMITS, 220)
     assert found.fit.matrix[:2, 2] == pytest.approx([3.0, 2.0], abs=0.1)
-    assert KeyframeMatcher().match(key, images, translation(np.array(off)) @ true, LIMITS, **options) is None
+    assert KeyframeFollower().follow(key, images, translation(np.array(off)) @ true, LIMITS, 220) is None
 
 
 def test_overlapping_keyframes_come_nearest_first(ground):
@@ -75,19 +75,3 @@ def test_the_store_is_bounded_and_drops_what_is_seen_twice(ground):
         stored(store, ground[:360, left : left + 640], translation(np.array([left, 0.0])))
     assert [keyframe.index for keyframe in store.keyframes] == [0, 2, 4]
     assert len(store) == 3
-
-
-def test_pooled_matches_place_a_frame_better_than_the_worst_of_them(ground, make_flight):
-    """Two exact keyframes register a third frame to a tenth of a pixel."""
-    flight = make_flight(ground, 100, (360, 640), cars=0)
-    store = KeyframeStore()
-    keys = [stored(store, flight.frame(index), flight.to_first(index)) for index in (0, 6)]
-    images = pyramid((flight.frame(3),), LEVELS)
-    matches = []
-    for key in keys:
-        guess = inverse(key.to_reference) @ flight.to_first(3)
-        match = KeyframeMatcher().match(key, images, guess, LIMITS, top_level=0, max_points=300)
-        matches.append((key, match))
-    fit = pooled_fit(matches, (360, 640), LIMITS)
-    assert flight.error(fit.matrix, 3) < 0.15
-    assert fit.count > max(match.fit.count for _, match in matches)

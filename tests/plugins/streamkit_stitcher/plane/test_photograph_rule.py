@@ -5,7 +5,6 @@ import pytest
 
 from streamkit.geometry.homography import IDENTITY, translation
 from streamkit_stitcher.plane.photograph_rule import PhotographRule
-from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import PairwiseMotion, working_image
 
@@ -16,7 +15,7 @@ UNKNOWN = PairwiseMotion(IDENTITY, None, False, 0, 0, 0.0)
 @pytest.fixture
 def images(ground):
     """Two views of different ground."""
-    return [working_image((ground[y : y + 360, 100:740],), 0, CornerDetector(), 100) for y in (100, 900)]
+    return [working_image((ground[y : y + 360, 100:740],), 0, 100) for y in (100, 900)]
 
 
 def test_a_view_of_other_ground_is_a_photograph(images):

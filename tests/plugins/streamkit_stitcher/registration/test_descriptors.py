@@ -14,12 +14,14 @@ def test_a_frame_is_recognised_after_a_long_way_and_a_turn(aerial_ground):
     turn = np.array([[cos, -sin, 320.0], [sin, cos, 180.0], [0, 0, 1]])
     centred = turn @ np.array([[1, 0, -1120.0 - 150], [0, 1, -780.0 - 60], [0, 0, 1]])
     moved = cv2.warpPerspective(aerial_ground, centred, (640, 360))
-    found = recognise(describe(view), describe(moved), 20)
+    source, target = describe(view), describe(moved)
+    found = recognise(source, target, 20)
     true = centred @ np.array([[1, 0, 800.0], [0, 1, 600.0], [0, 0, 1]])
     assert found is not None
-    error = np.hypot(*(found.target_points - project(true, found.source_points)).T)
+    fit, own, other = found
+    error = np.hypot(*(target.points[other] - project(true, source.points[own])).T)
     assert np.median(error) < 1.0
-    assert len(found.target_indices) == found.fit.count
+    assert len(own) == len(other) == fit.count
 
 
 def test_features_lie_where_they_are(ground):
@@ -28,7 +30,7 @@ def test_features_lie_where_they_are(ground):
     found = recognise(describe(view), describe(np.ascontiguousarray(view[::-1, ::-1])), 20)
     outline = corners((360, 640))
     assert found is not None
-    assert np.hypot(*(project(found.fit.matrix, outline) - (639, 359) + outline).T).max() < 0.1
+    assert np.hypot(*(project(found[0].matrix, outline) - (639, 359) + outline).T).max() < 0.1
 
 
 def test_other_ground_is_not_recognised(ground):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import IDENTITY, translation
-from streamkit_stitcher.registration.corners import CornerDetector
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.pairwise import (
     register,
@@ -20,7 +19,7 @@ LIMITS = FitLimits()
 def work(frame):
     """A frame at working size 640."""
     level = working_level(frame.shape, 640)
-    return working_image(pyramid((frame,), level + 1), level, CornerDetector(), 220)
+    return working_image(pyramid((frame,), level + 1), level, 220)
 
 
 def test_pairs_with_moving_cars_are_registered_to_a_fraction_of_a_pixel(ground, make_flight):
@@ -49,7 +48,7 @@ def test_another_scene_is_a_cut(ground):
     assert register(work(ground[:720, :1280]), work(ground[720:1440, 700:1980]), IDENTITY, LIMITS).is_cut
 
 
-def test_a_jump_is_found_by_phase_correlation(ground):
+def test_a_jump_is_found_by_cross_correlation(ground):
     """A shift beyond the reach of the pyramid is recovered, not taken for a cut."""
     shift = np.array([250.0, 60.0])
     earlier, current = ground[300:1020, 300:1580], ground[360:1080, 550:1830]

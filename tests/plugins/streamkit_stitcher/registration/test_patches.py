@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project, to_reduced, translation
-from streamkit_stitcher.registration.corners import CornerDetector
-from streamkit_stitcher.registration.patches import align, cut_patches, prepare, pyramid
+from streamkit_stitcher.registration.corners import even_corners
+from streamkit_stitcher.registration.patch_search import align
+from streamkit_stitcher.registration.patches import cut_patches, prepare, pyramid
 
 TURN = np.array(
     [[1.1 * np.cos(0.3), -1.1 * np.sin(0.3), 90], [1.1 * np.sin(0.3), 1.1 * np.cos(0.3), -40], [0, 0, 1]]
@@ -15,7 +16,7 @@ TURN = np.array(
 
 def level_of(frame):
     """Prepared patches around the corners of a frame."""
-    points = CornerDetector().detect(frame, 200)
+    points = even_corners(frame, 20, 11)
     return prepare(cut_patches(frame, points), points)
 
 

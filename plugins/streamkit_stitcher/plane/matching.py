@@ -1,20 +1,26 @@
-"""Matches frames with keyframes by patches: followed from where they are expected, or searched for."""
+"""Matches frames with keyframes: by patches, followed or searched for, or by all of the area."""
 
 from collections.abc import Sequence
+from typing import Final
 
 from streamkit.geometry.homography import FloatArray, GreyArray, inverse, normalised
+from streamkit_stitcher.plane.dense_matching import DenseMatcher
 from streamkit_stitcher.plane.following import KeyframeFollower, following_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.motion_models import FitLimits
+from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.patches import pyramid
 
-COARSE_POINTS = 96
+# Patches that agree, as a part of those in view, which no mover can outvote.
+_DOMINANT: Final = 0.75
+_NEAR_LEVEL: Final = 1
 
 
-class PatchMatching:
-    """Both ways of matching, with the limits and the motion model of a plane.
+class KeyframeMatching:
+    """The ways of matching, with the limits and the motion model of a plane.
+
+    All homographies given are to the plane.
 
     Args:
         keyframes: of the plane.
@@ -28,6 +34,7 @@ class PatchMatching:
         self._max_points = max_points
         self._follower = KeyframeFollower()
         self._matcher = KeyframeMatcher()
+        self._dense = DenseMatcher()
 
     def prepare(self, keyframe: Keyframe) -> None:
         """Prepares to follow the patches of a new keyframe."""
@@ -50,14 +57,13 @@ class PatchMatching:
             self._keyframes.rule,
         )
 
-    def match(
+    def search(
         self,
         keyframe: Keyframe,
         images: Sequence[GreyArray],
         to_reference: FloatArray,
         top_level: int,
         most: int = 0,
-        coarse: int = COARSE_POINTS,
     ) -> KeyframeMatch | None:
         """Searches for patches from coarse to fine, around where a homography to the plane expects them.
 
@@ -67,7 +73,6 @@ class PatchMatching:
             to_reference: float64[3, 3], its expected homography to the plane.
             top_level: how often the frame is halved for the first search.
             most: patches at full size; 0 is all.
-            coarse: patches of the first search.
         """
         return self._matcher.match(
             keyframe,
@@ -77,5 +82,51 @@ class PatchMatching:
             top_level=top_level,
             max_points=most or self._max_points,
             rule=self._keyframes.rule,
-            coarse_points=coarse,
         )
+
+    def near(
+        self,
+        images: Sequence[GreyArray],
+        small: GreyArray,
+        before: FloatArray,
+        before_std: float,
+        expected: FloatArray,
+    ) -> KeyframeMatch | None:
+        """The match with the current keyframe, by patches where most of them agree, else by the area.
+
+        Its `share` is small where next to nothing agrees.
+
+        Args:
+            images: the frame.
+            small: uint8[h, w], at working size.
+            before: the previous frame.
+            before_std: its predicted error, px.
+            expected: the predicted homography.
+        """
+        active = self._keyframes.active
+        if active is None:
+            return None
+        match = self.certain(self.follow(active, images, expected))
+        match = match or self.certain(self.search(active, images, expected, _NEAR_LEVEL))
+        if match is not None:
+            if self._keyframes.rule.model is not MotionModel.HOMOGRAPHY is match.fit.model:
+                self._keyframes.learn(match)
+            if match.share >= _DOMINANT:
+                return match
+        return self.align(small, before, before_std, expected, match)
+
+    def align(
+        self,
+        small: GreyArray,
+        before: FloatArray,
+        before_std: float,
+        expected: FloatArray,
+        followed: KeyframeMatch | None = None,
+    ) -> KeyframeMatch | None:
+        """Matches all of the area of uint8[h, w], at working size, see `DenseMatcher.match`."""
+        active = self._keyframes.active
+        if active is None or active.small.shape != small.shape:
+            return followed
+        to_key = inverse(active.to_reference)
+        before, expected = normalised(to_key @ before), normalised(to_key @ expected)
+        return self._dense.match(active, small, before, before_std, expected, followed)
