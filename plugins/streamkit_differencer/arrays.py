@@ -1,13 +1,14 @@
-"""Array types. Images are [rows, columns]; masks are uint8, 255 where set unless said otherwise."""
+"""Array types and operations. Images are [rows, columns]; masks are uint8, 255 where set unless stated."""
 
+from typing import cast
+
+import cv2
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
 ByteImage = NDArray[np.uint8]
-ByteLine = NDArray[np.uint8]
 FloatImage = NDArray[np.float32]
-FloatLine = NDArray[np.float32]
 LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 # Points [n, 2], boxes [n, 4] and homographies [3, 3].
@@ -20,3 +21,16 @@ CORNERS = types.Array(types.int64, 2, "C")
 Slices = tuple[slice, slice]
 Region = tuple[int, int, int, int]
 REGION = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
+# Images of any strides that a kernel writes to.
+OUTPUT = types.Array(types.uint8, 2, "A")
+FLOAT_OUTPUT = types.Array(types.float32, 2, "A")
+
+
+def mask_of(condition: Flags) -> ByteImage:
+    """uint8, 255 where a condition holds, else 0."""
+    return condition.view(np.uint8) * np.uint8(255)
+
+
+def local_range(image: ByteImage) -> ByteImage:
+    """uint8[h, w], the range of values among each pixel and its neighbours."""
+    return cast("ByteImage", cv2.morphologyEx(image, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray
@@ -53,7 +52,6 @@ class CameraMotion:
     _keyframe: list[Patches] = field(default_factory=list)
     _keyframe_to_plane: FloatArray = field(default_factory=lambda: np.eye(3))
     _placed: FloatArray = field(default_factory=lambda: np.eye(3))
-    _previous: ByteImage | None = None
     _rests: bool = True
     _missed: int = 0
 
@@ -61,7 +59,7 @@ class CameraMotion:
         """Starts a new plane with the next frame."""
         self.plane += 1
         self._missed, self._rests = 0, True
-        self._placed, self._keyframe, self._previous = np.eye(3), [], None
+        self._placed, self._keyframe = np.eye(3), []
 
     def place(self, image: ByteImage) -> FloatArray | None:
         """Registers a frame.
@@ -82,7 +80,6 @@ class CameraMotion:
         else:
             placed = self._fit(levels)
             placed = self._miss(levels) if placed is None else self._follow(levels, placed)
-        self._previous = levels[-1]
         return placed
 
     def _follow(self, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
@@ -151,7 +148,7 @@ class CameraMotion:
         """
         coarsest = len(levels) - 1
         starts = [self._keyframe_to_plane, self._placed]
-        places = [*starts, self._placed @ self._shift(levels[-1], 2**coarsest)]
+        places = starts
         for level in range(coarsest, -1, -1):
             patches, image = self._keyframe[level], levels[level]
             fits = [
@@ -165,15 +162,6 @@ class CameraMotion:
         if bent[1] > HOMOGRAPHY_GAIN * similar[1]:
             return self._place_of(free), *bent
         return placed, *similar
-
-    def _shift(self, image: ByteImage, scale: int) -> FloatArray:
-        """The shift from this frame to the previous one by phase correlation; `scale` px per pixel."""
-        shift = np.eye(3)
-        if self._previous is not None and self._previous.shape == image.shape:
-            window = cv2.createHanningWindow(image.shape[::-1], cv2.CV_32F)
-            frames = image.astype(np.float32), self._previous.astype(np.float32)
-            shift[:2, 2] = scale * np.array(cv2.phaseCorrelate(*frames, window)[0])
-        return shift
 
     def _to_level(self, level: int, placed: FloatArray) -> FloatArray:
         """The keyframe's pixels to those of a frame at a place, on a level of the pyramids."""

@@ -30,7 +30,7 @@ ADJUSTMENT_PX = 0.25
 DETERMINANT_LIMITS = (1e-8, 1e8)
 
 
-class Change(enum.StrEnum):
+class CanvasChange(enum.StrEnum):
     """What happens to the canvas at a frame."""
 
     NONE = "none"
@@ -69,12 +69,12 @@ class FramePosition:
         working_to_canvas: float64[3, 3], the frame's working pixels to the canvas.
     """
 
-    change: Change
+    change: CanvasChange
     canvas_change: FloatArray
     working_to_canvas: FloatArray
 
 
-STILL = FramePosition(Change.NONE, IDENTITY, IDENTITY)
+STILL = FramePosition(CanvasChange.NONE, IDENTITY, IDENTITY)
 
 
 def working_to_frame(scale: int) -> FloatArray:
@@ -161,7 +161,7 @@ class Canvas:
             return None
         self._plane_to_canvas = self._margin @ np.linalg.inv(on_plane)
         self._previous, self._reference = self._margin, motion.reference
-        return FramePosition(Change.NEW, IDENTITY, self._margin)
+        return FramePosition(CanvasChange.NEW, IDENTITY, self._margin)
 
     def _without_adjustment(self, placed: FloatArray, to_previous: FloatArray | None) -> FloatArray:
         """The chained homography if the reference plane was adjusted since the last frame, else `placed`."""
@@ -180,13 +180,13 @@ class Canvas:
         convex = cv2.isContourConvex(corners.astype(np.float32).reshape(-1, 1, 2))
         return corners if convex else None
 
-    def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[Change, FloatArray]:
+    def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[CanvasChange, FloatArray]:
         low, high = corners.min(axis=0), corners.max(axis=0)
         size = np.array(self.size, np.float64)
         area_ratio = float(cv2.contourArea(corners.astype(np.float32))) / math.prod(self.working_size)
         smallest, largest = AREA_RATIO_LIMITS
         if not (smallest <= area_ratio <= largest and (high - low <= size - 1.0).all()):
-            return Change.REANCHOR, self._margin @ np.linalg.inv(placed)
+            return CanvasChange.REANCHOR, self._margin @ np.linalg.inv(placed)
         if (low >= -0.5).all() and (high <= size - 0.5).all():
-            return Change.NONE, IDENTITY
-        return Change.SCROLL, translation(np.round((size - 1.0 - low - high) / 2.0))
+            return CanvasChange.NONE, IDENTITY
+        return CanvasChange.SCROLL, translation(np.round((size - 1.0 - low - high) / 2.0))

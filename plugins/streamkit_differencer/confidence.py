@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import types
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage
-from streamkit_differencer.noise import DEVIATION_RATIO, HIGHEST_THRESHOLD
-from streamkit_kernels import BYTES, FLOATS, TABLE, kernel
+from streamkit.geometry.homography import project
+from streamkit_differencer.arrays import ByteImage, FloatArray
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
@@ -43,54 +41,36 @@ class Persistence:
         return ages
 
 
-@kernel(TABLE, TABLE, BYTES, FLOATS, BYTES, FLOATS, types.float64, types.float64)
 def contrasts(
     boxes: FloatArray,
-    to_canvas: FloatArray,
+    to_image: FloatArray,
     image: ByteImage,
-    background: FloatImage,
-    valid: ByteImage,
-    deviation: FloatImage,
-    gain: float,
-    lowest: float,
+    background: ByteImage,
+    thresholds: ByteImage,
+    known: ByteImage,
 ) -> FloatArray:
     """Contrast of an image to the background in boxes, in multiples of the threshold.
 
     Args:
         boxes: float64[n, 4], x0 y0 x1 y1; 25 points of each are sampled.
-        to_canvas: float64[3, 3], from the boxes' pixels to those of the images.
+        to_image: float64[3, 3], from the boxes' pixels to those of the images.
         image: uint8[h, w].
-        background: float32[h, w].
-        valid: uint8[h, w], mask of where it is known.
-        deviation: float32[h, w], noise of each pixel, grey levels.
-        gain: threshold in standard deviations of the noise.
-        lowest: smallest threshold, grey levels.
+        background: uint8[h, w].
+        thresholds: uint8[h, w], T_F of each pixel, grey levels.
+        known: uint8[h, w], mask of where the background is known.
 
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
     """
-    height, width = image.shape
-    result = np.zeros(len(boxes))
-    for number in range(len(boxes)):
-        left, top, right, bottom = boxes[number]
-        total, count = 0.0, 0
-        for place in range(GRID * GRID):
-            x = left + (right - left) * (0.1 + 0.2 * (place % GRID))
-            y = top + (bottom - top) * (0.1 + 0.2 * (place // GRID))
-            depth = to_canvas[2, 0] * x + to_canvas[2, 1] * y + to_canvas[2, 2]
-            across = np.rint((to_canvas[0, 0] * x + to_canvas[0, 1] * y + to_canvas[0, 2]) / depth)
-            down = np.rint((to_canvas[1, 0] * x + to_canvas[1, 1] * y + to_canvas[1, 2]) / depth)
-            # This comparison order maps NaN to 0.
-            column = int(min(across if across > 0.0 else 0.0, width - 1.0))
-            row = int(min(down if down > 0.0 else 0.0, height - 1.0))
-            threshold = min(
-                max(gain * DEVIATION_RATIO * deviation[row, column], lowest, 1.0), HIGHEST_THRESHOLD
-            )
-            excess = abs(image[row, column] - background[row, column]) / threshold
-            if excess > 1.0 and valid[row, column] > 0:
-                total, count = total + excess, count + 1
-        result[number] = total / max(count, 1)
-    return result
+    steps = (np.arange(GRID) + 0.5) / GRID
+    low, high = boxes[:, None, :2], boxes[:, None, 2:]
+    places = low + (high - low) * np.array([[x, y] for y in steps for x in steps])
+    points = np.nan_to_num(project(to_image, places.reshape(-1, 2)))
+    columns, rows = np.rint(np.clip(points, 0, np.array(image.shape[::-1]) - 1)).astype(np.intp).T
+    difference = np.abs(image[rows, columns].astype(np.float64) - background[rows, columns])
+    excess = (difference / np.maximum(thresholds[rows, columns], 1)).reshape(len(boxes), GRID * GRID)
+    counts = (excess > 1.0) & (known[rows, columns].reshape(excess.shape) > 0)
+    return np.asarray((excess * counts).sum(axis=1) / np.maximum(counts.sum(axis=1), 1))
 
 
 def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> FloatArray:

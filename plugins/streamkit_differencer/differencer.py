@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit.geometry.homography import corners, project, translation
+from streamkit.geometry.homography import corners, inverse, project, translation
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices
 from streamkit_differencer.camera_motion import CameraMotion
-from streamkit_differencer.canvas import STILL, Canvas, Change, FramePosition, Motion, working_to_frame
+from streamkit_differencer.canvas import STILL, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
 from streamkit_differencer.cleaning import cleaned
-from streamkit_differencer.confidence import Persistence, confidence
+from streamkit_differencer.confidence import Persistence, confidence, contrasts
 from streamkit_differencer.cuts import Cut, CutDetector
 from streamkit_differencer.filters.parallax import SMALLEST_STEP_PX
-from streamkit_differencer.model import BackgroundModel, Event
+from streamkit_differencer.model import BackgroundModel, ModelChange
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import warp_frame, warp_mask_back
@@ -53,8 +53,8 @@ class Result:
 
     objects: Objects
     foreground: ByteImage
-    change: Change = Change.NONE
-    event: Event = Event.NONE
+    change: CanvasChange = CanvasChange.NONE
+    event: ModelChange = ModelChange.NONE
 
 
 @dataclass(slots=True)
@@ -83,7 +83,6 @@ class Differencer:
     # Centres of the last frames on the canvas, px.
     _centres: list[FloatArray] = field(default_factory=list)
     _pairs: NDArray[np.uint16] = field(default_factory=lambda: np.empty((0, 0), np.uint16))
-    _mask: ByteImage = field(default_factory=lambda: np.empty((0, 0), np.uint8))
 
     def reset(self) -> None:
         """Discards the model: the next frame starts a new one."""
@@ -135,7 +134,7 @@ class Differencer:
             if motion is None
             else self._update_moving(image, working, motion)
         )
-        return result if cut is Cut.NONE or result is None else replace(result, event=Event.RESET)
+        return result if cut is Cut.NONE or result is None else replace(result, event=ModelChange.RESET)
 
     def _measured(self, working: ByteImage) -> Motion | None:
         placed = self._camera.place(working)
@@ -150,8 +149,9 @@ class Differencer:
             self._canvas, self._model = None, self._new_model((working.shape[1], working.shape[0]))
         frame = self._model.next_frame()
         frame.image[:], frame.seen[:] = working, 255
-        mask, event = self._model.update(np.s_[0 : working.shape[0], 0 : working.shape[1]])
-        return self._objects(image, working, mask, STILL, event, 1.0)
+        whole = np.s_[0 : working.shape[0], 0 : working.shape[1]]
+        mask, event = self._model.update(whole, is_resampled=False)
+        return self._objects(image, working, mask, np.eye(3), STILL, event, 1.0)
 
     def _update_moving(self, image: ByteImage, working: ByteImage, motion: Motion) -> Result | None:
         if self._canvas is None or self._model is None:
@@ -162,15 +162,16 @@ class Differencer:
             self.miss()
             return None
         self._follow(self._model, position)
-        if self._pairs.shape != working.shape:
-            self._pairs, self._mask = np.empty(working.shape, np.uint16), np.empty(working.shape, np.uint8)
         to_canvas = position.working_to_canvas
-        to_working = np.asarray(np.linalg.inv(to_canvas), np.float64)
-        region = draw_on_canvas(working, to_canvas, to_working, self._model, self._pairs)
-        _, event = self._model.update(region, self._parallax(self._model, to_canvas, working.shape))
-        bounds = region[0].start, region[0].stop, region[1].start, region[1].stop
-        warp_mask_back(self._model.mask, bounds, to_canvas, to_working, self._mask)
-        return self._objects(image, working, self._mask, position, event, motion.quality)
+        if self._pairs.shape != working.shape:
+            self._pairs = np.empty(working.shape, np.uint16)
+        region, is_resampled = draw_on_canvas(working, to_canvas, self._model, self._pairs)
+        parallax = self._parallax(self._model, to_canvas, working.shape)
+        found, event = self._model.update(region, parallax, is_resampled)
+        to_region = translation(np.array([-region[1].start, -region[0].start])) @ to_canvas
+        mask = np.empty_like(working)
+        warp_mask_back(found, to_region, inverse(to_region), mask)
+        return self._objects(image, working, mask, to_region, position, event, motion.quality)
 
     def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
         self._persistence, self._centres = Persistence(), []
@@ -195,31 +196,34 @@ class Differencer:
         image: ByteImage,
         working: ByteImage,
         mask: ByteImage,
+        to_region: FloatArray,
         position: FramePosition,
-        event: Event,
+        event: ModelChange,
         registration: float,
     ) -> Result:
-        """The objects of a frame with confidences, refined at full resolution."""
-        settings, scale = self.settings.objects, self._scale
-        assert self._model is not None
+        """The objects of a frame with confidences, refined at full resolution.
+
+        `to_region`, float64[3, 3], maps working pixels to those of the model's region of the frame.
+        """
+        settings, scale, model = self.settings.objects, self._scale, self._model
+        assert model is not None
         mask = cleaned(mask, settings.median // scale, settings.fill_holes)
         if self.region is not None:
             size = mask.shape[1], mask.shape[0]
             mask = mask & cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
-        background, (rows, columns) = self._model.compared_background
-        offset = translation(np.array([-columns.start, -rows.start]))
-        contrasts = object_contrasts(mask, working, background, offset @ position.working_to_canvas)
-        trim(mask, working, *contrasts, 0.0, SHADOW_SHARE)
+        contrast = object_contrasts(mask, working, model.background, to_region)
+        trim(mask, working, *contrast, 0.0, SHADOW_SHARE)
         objects = find_objects(mask, scale, settings, max(settings.max_objects, MOST_SCORED))
-        to_canvas = position.working_to_canvas @ frame_to_working(scale)
+        from_frame = frame_to_working(scale)
+        to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
-        contrast = self._model.contrast(objects.boxes, to_canvas)
-        objects = replace(objects, confidences=confidence(contrast, ages, registration))
+        clearness = contrasts(objects.boxes, to_background, *model.compared)
+        objects = replace(objects, confidences=confidence(clearness, ages, registration))
         objects = most_confident(objects, settings.max_objects)
-        refined = refine_objects(objects, image, background, offset @ to_canvas, mask, scale)
-        if self._model.tolerance > 0:
+        refined = refine_objects(objects, image, model.background, to_background, mask, scale)
+        if model.tolerance > 0:
             # Small objects are found with their halo.
-            trim(mask, working, *contrasts, HALO_SHARE, 0.0)
+            trim(mask, working, *contrast, HALO_SHARE, 0.0)
         mark_moving(mask, objects, scale)
         return Result(refined, mask, position.change, event)
 
@@ -227,14 +231,14 @@ class Differencer:
         """Moves what is kept on the canvas along with it."""
         change = position.canvas_change
         match position.change:
-            case Change.NEW:
+            case CanvasChange.NEW:
                 model.reset()
                 self._persistence, self._centres = Persistence(), []
-            case Change.SCROLL:
+            case CanvasChange.SCROLL:
                 model.scroll(round(change[0, 2]), round(change[1, 2]))
-            case Change.REANCHOR:
+            case CanvasChange.REANCHOR:
                 model.warp(change)
-            case Change.NONE:
+            case CanvasChange.NONE:
                 return
         self._persistence.boxes = mapped_boxes(change, self._persistence.boxes)
         self._centres = [project(change, point[None])[0] for point in self._centres]
@@ -273,40 +277,38 @@ def downsampled(image: ByteImage, scale: int) -> ByteImage:
 
 
 def draw_on_canvas(
-    working: ByteImage,
-    to_canvas: FloatArray,
-    to_working: FloatArray,
-    model: BackgroundModel,
-    pairs: NDArray[np.uint16],
-) -> Slices:
+    working: ByteImage, to_canvas: FloatArray, model: BackgroundModel, pairs: NDArray[np.uint16]
+) -> tuple[Slices, bool]:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
         working: uint8[h, w], the frame at working resolution.
         to_canvas: float64[3, 3], working pixels to canvas.
-        to_working: float64[3, 3], its inverse.
         model: owner of the canvas; the frame is drawn in its buffer for the next frame.
         pairs: uint16[h, w], scratch memory.
 
     Returns:
-        Rows and columns of the canvas.
+        Rows and columns of the canvas; and whether the frame was resampled.
     """
     shape = working.shape[0], working.shape[1]
     outline = corners(shape)
     placed = project(to_canvas, outline)
-    left, top = np.clip(np.floor(placed.min(axis=0)), 0, model.size).astype(int).tolist()
-    right, bottom = np.clip(np.ceil(placed.max(axis=0)) + 1, 0, model.size).astype(int).tolist()
+    low, high = placed.min(axis=0) + WHOLE_PIXEL_PX, placed.max(axis=0) - WHOLE_PIXEL_PX
+    left, top = np.clip(np.floor(low), 0, model.size).astype(int).tolist()
+    right, bottom = np.clip(np.ceil(high) + 1, 0, model.size).astype(int).tolist()
     region = np.s_[top:bottom, left:right]
     frame = model.next_frame()
     is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
     if is_whole and (bottom - top, right - left) == shape:
         frame.image[region], frame.seen[region] = working, 255
-        return region
-    warp_frame(np.ascontiguousarray(working), pairs, to_working, frame.image, (top, bottom, left, right))
+        return region, False
+    warp_frame(
+        np.ascontiguousarray(working), pairs, inverse(to_canvas), frame.image, (top, bottom, left, right)
+    )
     # A wider border than the one that interpolation mixes with.
     inner = outline + INWARDS * BORDER_PX
     cv2.fillConvexPoly(frame.seen, np.round(project(to_canvas, inner)).astype(np.int32), 255)
-    return region
+    return region, True
 
 
 def warm_up() -> None:

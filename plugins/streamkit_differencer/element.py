@@ -27,10 +27,10 @@ from streamkit import (
     luma,
     raw_video_caps,
 )
-from streamkit_differencer.canvas import Change, Motion
+from streamkit_differencer.canvas import CanvasChange, Motion
 from streamkit_differencer.differencer import Differencer, Result, warm_up
 from streamkit_differencer.mask_values import full_size
-from streamkit_differencer.model import Event
+from streamkit_differencer.model import ModelChange
 from streamkit_differencer.objects import NO_OBJECTS
 from streamkit_differencer.region import RegionOfInterest
 from streamkit_differencer.settings import DifferencerSettings
@@ -110,7 +110,7 @@ class FrameDiff(Transform):
         self._differencer = Differencer(own_motion=self.motion in (MotionSource.AUTO, MotionSource.OWN))
         self._last_seq: int | None = None
         self._crowded = self._has_warned = self._is_held = False
-        self._last_event = Event.NONE
+        self._last_event = ModelChange.NONE
 
     @override
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
@@ -156,9 +156,10 @@ class FrameDiff(Transform):
             self.post_message("model", event="held" if self._is_held else "resumed")
         if result is None:
             return
-        if result.event is Event.RESET or (result.event is Event.GAIN and self._last_event is Event.NONE):
+        begins_to_follow = result.event is ModelChange.GAIN and self._last_event is ModelChange.NONE
+        if result.event is ModelChange.RESET or begins_to_follow:
             self.post_message("model", event=str(result.event))
-        elif result.change in (Change.NEW, Change.REANCHOR):
+        elif result.change in (CanvasChange.NEW, CanvasChange.REANCHOR):
             self.post_message("model", event=str(result.change))
         self._last_event = result.event
         dropped = result.objects.dropped

@@ -7,8 +7,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import REGION, ByteImage, Region
-from streamkit_kernels import BYTES, kernel
+from streamkit_differencer.arrays import ByteImage
 
 # Foreground that changed within quiet_frames, foreground that is quiet, and shadow; background is 0.
 MOVING = 255
@@ -16,24 +15,6 @@ STOPPED = 128
 SHADOW = 50
 # Values up to this are background or shadow.
 HIGHEST_BACKGROUND = 100
-
-
-@kernel(BYTES, BYTES, BYTES, REGION)
-def set_mask_values(mask: ByteImage, quiet: ByteImage, values: ByteImage, region: Region) -> None:
-    """Writes `MOVING` or `STOPPED` for each pixel of the foreground.
-
-    Args:
-        mask: uint8[h, w], 255 for foreground, else 0.
-        quiet: uint8[h, w], mask of the pixels that did not change within quiet_frames.
-        values: uint8[h, w], output: 0 for background, else `MOVING` or `STOPPED`.
-        region: the part of the three arrays to process.
-    """
-    top, bottom, left, right = region
-    for row in range(top, bottom):
-        line, silent, output = mask[row, left:right], quiet[row, left:right], values[row, left:right]
-        for index in range(output.size):
-            kind = np.uint8(STOPPED) if silent[index] > 0 else np.uint8(MOVING)
-            output[index] = kind & line[index]
 
 
 def full_size(mask: ByteImage | None, width: int, height: int) -> ByteImage:

@@ -9,13 +9,10 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, ByteLine, FloatArray, LabelImage
-from streamkit_differencer.lines import is_any_set
+from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
 from streamkit_differencer.mask_values import MOVING
 from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
 
-# Parts of a line without foreground are skipped.
-BLOCK_PX = 64
 # Columns of the table of objects.
 PIXELS, SUM_X, SUM_Y, LEFT, TOP, RIGHT, BOTTOM, CHANGED, COLUMNS = range(9)
 
@@ -71,31 +68,20 @@ def measure_objects(
     height, width = labels.shape
     sizes, result = np.zeros(count + 1, np.int64), np.zeros((count, COLUMNS), np.float64)
     for row in range(height):
-        if is_any_set(cells[row]):
-            _sizes(labels[row], cells[row], sizes)
+        for column in range(width):
+            if cells[row, column] > 0:
+                sizes[labels[row, column]] += 1
     left, right = first_column * step, min((first_column + width) * step, foreground.shape[1])
     for row in range(first_row * step, min((first_row + height) * step, foreground.shape[0])):
-        for block in range(left, right, BLOCK_PX):
-            last = min(block + BLOCK_PX, right)
-            if not is_any_set(foreground[row, block:last]):
+        for column in range(left, right):
+            if foreground[row, column] < least:
                 continue
-            for column in range(block, last):
-                if foreground[row, column] < least:
-                    continue
-                label = labels[row // step - first_row, column // step - first_column]
-                if label > 0 and sizes[label] >= min_area:
-                    _count(result[label - 1], row, column, foreground[row, column] == MOVING)
-                elif label > 0:
-                    foreground[row, column] = 0
+            label = labels[row // step - first_row, column // step - first_column]
+            if label > 0 and sizes[label] >= min_area:
+                _count(result[label - 1], row, column, foreground[row, column] == MOVING)
+            elif label > 0:
+                foreground[row, column] = 0
     return result
-
-
-@compiled
-def _sizes(labels: NDArray[np.int32], cells: ByteLine, sizes: NDArray[np.int64]) -> None:
-    """Counts the cells of each object."""
-    for index in range(cells.size):
-        if cells[index] > 0:
-            sizes[labels[index]] += 1
 
 
 @compiled

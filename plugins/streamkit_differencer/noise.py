@@ -6,40 +6,40 @@ is too high for the first or too low for the others.
 
 from __future__ import annotations
 
+from typing import cast
+
+import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import Region
-from streamkit_differencer.canvas_images import CanvasFrame
+from streamkit_differencer.arrays import ByteImage, FloatImage
+from streamkit_differencer.ground import Ground
 
-SAMPLE_STEP = 8
-MOST_DEVIATIONS = 3.0
-# Tiles along each side of the frame, and the share of them where nothing may be moving.
-TILES, QUIET_SHARE = 4, 0.1
-LEAST_FIRST_DEVIATION = 1.5
 HIGHEST_THRESHOLD = 60.0
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
-# Mean deviation of an unknown pixel, and the share of the local range added to that of its first frames.
-UNKNOWN_DEVIATION = 5.0
-EDGE_SHARE = 0.08
+# First mean deviation of a pixel, and the share of the local range that is added: edges may flicker.
+FIRST_DEVIATION, EDGE_SHARE = 1.5, 0.08
 
 
-def first_deviation(earlier: CanvasFrame, current: CanvasFrame, region: Region) -> float:
-    """Mean deviation of pixels whose background is a single frame: that of two frames where less moves.
+def thresholds_of(deviation: FloatImage, gain: float, lowest: float) -> ByteImage:
+    """T_F of each pixel, uint8[h, w]: so many standard deviations, but not below `lowest` grey levels."""
+    limits = cv2.convertScaleAbs(deviation, alpha=gain * DEVIATION_RATIO)
+    limits = cv2.threshold(limits, HIGHEST_THRESHOLD, 0, cv2.THRESH_TRUNC)[1]
+    return cast("ByteImage", cv2.max(limits, np.full_like(limits, int(lowest))))
+
+
+def learn_noise(ground: Ground, difference: ByteImage, mask: ByteImage, rate: float) -> None:
+    """Learns the mean absolute deviation of some pixels as a running mean.
 
     Args:
-        earlier: a frame on the canvas, sampled at every eighth pixel of every eighth row.
-        current: a later one.
-        region: of the canvas.
+        ground: its deviation is updated in place.
+        difference: uint8[h, w], of the frame to the background, as far as it counts.
+        mask: uint8[h, w], mask of the pixels that learn.
+        rate: weight of this frame, 0 to 1.
     """
-    top, bottom, left, right = region
-    grid = np.s_[top + SAMPLE_STEP // 2 : bottom : SAMPLE_STEP, left + SAMPLE_STEP // 2 : right : SAMPLE_STEP]
-    difference = np.abs(earlier.image[grid].astype(np.float32) - current.image[grid])
-    difference[(earlier.seen[grid] & current.seen[grid]) == 0] = -1.0
-    means = []
-    for rows in np.array_split(difference, TILES):
-        for tile in np.array_split(rows, TILES, axis=1):
-            values = tile[tile >= 0.0]
-            if values.size:
-                means.append(values[values <= MOST_DEVIATIONS * np.median(values) + 1.0].mean())
-    return max(float(np.quantile(means, QUIET_SHARE)) if means else 0.0, LEAST_FIRST_DEVIATION)
+    cv2.accumulateWeighted(difference, ground.deviation, rate, mask=mask)
+
+
+def first_deviation(ranges: ByteImage) -> FloatImage:
+    """Mean deviation, float32, of pixels known from one frame, with these local ranges, uint8."""
+    return ranges * np.float32(EDGE_SHARE) + np.float32(FIRST_DEVIATION)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import REGION, ByteImage, ByteLine, FloatArray, FloatLine, Region
-from streamkit_differencer.lines import clear, unite
+from streamkit_differencer.arrays import REGION, ByteImage, FloatArray, Region
 from streamkit_kernels import BYTES, INPUT, PAIRS, TABLE, compiled, kernel
 
+ByteLine = NDArray[np.uint8]
+FloatLine = NDArray[np.float32]
 WholeNumbers = NDArray[np.uint32]
 
-# FloatLine are rounded to this part of a pixel; 32 bits hold a grey level times its square.
+# Coordinates are rounded to this part of a pixel; 32 bits hold a grey level times its square.
 STEPS = 2048
 # The frame is replicated this far beyond its border: the largest tolerance.
 BEYOND_PX = 8
@@ -70,41 +71,31 @@ def warp_frame(
         _interpolated(squares[:count], across, down, canvas[row, first:last])
 
 
-@kernel(BYTES, REGION, TABLE, TABLE, BYTES)
-def warp_mask_back(
-    canvas: ByteImage, region: Region, to_canvas: FloatArray, to_image: FloatArray, image: ByteImage
-) -> None:
-    """Warps a mask on a canvas to an image by nearest neighbours; 0 beyond the region.
+@kernel(BYTES, TABLE, TABLE, BYTES)
+def warp_mask_back(canvas: ByteImage, to_canvas: FloatArray, to_image: FloatArray, image: ByteImage) -> None:
+    """Warps a mask on a part of the canvas to an image by nearest neighbours; 0 beyond it.
 
     Args:
         canvas: uint8[rows, columns], the mask.
-        region: of the canvas.
         to_canvas: float64[3, 3], image pixels to canvas pixels.
         to_image: float64[3, 3], its inverse.
         image: uint8[h, w], output.
     """
-    top, bottom, left, right = region
-    for row in range(len(image)):
-        clear(image[row])
+    rows, columns = canvas.shape
+    image[:] = 0
     # Only parts of the canvas with foreground are warped.
-    united = np.empty(right - left, np.uint8)
-    for band in range(top, bottom, BAND):
-        end = min(band + BAND, bottom)
-        _unite(canvas, (band, end, left, right), united)
+    united = np.empty(columns, np.uint8)
+    for band in range(0, rows, BAND):
+        end = min(band + BAND, rows)
+        united[:] = 0
+        for row in range(band, end):
+            for column in range(columns):
+                united[column] |= canvas[row, column]
         start, stop = _next_run(united, 0)
         while start < stop:
-            outline = _outline(to_image, band - 1, end, left + start - 1, left + stop)
-            _copy_nearest(canvas, region, to_canvas, outline, image)
+            outline = _outline(to_image, band - 1, end, start - 1, stop)
+            _copy_nearest(canvas, to_canvas, outline, image)
             start, stop = _next_run(united, stop)
-
-
-@compiled
-def _unite(mask: ByteImage, region: Region, united: ByteLine) -> None:
-    """The union of the rows of a region."""
-    top, bottom, left, right = region
-    clear(united)
-    for row in range(top, bottom):
-        unite(mask[row, left:right], united)
 
 
 @compiled
@@ -121,11 +112,8 @@ def _next_run(united: ByteLine, start: int) -> tuple[int, int]:
 
 
 @compiled
-def _copy_nearest(
-    canvas: ByteImage, region: Region, to_canvas: FloatArray, outline: Region, image: ByteImage
-) -> None:
+def _copy_nearest(canvas: ByteImage, to_canvas: FloatArray, outline: Region, image: ByteImage) -> None:
     """Warps the mask to the part `outline` of the image."""
-    top, bottom, left, right = region
     first, last, low, high = outline
     for row in range(max(first, 0), min(last, image.shape[0])):
         for column in range(max(low, 0), min(high, image.shape[1])):
@@ -133,7 +121,7 @@ def _copy_nearest(
             across = to_canvas[0, 0] * column + to_canvas[0, 1] * row + to_canvas[0, 2]
             down = to_canvas[1, 0] * column + to_canvas[1, 1] * row + to_canvas[1, 2]
             x, y = int(np.rint(across * scale)), int(np.rint(down * scale))
-            if top <= y < bottom and left <= x < right:
+            if 0 <= y < canvas.shape[0] and 0 <= x < canvas.shape[1]:
                 image[row, column] = canvas[y, x]
 
 

@@ -91,8 +91,8 @@ class BackgroundSettings:
         min=0.0,
         max=4.0,
         live=True,
-        doc="Share of the local range of values that is added to the thresholds; to the foreground threshold "
-        "only where noise-gain is 0.",
+        doc="Share of the local range of values that is added to change-threshold in frames that were "
+        "resampled, so that registration errors at edges are no changes.",
     )
     frame_threshold: float = setting(
         0.75,

@@ -26,7 +26,6 @@ LARGEST_DEVIATION, NOISE_LEVELS = 0.04, 3.0
 TRIMMED = 1
 
 
-@kernel(BYTES, VIEW, VIEW, TABLE)
 def object_contrasts(
     mask: ByteImage, image: ByteImage, background: ByteImage, to_background: FloatArray
 ) -> tuple[LabelImage, ByteImage, FloatImage]:
@@ -42,7 +41,20 @@ def object_contrasts(
         int32[n, 3], see `components_of`; uint8[h, w], the background under each foreground pixel, at least 1;
         and float32[h, w], the mean contrast of its component.
     """
-    blocks, count = components_of(mask, (0, mask.shape[0], 0, mask.shape[1]))
+    blocks, count = components_of(mask)
+    return blocks, *_contrasts(mask, image, background, to_background, blocks, count)
+
+
+@kernel(BYTES, VIEW, VIEW, TABLE, BLOCKS, types.int64)
+def _contrasts(
+    mask: ByteImage,
+    image: ByteImage,
+    background: ByteImage,
+    to_background: FloatArray,
+    blocks: LabelImage,
+    count: int,
+) -> tuple[ByteImage, FloatImage]:
+    """The last two results of `object_contrasts`."""
     ground, contrast = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     sums, pixels = np.zeros(count), np.zeros(count)
     for index in range(len(blocks)):
@@ -56,7 +68,7 @@ def object_contrasts(
         mean = sums[blocks[index, 2]] / max(pixels[blocks[index, 2]], 1.0)
         for offset in range(4):
             contrast[blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2] = mean
-    return blocks, ground, contrast
+    return ground, contrast
 
 
 @kernel(BYTES, VIEW, BLOCKS, BYTES, FLOATS, types.float64, types.float64)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
-from numba import types
 
-from streamkit_differencer.arrays import REGION, ByteImage, Flags, LabelImage, Region
-from streamkit_differencer.changes import LONGEST_WAIT
-from streamkit_differencer.filters.components import MOST_POINTS
-from streamkit_differencer.lines import is_known, local_range
-from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
+from streamkit_differencer.arrays import ByteImage, Flags, LabelImage, local_range
+from streamkit_differencer.equations import LONGEST_WAIT
+from streamkit_differencer.filters.components import component_pixels
 
 # Share of the outline that must be stronger in the background than in the frame, and by how much. An object
 # that is just leaving its ghost hides a part of the ghost's outline.
@@ -19,11 +17,11 @@ AGREEMENT = 0.75
 # Frames without change of uncovered ground, in the same share of its pixels; leaves that blur what they cover
 # move on.
 REST_FRAMES = 6
-# Outlines nearer than this to unknown background do not count, px.
-BORDER_PX = 2
+# Outlines within two pixels of unknown background do not count.
+BORDER_SQUARE = np.ones((5, 5), np.uint8)
+_SQUARE = np.ones((3, 3), np.uint8)
 
 
-@kernel(*[BYTES] * 5, BLOCKS, types.int64, REGION)
 def find_ghosts(
     image: ByteImage,
     background: ByteImage,
@@ -32,19 +30,17 @@ def find_ghosts(
     mask: ByteImage,
     blocks: LabelImage,
     count: int,
-    region: Region,
 ) -> Flags:
     """The components of foreground at rest whose outline shows in the background and not in the frame.
 
     Args:
-        image: uint8[h, w], f(t) on the canvas, as all images.
+        image: uint8[h, w], f(t), as all images.
         background: uint8[h, w], B(t - 1), rounded.
-        valid: uint8[h, w], mask of where it is known.
-        waiting: uint8[h, w], the counter of `changes.update_waiting`.
+        valid: uint8[h, w], not 0 where it is known.
+        waiting: uint8[h, w], the counter D, see `equations.count_down`.
         mask: uint8[h, w], foreground.
         blocks: int32[n, 3], its components, see `components_of`.
         count: number of components.
-        region: of the images.
 
     Returns:
         bool[count].
@@ -52,50 +48,16 @@ def find_ghosts(
     Source: after Cucchiara, Grana, Piccardi and Prati, "Detecting Moving Objects, Ghosts, and Shadows
         in Video Streams", PAMI 2003, with edges instead of optical flow.
     """
-    length, known, votes = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.int64)
-    pixels, rest = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    for index in range(len(blocks)):
-        for offset in range(4):
-            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
-            if mask[row, column] > 0:
-                pixels[blocks[index, 2]] += 1
-                rest[blocks[index, 2]] += int(waiting[row, column] <= LONGEST_WAIT - REST_FRAMES)
-    outline = _outline(mask, blocks, region)
-    # A long outline is sampled.
-    for index in range(0, len(outline), max(1, -(-len(outline) // MOST_POINTS))):
-        row, column, component = outline[index, 0], outline[index, 1], outline[index, 2]
-        length[component] += 1
-        if is_known(valid, row, column, BORDER_PX, region):
-            known[component] += 1
-            edge = local_range(image, row, column, region)
-            votes[component] += int(local_range(background, row, column, region) > RATIO * edge + LEAST_EDGE)
-    ghosts = np.zeros(count, np.bool_)
-    for component in range(count):
-        agrees = votes[component] >= AGREEMENT * max(known[component], 1)
-        rests = rest[component] >= AGREEMENT * pixels[component]
-        ghosts[component] = agrees and rests and 2 * known[component] >= length[component]
-    return ghosts
-
-
-@compiled
-def _outline(mask: ByteImage, blocks: LabelImage, region: Region) -> LabelImage:
-    """Pixels at the edge of the foreground, int32[n, 3]: row, column and component."""
-    found = np.empty((4 * len(blocks), 3), np.int32)
-    total = 0
-    for index in range(len(blocks)):
-        for offset in range(4):
-            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
-            if mask[row, column] > 0 and _is_edge(mask, row, column, region):
-                found[total, 0], found[total, 1], found[total, 2] = row, column, blocks[index, 2]
-                total += 1
-    return found[:total]
-
-
-@compiled
-def _is_edge(mask: ByteImage, row: int, column: int, region: Region) -> bool:
-    top, bottom, left, right = region
-    for y in range(max(row - 1, top), min(row + 2, bottom)):
-        for x in range(max(column - 1, left), min(column + 2, right)):
-            if mask[y, x] == 0:
-                return True
-    return False
+    rows, columns, component = component_pixels(mask, blocks)
+    rest = np.bincount(component, waiting[rows, columns] <= LONGEST_WAIT - REST_FRAMES, count)
+    rests = rest >= AGREEMENT * np.bincount(component, minlength=count)
+    if not rests.any():
+        return np.asarray(rests)
+    is_outline = cv2.erode(mask, _SQUARE)[rows, columns] == 0
+    rows, columns, component = rows[is_outline], columns[is_outline], component[is_outline]
+    known = cv2.erode(valid, BORDER_SQUARE)[rows, columns] > 0
+    edges = local_range(image)[rows, columns].astype(np.float64)
+    shows = known & (local_range(background)[rows, columns] > RATIO * edges + LEAST_EDGE)
+    known_length, votes = (np.bincount(component, which, count) for which in (known, shows))
+    agrees = votes >= AGREEMENT * np.maximum(known_length, 1)
+    return np.asarray(rests & agrees & (2 * known_length >= np.bincount(component, minlength=count)))

@@ -12,10 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import REGION, ByteImage, Flags, LabelImage, Region
+from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
 from streamkit_differencer.filters.components import MOST_POINTS
-from streamkit_differencer.lines import is_known
-from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
+from streamkit_kernels import BLOCKS, VIEW, compiled, kernel
 
 # Smallest camera step with parallax, px.
 SMALLEST_STEP_PX = 2.0
@@ -26,7 +25,7 @@ LAG, EARLY_PX = 5.0, 0.5
 EXPLAINED = 0.8
 
 
-@kernel(*[BYTES] * 7, BLOCKS, types.int64, REGION, types.int64, types.float64, types.float64)
+@kernel(*[VIEW] * 7, BLOCKS, types.int64, types.int64, types.float64, types.float64)
 def find_parallax(
     image: ByteImage,
     background: ByteImage,
@@ -37,7 +36,6 @@ def find_parallax(
     mask: ByteImage,
     blocks: LabelImage,
     count: int,
-    region: Region,
     radius: int,
     shift_x: float,
     shift_y: float,
@@ -47,7 +45,7 @@ def find_parallax(
     The background alone may explain a vehicle that was learnt, the frame alone a slow one.
 
     Args:
-        image: uint8[h, w], f(t) on the canvas, as all images.
+        image: uint8[h, w], f(t), as all images.
         background: uint8[h, w], B(t - 1), rounded.
         valid: uint8[h, w], mask of where it is known.
         earlier: uint8[h, w], f(t - tau).
@@ -56,7 +54,6 @@ def find_parallax(
         mask: uint8[h, w], foreground.
         blocks: int32[n, 3], its components, see `components_of`.
         count: number of components.
-        region: of the images.
         radius: registration error to tolerate, px.
         shift_x: vector to where tall objects may have shifted from: the motion of the view over the canvas in
             the last tau frames, times the largest h / (H - h); px.
@@ -79,9 +76,9 @@ def find_parallax(
         value, most = np.int64(image[row, column]), np.int64(thresholds[row, column])
         low, high = value - most, value + most
         path = LAG * shift_x, LAG * shift_y
-        if _explains(background, valid, 1, radius, row, column, path, low, high, region):
+        if _explains(background, valid, 1, radius, row, column, path, low, high):
             path = beyond * shift_x, beyond * shift_y
-            is_seen = _explains(earlier, earlier_seen, 0, 1, row, column, path, low, high, region)
+            is_seen = _explains(earlier, earlier_seen, 0, 1, row, column, path, low, high)
             explained[component] += int(is_seen)
     shifted = np.zeros(count, np.bool_)
     for component in range(count):
@@ -100,25 +97,34 @@ def _explains(
     path: tuple[float, float],
     low: np.int64,
     high: np.int64,
-    region: Region,
 ) -> bool:
     """Whether the range of values along a path, within the radius, overlaps `low` to `high`.
 
     Pixels nearer than `border` to unknown ones do not count: an object that enters the frame was there, too.
     """
-    top, bottom, left, right = region
+    bottom, right = image.shape
     steps = int(np.rint(max(abs(path[0]), abs(path[1]))))
     lowest, highest = np.int64(255), np.int64(0)
     for step in range(steps + 1):
         part = step / max(steps, 1)
-        y = min(max(row + int(np.rint(part * path[1])), top), bottom - 1)
-        x = min(max(column + int(np.rint(part * path[0])), left), right - 1)
-        if not is_known(known, y, x, border, region):
+        y = min(max(row + int(np.rint(part * path[1])), 0), bottom - 1)
+        x = min(max(column + int(np.rint(part * path[0])), 0), right - 1)
+        if not _is_known(known, y, x, border):
             continue
-        for y_near in range(max(y - radius, top), min(y + radius + 1, bottom)):
-            for x_near in range(max(x - radius, left), min(x + radius + 1, right)):
+        for y_near in range(max(y - radius, 0), min(y + radius + 1, bottom)):
+            for x_near in range(max(x - radius, 0), min(x + radius + 1, right)):
                 value = np.int64(image[y_near, x_near])
                 lowest, highest = min(lowest, value), max(highest, value)
         if lowest <= high and highest >= low:
             return True
     return False
+
+
+@compiled
+def _is_known(known: ByteImage, row: int, column: int, border: int) -> bool:
+    """Whether all pixels within `border` of a pixel are set."""
+    for y in range(max(row - border, 0), min(row + border + 1, known.shape[0])):
+        for x in range(max(column - border, 0), min(column + border + 1, known.shape[1])):
+            if known[y, x] == 0:
+                return False
+    return True

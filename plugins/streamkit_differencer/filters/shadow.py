@@ -7,7 +7,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatImage
+from streamkit_differencer.arrays import ByteImage
 
 WINDOW_PX = 5
 DARKEST, BRIGHTEST = 0.4, 0.93
@@ -18,7 +18,7 @@ NOISE_LEVELS = 3.0
 LARGEST_SHARE = 0.7
 
 
-def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImage) -> ByteImage:
+def shadow_mask(current: ByteImage, background: ByteImage, foreground: ByteImage) -> ByteImage:
     """The foreground that is shadow.
 
     The ratio of frame to background is constant within a shadow and varies on an object. A component that
@@ -26,7 +26,7 @@ def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImag
 
     Args:
         current: uint8[h, w], f(t).
-        background: float32[h, w], B(t - 1).
+        background: uint8[h, w], B(t - 1), rounded.
         foreground: uint8[h, w], mask.
 
     Returns:
@@ -40,7 +40,7 @@ def shadow_mask(current: ByteImage, background: FloatImage, foreground: ByteImag
     if not width:
         return result
     area = np.s_[top : top + height, left : left + width]
-    ground = np.maximum(background[area], 1.0)
+    ground = np.maximum(background[area].astype(np.float32), 1.0)
     ratio = current[area].astype(np.float32) / ground
     size = (WINDOW_PX, WINDOW_PX)
     inside = cv2.threshold(foreground[area], 0, 1.0, cv2.THRESH_BINARY)[1].astype(np.float32)

@@ -15,7 +15,7 @@ from streamkit_differencer.sinks.detection_files import (
 class DetectionSink(TextFileSink[JsonLines]):
     """Writes the detections of each frame: JSON lines, COCO, or the det.txt of the MOT Challenge.
 
-    Frames are numbered from 1 in their order, including those without detections.
+    Frames are numbered from `first-number` in their order, including those without detections.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! detectionsink location=detections.jsonl

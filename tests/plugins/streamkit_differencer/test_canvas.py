@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit.geometry.homography import project, translation
-from streamkit_differencer.canvas import Canvas, Change, Motion, working_to_frame
+from streamkit_differencer.canvas import Canvas, CanvasChange, Motion, working_to_frame
 
 SIZE = (160, 90)
 CORNERS = np.array([[-0.5, -0.5], [159.5, -0.5], [159.5, 89.5], [-0.5, 89.5]])
@@ -30,7 +30,7 @@ def test_the_first_frame_lies_in_the_middle_of_its_canvas():
     """The canvas of an anchor is its image with a margin of 12 % on each side."""
     canvas = Canvas(SIZE, 2)
     place = canvas.place(Motion(turned(0.3, 5.0, 1000.0, -70.0)))
-    assert place.change is Change.NEW
+    assert place.change is CanvasChange.NEW
     np.testing.assert_allclose(place.working_to_canvas, translation((20, 11)), atol=1e-9)
     assert canvas.size == (200, 112)
 
@@ -53,23 +53,24 @@ def test_ground_points_keep_their_canvas_pixels(scale):
         corners = project(place.working_to_canvas, CORNERS)
         assert (corners >= -0.5 - 1e-6).all()
         assert (corners <= np.array(canvas.size) - 0.5 + 1e-6).all()
-    assert seen == {Change.NEW, Change.NONE, Change.SCROLL, Change.REANCHOR}
+    assert seen == {CanvasChange.NEW, CanvasChange.NONE, CanvasChange.SCROLL, CanvasChange.REANCHOR}
 
 
 def test_a_pan_scrolls_by_whole_pixels():
     """Leaving the margin sideways moves the canvas without resampling."""
     canvas = Canvas(SIZE, 2)
     changes = [canvas.place(Motion(translation((7.3 * time, 2.2 * time)))) for time in range(40)]
-    scrolls = [place.canvas_change for place in changes if place.change is Change.SCROLL]
+    scrolls = [place.canvas_change for place in changes if place.change is CanvasChange.SCROLL]
     assert scrolls
     for change in scrolls:
         np.testing.assert_array_equal(change, np.round(change))
         np.testing.assert_array_equal(change[:2, :2], np.eye(2))
-    assert Change.REANCHOR not in {place.change for place in changes}
+    assert CanvasChange.REANCHOR not in {place.change for place in changes}
 
 
 @pytest.mark.parametrize(
-    ("zoom", "expected"), [(1.1, Change.NONE), (1.13, Change.REANCHOR), (0.88, Change.REANCHOR)]
+    ("zoom", "expected"),
+    [(1.1, CanvasChange.NONE), (1.13, CanvasChange.REANCHOR), (0.88, CanvasChange.REANCHOR)],
 )
 def test_a_change_of_scale_reanchors(zoom, expected):
     """The frame's area on the canvas may be 0.8 to 1.25 of what it was."""
@@ -87,7 +88,7 @@ def test_a_new_plane_with_its_change_moves_nothing():
     moved = turned(0.02, 1.01, 3.0, 2.0)
     same = first.place(Motion(moved, reference=4))
     other = second.place(Motion(change @ moved, reference=5, reference_change=change))
-    assert other.change is same.change is Change.NONE
+    assert other.change is same.change is CanvasChange.NONE
     np.testing.assert_allclose(other.working_to_canvas, same.working_to_canvas, atol=1e-9)
     after = second.place(Motion(change @ moved, reference=5))
     np.testing.assert_allclose(after.working_to_canvas, same.working_to_canvas, atol=1e-9)
@@ -97,7 +98,7 @@ def test_a_new_plane_without_its_change_begins_anew():
     """Nothing relates the old canvas to a plane of another number."""
     canvas = Canvas(SIZE, 2)
     canvas.place(Motion(np.eye(3), reference=1))
-    assert canvas.place(Motion(np.eye(3), reference=2)).change is Change.NEW
+    assert canvas.place(Motion(np.eye(3), reference=2)).change is CanvasChange.NEW
 
 
 def test_an_adjusted_plane_does_not_shift_the_model():

@@ -3,7 +3,6 @@
 import numpy as np
 
 from streamkit_differencer.confidence import LONG_ENOUGH_FRAMES, Persistence, confidence, contrasts
-from streamkit_differencer.noise import DEVIATION_RATIO
 
 
 def test_each_part_counts():
@@ -38,13 +37,12 @@ def test_boxes_move_with_the_canvas():
 def test_contrast_is_in_multiples_of_the_threshold():
     """The mean of the points that exceed it, on the canvas; 0 where none does or nothing is known."""
     shape = (60, 80)
-    image, background = np.full(shape, 100, np.uint8), np.full(shape, 100.0, np.float32)
+    image, background, thresholds, known = (np.full(shape, value, np.uint8) for value in (100, 100, 10, 255))
     image[20:40, 20:30] = 130
-    valid, deviation = np.full(shape, 255, np.uint8), np.full(shape, 2.5 / DEVIATION_RATIO, np.float32)
-    valid[:, 60:] = 0
-    image[:, 60:] = 200
+    image[:, 60:], known[:, 60:] = 200, 0
     boxes = np.array([[0.0, 0, 39, 39], [40, 0, 50, 10], [100, 0, 118, 30], [-1e9, -1e9, 1e9, 1e9]])
     halving = np.diag([0.5, 0.5, 1.0]) + np.array([[0, 0, 20], [0, 0, 20], [0, 0, 0]])
-    found = contrasts(boxes, halving, image, background, valid, deviation, 4.0, 7.0)
+    found = contrasts(boxes, halving, image, background, thresholds, known)
     np.testing.assert_allclose(found[:3], [3.0, 0.0, 0.0])
     assert np.isfinite(found).all()
+    assert contrasts(np.zeros((0, 4)), halving, image, background, thresholds, known).shape == (0,)

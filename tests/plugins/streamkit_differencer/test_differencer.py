@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from streamkit_differencer.canvas import Change, Motion
+from streamkit_differencer.canvas import CanvasChange, Motion
 from streamkit_differencer.differencer import Differencer, downsampled
-from streamkit_differencer.model import Event
+from streamkit_differencer.model import ModelChange
 from streamkit_differencer.settings import BackgroundSettings, DifferencerSettings
 
 WARM_UP = 32
@@ -111,8 +111,8 @@ def test_the_error_of_position_has_no_bias(world):
 def test_a_flight_scrolls_the_canvas(world):
     """The moving world leaves the margin of its first canvas, so what is tested includes scrolling."""
     _, changes = run(world(11, True), Differencer())
-    assert changes[0] is Change.NEW
-    assert Change.SCROLL in changes
+    assert changes[0] is CanvasChange.NEW
+    assert CanvasChange.SCROLL in changes
 
 
 def test_without_motion_a_moving_camera_sees_motion_everywhere(world):
@@ -142,7 +142,7 @@ def test_one_frame_gives_no_objects(world):
     """There is nothing to compare the first frame with."""
     result = Differencer().update(world(11, True).frames[0], Motion(np.eye(3)))
     assert len(result.objects) == 0
-    assert result.change is Change.NEW
+    assert result.change is CanvasChange.NEW
 
 
 def test_another_frame_size_begins_a_new_model(world):
@@ -174,9 +174,9 @@ def test_a_useless_registration_is_no_result(world):
     """A singular matrix does not place the frame, and the model is as it was."""
     flight, differencer = world(11, True), Differencer()
     assert differencer.update(flight.frames[0], Motion(np.zeros((3, 3)))) is None
-    assert differencer.update(flight.frames[0], Motion(np.eye(3))).change is Change.NEW
+    assert differencer.update(flight.frames[0], Motion(np.eye(3))).change is CanvasChange.NEW
     assert differencer.update(flight.frames[1], Motion(np.full((3, 3), np.nan))) is None
-    assert differencer.update(flight.frames[1], Motion(flight.to_reference(1))).change is Change.NONE
+    assert differencer.update(flight.frames[1], Motion(flight.to_reference(1))).change is CanvasChange.NONE
 
 
 def test_a_black_burst_is_held_and_forgets_nothing(world):
@@ -186,7 +186,7 @@ def test_a_black_burst_is_held_and_forgets_nothing(world):
         result = differencer.update(np.zeros_like(frame) if 25 <= time < 30 else frame, None)
         assert (result is None) == (25 <= time < 30)
         if time >= 30:
-            assert result.event is not Event.RESET
+            assert result.event is not ModelChange.RESET
             score.add(result.objects, flight, time)
     assert score.f_measure >= 0.85
 
@@ -209,7 +209,7 @@ def test_a_gain_step_keeps_the_cars(world):
     for time, frame in enumerate(flight.frames):
         picture = np.clip(frame * 1.3, 0, 255).astype(np.uint8) if time >= 30 else frame
         result = differencer.update(picture, None)
-        assert result.event is not Event.RESET
+        assert result.event is not ModelChange.RESET
         if time >= 30:
             score.add(result.objects, flight, time)
     assert score.f_measure >= 0.8

@@ -1,15 +1,64 @@
 """Equations 1 to 4."""
 
+from dataclasses import dataclass, field
+
+import cv2
 import numpy as np
 import pytest
 
-from tests.plugins.streamkit_differencer.paper_equations import (
-    FrameDifference,
-    dynamic_matrix,
-    foreground,
-    logical_matrix,
+from streamkit_differencer.equations import (
+    LONGEST_WAIT,
+    changed_mask,
+    count_down,
+    excess_over_range,
+    foreground_mask,
+    quiet_mask,
     update_background,
 )
+
+
+def changed(image, earlier, threshold):
+    """Equation 2 as in the paper."""
+    return changed_mask(image, earlier, threshold, np.zeros_like(image), 0.0)
+
+
+@dataclass
+class FrameDifference:
+    """Equations 1 to 4 for a camera that does not move, and nothing else."""
+
+    interval: int = 3
+    quiet_frames: int = 12
+    ts: float = 18.0
+    tf: float = 22.0
+    alpha: float = 0.08
+    waiting: np.ndarray | None = None
+    background: np.ndarray | None = None
+    valid: np.ndarray | None = None
+    earlier: list[np.ndarray] = field(default_factory=list)
+
+    def update(self, current):
+        if self.waiting is None:
+            self.waiting = np.full(current.shape, LONGEST_WAIT, np.uint8)
+            self.background, self.valid = (
+                np.zeros(current.shape, np.float32),
+                np.zeros(current.shape, np.uint8),
+            )
+        excess = excess_over_range(current, cv2.convertScaleAbs(self.background), 0)
+        mask = foreground_mask(excess, np.full(current.shape, int(self.tf), np.uint8)) & self.valid
+        if len(self.earlier) == self.interval:
+            count_down(self.waiting, changed(current, self.earlier.pop(0), self.ts))
+        quiet = quiet_mask(self.waiting, self.quiet_frames)
+        cv2.copyTo(current.astype(np.float32), quiet & ~self.valid, self.background)
+        update_background(self.background, current, quiet, self.alpha)
+        self.valid |= quiet
+        self.earlier.append(current.copy())
+        return mask
+
+    @property
+    def dynamic(self):
+        """D(t)."""
+        least = LONGEST_WAIT - self.quiet_frames
+        return np.maximum(self.waiting, least) - least
 
 
 class SlowReference:
@@ -26,8 +75,8 @@ class SlowReference:
         for pixel in np.ndindex(height, width):
             value = int(frame[pixel])
             known = pixel in self.b
-            self.f[pixel] = int(known and abs(value - self.b[pixel]) > self.tf)
-            if known and abs(abs(value - self.b[pixel]) - self.tf) < 1e-3:
+            self.f[pixel] = int(known and abs(value - round(self.b[pixel])) > self.tf)
+            if known and abs(self.b[pixel] % 1 - 0.5) < 1e-3:
                 self.nearly.add((time, pixel))
             d = self.d.get(pixel, self.quiet_frames)
             if time >= self.tau:
@@ -60,7 +109,7 @@ def test_the_equations_match_a_slow_per_pixel_reference(seed):
         slow.update(frame)
         assert set(np.unique(mask)) <= {0, 255}
         for pixel in np.ndindex(frame.shape):
-            # B is float32: where the difference is T_F within B's own precision, either answer is right.
+            # B is float32: halfway between two levels within its own precision, either rounding is right.
             if (time, pixel) not in slow.nearly:
                 assert (mask[pixel] > 0) == slow.f[pixel], (time, pixel)
             assert fast.dynamic[pixel] == slow.d[pixel], (time, pixel)
@@ -68,27 +117,47 @@ def test_the_equations_match_a_slow_per_pixel_reference(seed):
             if pixel in slow.b:
                 assert abs(fast.background[pixel] - slow.b[pixel]) < 1e-3, (time, pixel)
         if time >= tau:
-            logical = logical_matrix(frame, earlier[-tau], 18.0)
+            logical = changed(frame, earlier[-tau], 18.0)
             assert all((logical[pixel] > 0) == slow.s[pixel] for pixel in np.ndindex(frame.shape))
         earlier.append(frame)
     assert len(slow.nearly) < 5
 
 
-def test_equation_1_keeps_a_quiet_pixel_at_zero():
+def test_equation_1_keeps_a_quiet_pixel_quiet():
     """The case the paper leaves out: no change and D = 0 stays 0; a change always restarts at lambda."""
-    dynamic = np.array([[0, 0, 1, 7]], np.uint8)
-    logical = np.array([[0, 255, 0, 255]], np.uint8)
-    assert dynamic_matrix(dynamic, logical, 12).tolist() == [[0, 12, 0, 12]]
-    assert dynamic_matrix(np.full((1, 4), 255, np.uint8), logical, 255).tolist() == [[254, 255, 254, 255]]
+    waiting = np.array([[0, 243, 244, 250]], np.uint8)
+    assert quiet_mask(waiting, 12).tolist() == [[255, 255, 0, 0]]
+    count_down(waiting, np.array([[0, 255, 0, 255]], np.uint8))
+    assert quiet_mask(waiting, 12).tolist() == [[255, 0, 255, 0]]
+    assert waiting.tolist() == [[0, 255, 243, 255]]
 
 
 def test_thresholds_must_be_exceeded():
     """A difference equal to the threshold is no change, in equation 2 and in equation 4."""
-    base = np.full((3, 3), 100, np.uint8)
-    assert not logical_matrix(base + np.uint8(18), base, 18.0).any()
-    assert logical_matrix(base - np.uint8(19), base, 18.0).all()
-    assert not foreground(base + np.uint8(22), base.astype(np.float32), 22.0).any()
-    assert foreground(base + np.uint8(22), base.astype(np.float32) - 0.01, 22.0).all()
+    base, limits = np.full((3, 3), 100, np.uint8), np.full((3, 3), 22, np.uint8)
+    assert not changed(base + np.uint8(18), base, 18.0).any()
+    assert changed(base - np.uint8(19), base, 18.0).all()
+    assert not foreground_mask(excess_over_range(base + np.uint8(22), base, 0), limits).any()
+    assert foreground_mask(excess_over_range(base - np.uint8(23), base, 0), limits).all()
+
+
+def test_gradient_gain_raises_the_threshold_at_edges_only():
+    """By that share of the local range; elsewhere nothing changes."""
+    earlier, ranges = np.zeros((2, 40), np.uint8), np.zeros((2, 40), np.uint8)
+    ranges[:, 20:] = 44
+    changed = changed_mask(earlier + np.uint8(40), earlier, 18.0, ranges, 0.5)
+    assert changed[:, :20].all()
+    assert not changed[:, 20:].any()
+
+
+@pytest.mark.parametrize("tolerance", [1, 2])
+def test_a_registration_error_within_the_tolerance_is_no_difference(tolerance):
+    """An edge that is off by the tolerance is within the background's range; one by more is not."""
+    background, within, beyond = np.zeros((3, 20, 40), np.uint8)
+    background[:, 20:] = within[:, 20 + tolerance :] = beyond[:, 21 + tolerance :] = 200
+    assert not excess_over_range(within, background, tolerance).any()
+    assert excess_over_range(beyond, background, tolerance).any()
+    assert excess_over_range(within, background, 0).any()
 
 
 def test_equation_3_learns_differences_smaller_than_a_level():

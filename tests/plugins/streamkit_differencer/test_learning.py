@@ -1,30 +1,23 @@
-"""What a frame teaches."""
+"""The choice between two values of a pixel."""
 
 import numpy as np
 
-from streamkit_differencer.learning import AVERAGED, NEW, NONE, PROVISIONAL, REPLACED, learn
-from streamkit_differencer.noise_learning import begin_noise
-from tests.plugins.streamkit_differencer.paper_equations import update_background
+from streamkit_differencer.arrays import mask_of
+from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
+from streamkit_differencer.learning import choose_values
 
-SHAPE = (21, 34)
-REGION = (2, 19, 3, 30)
-INSIDE = np.s_[2:19, 3:30]
+SHAPE = (17, 27)
 SAME = 7
 
 
-def masks(seed, *shares):
-    """Random masks."""
-    random = np.random.default_rng(seed)
-    return [np.where(random.random(SHAPE) < share, 255, 0).astype(np.uint8) for share in shares]
-
-
 def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, fewest=3):
-    """Learns from a frame; updates `state`, and gives the updates and the number of new pixels."""
-    updates = np.full(SHAPE, 77, np.uint8)
+    """Learns from a frame; updates `state`."""
     rounded = np.rint(state["background"]).astype(np.uint8)
-    images = image, mask, quiet, state["background"], rounded, state["thresholds"], state["valid"]
-    counts = state["known_frames"], state["other"], state["other_frames"]
-    return updates, learn(*images, *counts, updates, REGION, 0.08, quiet_frames, absorb_frames, SAME, fewest)
+    names = "background", "valid", "known_frames", "other", "other_frames"
+    states = (state[name] for name in names)
+    limits = quiet_frames, absorb_frames, SAME, fewest
+    undecided = mask | ~mask_of(state["valid"] == KNOWN)
+    choose_values(undecided, image, mask, quiet, rounded, state["thresholds"], *states, *limits)
 
 
 def a_state(seed, valid):
@@ -38,57 +31,50 @@ def a_state(seed, valid):
     return whole
 
 
-def test_each_pixel_learns_as_it_should():
-    """Ground by equation 3, what is new at once, what was seen as long as the background, all else not."""
-    image = np.random.default_rng(0).integers(90, 110, SHAPE).astype(np.uint8)
-    quiet, mask, valid = masks(1, 0.7, 0.3, 0.8)
+def test_foreground_that_was_seen_as_long_as_the_background_replaces_it():
+    """The other value counts up while it rests and down while it does not show; ground keeps its counts."""
+    random = np.random.default_rng(1)
+    image = random.integers(90, 110, SHAPE).astype(np.uint8)
+    quiet, mask, valid = (
+        np.where(random.random(SHAPE) < share, 255, 0).astype(np.uint8) for share in (0.7, 0.3, 0.8)
+    )
     mask &= valid
     state = a_state(2, valid)
     old = {name: values.copy() for name, values in state.items()}
-    updates, count = learn_frame(state, image, mask, quiet)
+    learn_frame(state, image, mask, quiet)
     rests, foreground = quiet > 0, mask > 0
     like = np.abs(image.astype(int) - old["other"]) <= old["thresholds"]
     seen = np.where(like, old["other_frames"] + rests, np.maximum(old["other_frames"].astype(int) - 1, 0))
     begins = foreground & ~like & (seen == 0)
     seen = np.where(foreground, seen, old["other_frames"])
     exchanged = foreground & rests & (like | begins) & (seen >= np.minimum(old["known_frames"], 10))
-    new, averaged = rests & (old["valid"] == 0), rests & ~foreground & (old["valid"] > 0)
-    expected = np.full(SHAPE, NONE)
-    expected[averaged], expected[new], expected[exchanged] = AVERAGED, NEW, REPLACED
     other = np.where(begins, image, old["other"])
+    new = rests & (old["valid"] == UNKNOWN)
     wanted = {
-        "valid": np.where(new, 255, old["valid"]),
-        "known_frames": np.where(exchanged, seen, np.where(new, 4, old["known_frames"] + averaged)),
+        "background": np.where(exchanged | new, image, old["background"]),
+        "valid": np.where(new, KNOWN, old["valid"]),
+        "known_frames": np.where(
+            exchanged, seen, np.where(new, np.maximum(old["known_frames"], 4), old["known_frames"])
+        ),
         "other_frames": np.where(exchanged, old["known_frames"], seen),
         "other": np.where(exchanged, np.rint(old["background"]), other),
-        "thresholds": old["thresholds"],
     }
-    assert exchanged[INSIDE].any()
-    assert count == np.count_nonzero(new[INSIDE])
-    np.testing.assert_array_equal(updates[INSIDE], expected[INSIDE])
+    assert exchanged.any()
     for name, values in wanted.items():
-        np.testing.assert_array_equal(state[name][INSIDE], values[INSIDE], name)
-    taught = old["background"].copy()
-    update_background(taught, image, averaged.astype(np.uint8), 0.08)
-    taught[expected >= REPLACED] = image[expected >= REPLACED]
-    np.testing.assert_allclose(state["background"][INSIDE], taught[INSIDE], atol=1e-4)
-    for name, values in state.items():
-        values[INSIDE] = old[name][INSIDE]
-        np.testing.assert_array_equal(values, old[name], name)
+        np.testing.assert_array_equal(state[name], values, name)
 
 
-def test_what_was_looked_at_but_once_is_learnt_as_soon_as_it_is_quiet():
-    """A first look is no background that foreground is kept from."""
+def test_a_first_look_yields_to_what_is_quiet():
+    """Quiet foreground replaces a first look that was seen once; other foreground is not learnt."""
     image, mask = np.full(SHAPE, 200, np.uint8), np.full(SHAPE, 255, np.uint8)
     quiet = np.zeros(SHAPE, np.uint8)
     quiet[:, :10] = 255
     state = a_state(3, np.full(SHAPE, PROVISIONAL, np.uint8))
     state["background"][:], state["known_frames"][:] = 90, 1
-    _, count = learn_frame(state, image, mask, quiet)
-    learns = (quiet > 0)[INSIDE]
-    assert count == learns.sum()
-    np.testing.assert_array_equal(state["valid"][INSIDE], np.where(learns, 255, PROVISIONAL))
-    np.testing.assert_array_equal(state["background"][INSIDE], np.where(learns, 200, 90))
+    state["other_frames"][:] = 1
+    learn_frame(state, image, mask, quiet)
+    np.testing.assert_array_equal(state["valid"], np.where(quiet > 0, KNOWN, PROVISIONAL))
+    np.testing.assert_array_equal(state["background"], np.where(quiet > 0, 200, 90))
 
 
 def show(state, values, quiet=0, **limits):
@@ -113,8 +99,7 @@ def test_ground_seen_between_leaves_replaces_the_leaf_of_the_first_look():
     """Leaves show many values, the ground behind them one; neither is ever quiet."""
     state = a_provisional_state(60)
     show(state, [150, 151, 90, 149, 40, 150, 110, 151, 150])
-    np.testing.assert_allclose(state["background"][INSIDE], 150, atol=2)
-    assert (state["valid"] == PROVISIONAL).all()
+    np.testing.assert_allclose(state["background"], 150, atol=2)
 
 
 def test_a_leaf_at_rest_does_not_replace_ground_that_was_seen_more_often():
@@ -122,31 +107,15 @@ def test_a_leaf_at_rest_does_not_replace_ground_that_was_seen_more_often():
     state = a_provisional_state(150)
     show(state, [150, 80, 150, 30, 151, 149, 150, 110, 150])
     show(state, [60], quiet=255)
-    np.testing.assert_allclose(state["background"][INSIDE], 150, atol=2)
+    np.testing.assert_allclose(state["background"], 150, atol=2)
     show(state, [60] * 8, quiet=255)
-    np.testing.assert_allclose(state["background"][INSIDE], 60)
+    np.testing.assert_allclose(state["background"], 60)
 
 
 def test_a_vehicle_on_new_ground_is_no_background_after_a_few_frames():
     """Under a camera that flies a value must be seen as long as quiet ground."""
     state = a_provisional_state(150)
     show(state, [60] * 11, fewest=12)
-    np.testing.assert_allclose(state["background"][INSIDE], 150)
+    np.testing.assert_allclose(state["background"], 150)
     show(state, [60], fewest=12)
-    np.testing.assert_allclose(state["background"][INSIDE], 60)
-
-
-def test_new_pixels_begin_with_the_noise_that_edges_may_have():
-    """The first deviation and a share of the local range, and the threshold of that; others keep theirs."""
-    earlier, updates = np.full(SHAPE, 100, np.uint8), np.full(SHAPE, AVERAGED, np.uint8)
-    earlier[:, 20:] = 150
-    updates[5:9] = NEW
-    deviation, thresholds = np.full(SHAPE, 3.0, np.float32), np.full(SHAPE, 12, np.uint8)
-    begin_noise(earlier, updates, deviation, thresholds, REGION, 2.0, 0.1, 4.0, 9, 25)
-    np.testing.assert_allclose(deviation[5:9, 3:19], 2.0)
-    np.testing.assert_allclose(deviation[5:9, 19:21], 7.0)
-    assert (thresholds[5:9, 3:19] == 9).all()
-    assert (thresholds[5:9, 19:21] == 25).all()
-    deviation[5:9, 3:30], thresholds[5:9, 3:30] = 3.0, 12
-    assert (deviation == 3.0).all()
-    assert (thresholds == 12).all()
+    np.testing.assert_allclose(state["background"], 60)

@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_differencer.mask_values import binary_mask, full_size, set_mask_values
-
-
-def test_foreground_is_marked_with_what_it_is():
-    """What changed lately is 255, what is quiet 128; outside the region nothing is written."""
-    mask, quiet = np.array([[0, 0, 255, 255, 255]], np.uint8), np.array([[0, 255, 0, 255, 255]], np.uint8)
-    marks = np.full((1, 5), 77, np.uint8)
-    set_mask_values(mask, quiet, marks, (0, 1, 0, 4))
-    assert marks.tolist() == [[0, 0, 255, 128, 77]]
+from streamkit_differencer.mask_values import binary_mask, full_size
 
 
 @pytest.mark.parametrize(("width", "height"), [(8, 6), (9, 7)])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_differencer.learning import PROVISIONAL
-from streamkit_differencer.model import BackgroundModel, Event
+from streamkit_differencer.ground import PROVISIONAL
+from streamkit_differencer.model import BackgroundModel, ModelChange
 from streamkit_differencer.settings import BackgroundSettings
 
 SHAPE = (120, 160)
@@ -51,10 +51,10 @@ def test_background_is_valid_after_lambda_quiet_frames():
     """A frame to compare with and lambda frames without change, and not one less; provisional before."""
     model = BackgroundModel((160, 120), SETTINGS)
     for time in range(FIRST_VALID):
-        assert not (model.valid == 255).any(), time
+        assert not (model.ground.valid == 255).any(), time
         show(model, ground())
-    assert (model.valid == 255).all()
-    np.testing.assert_array_equal(model.background, ground())
+    assert (model.ground.valid == 255).all()
+    np.testing.assert_array_equal(model.ground.background, ground())
 
 
 def test_a_thing_is_foreground_and_marked_as_changed():
@@ -64,7 +64,7 @@ def test_a_thing_is_foreground_and_marked_as_changed():
     marks = []
     for _ in range(SETTINGS.quiet_frames + SETTINGS.frame_interval + 2):
         mask, event = show(model, image)
-        assert event is Event.NONE
+        assert event is ModelChange.NONE
         marks.append(int(mask[25, 35]))
         assert not mask[:18].any()
     assert marks[0] == 255
@@ -118,7 +118,7 @@ def test_an_object_that_stopped_for_long_leaves_no_ghost_when_it_goes():
 def test_what_the_frame_does_not_cover_is_held():
     """Outside `seen` and outside the region nothing changes, and nothing there is foreground."""
     model = learnt()
-    arrays = model.background, model.valid, model.deviation, model.other_frames
+    arrays = model.ground.background, model.ground.valid, model.ground.deviation, model.ground.other_frames
     before = [np.copy(array) for array in arrays]
     seen = np.zeros((30, 40), np.uint8)
     seen[:, 20:] = 255
@@ -128,7 +128,9 @@ def test_what_the_frame_does_not_cover_is_held():
     assert mask[12:18, 22:].all()
     assert not mask[:, :20].any()
     for array, old in zip(
-        (model.background, model.valid, model.deviation, model.other_frames), before, strict=True
+        (model.ground.background, model.ground.valid, model.ground.deviation, model.ground.other_frames),
+        before,
+        strict=True,
     ):
         outside = np.ones(SHAPE, bool)
         outside[10:40, 25:45] = False
@@ -143,13 +145,13 @@ def test_ground_that_comes_into_view_has_no_background_yet():
     for _ in range(20):
         show(model, ground(), left, WHOLE)
     for time in range(SETTINGS.frame_interval + SETTINGS.quiet_frames):
-        assert not (model.valid[:, 80:] == 255).any()
-        has_looked = (model.valid[:, 80:] == PROVISIONAL).any()
+        assert not (model.ground.valid[:, 80:] == 255).any()
+        has_looked = (model.ground.valid[:, 80:] == PROVISIONAL).any()
         assert has_looked or time <= SETTINGS.frame_interval + 1
         assert not has_looked or time > SETTINGS.frame_interval
         mask, _ = show(model, ground())
         assert not mask.any()
-    assert (model.valid == 255).all()
+    assert (model.ground.valid == 255).all()
 
 
 def test_a_thing_that_drives_onto_new_ground_is_found_before_that_is_known():
@@ -163,7 +165,7 @@ def test_a_thing_that_drives_onto_new_ground_is_found_before_that_is_known():
         show(model, ground())
     for x in (100, 104):
         mask, _ = show(model, with_thing(ground(), x))
-        assert not (model.valid[20:30, x : x + 10] == 255).any()
+        assert not (model.ground.valid[20:30, x : x + 10] == 255).any()
         assert (mask[20:30, x : x + 10] == 255).mean() > 0.9
         mask[18:32, 98 : x + 12] = 0
         assert not mask.any()
@@ -176,8 +178,8 @@ def test_a_busy_road_is_no_new_ground():
         image = with_thing(ground(), 40, size=40, tone=(10, 200, 250)[time % 3])
         mask, _ = show(model, image)
         assert not mask[22:58, 42:78].any()
-    assert not model.valid[22:58, 42:78].any()
-    assert (model.valid[70:] == 255).all()
+    assert not model.ground.valid[22:58, 42:78].any()
+    assert (model.ground.valid[70:] == 255).all()
 
 
 def test_a_model_that_begins_has_a_provisional_background():
@@ -205,7 +207,7 @@ def test_a_step_of_exposure_is_followed(gain):
     model = learnt()
     brighter = np.clip(gain * with_thing(ground(), 30, tone=10).astype(float), 0, 255).astype(np.uint8)
     mask, event = show(model, brighter)
-    assert event is Event.GAIN
+    assert event is ModelChange.GAIN
     assert (mask[20:30, 30:40] > 0).mean() > 0.9
     mask[18:32, 28:42] = 0
     assert not mask.any()
@@ -225,7 +227,7 @@ def test_noise_over_the_whole_picture_is_no_other_scene():
     for _ in range(4):
         noisy = np.clip(ground() + random.normal(0, 60, SHAPE), 0, 255).astype(np.uint8)
         _, event = show(model, noisy)
-        assert event is Event.NONE
+        assert event is ModelChange.NONE
     assert not show(model, ground())[0].any()
 
 
@@ -244,17 +246,19 @@ def test_warping_by_a_shift_equals_scrolling():
     scrolled_model, warped_model = learnt(), learnt()
     scrolled_model.scroll(6, -4)
     warped_model.warp(translation((6, -4)))
-    known = warped_model.valid > 0
+    known = warped_model.ground.valid > 0
     assert known.mean() > 0.8
-    assert (scrolled_model.valid[known] > 0).all()
-    np.testing.assert_allclose(warped_model.background[known], scrolled_model.background[known], atol=1e-3)
+    assert (scrolled_model.ground.valid[known] > 0).all()
+    np.testing.assert_allclose(
+        warped_model.ground.background[known], scrolled_model.ground.background[known], atol=1e-3
+    )
 
 
 def test_counters_do_not_wrap():
     """Absorb and lambda at their largest: 600 frames of a standing object are no overflow."""
     model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255), frames=300)
-    assert (model.known_frames == 255).all()
+    assert (model.ground.known_frames == 255).all()
     image = with_thing(ground(), 30)
     masks = [int(show(model, image)[0][25, 35]) for _ in range(300)]
     assert np.count_nonzero(masks) == 1 + 4 - 1 + 255
-    assert model.other_frames[25, 35] == 255
+    assert model.ground.other_frames[25, 35] == 255

@@ -67,15 +67,15 @@ def test_whole_pixels_are_drawn_as_they_are():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_masks_are_fetched_as_by_nearest_neighbours(seed):
-    """Few objects or many, all of them and nothing else; what lies beyond the region is empty."""
-    random, region = np.random.default_rng(seed), (12, 105, 22, 180)
+    """Few objects or many, all of them and nothing else; what lies beyond the canvas is empty."""
+    random = np.random.default_rng(seed)
     canvas = np.where(random.random(CANVAS) < (0.001, 0.01, 0.3)[seed], 255, 0).astype(np.uint8)
     canvas = cv2.dilate(canvas, np.ones((4, 4), np.uint8))
     mask = np.full(SHAPE, 77, np.uint8)
-    warp_mask_back(canvas, region, TURNED, np.linalg.inv(TURNED), mask)
+    warp_mask_back(canvas, TURNED, np.linalg.inv(TURNED), mask)
     rows, columns = np.indices(SHAPE)
     x, y, depth = np.tensordot(TURNED, np.stack([columns, rows, np.ones_like(rows)]), axes=1)
     x, y = np.rint(x / depth).astype(int), np.rint(y / depth).astype(int)
-    inside = (y >= 12) & (y < 105) & (x >= 22) & (x < 180)
+    inside = (y >= 0) & (y < CANVAS[0]) & (x >= 0) & (x < CANVAS[1])
     expected = np.where(inside, canvas[np.clip(y, 0, CANVAS[0] - 1), np.clip(x, 0, CANVAS[1] - 1)], 0)
     np.testing.assert_array_equal(mask, expected)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from streamkit_differencer.changes import LONGEST_WAIT
+from streamkit_differencer.equations import LONGEST_WAIT
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.ghost import find_ghosts
 
 EVERYWHERE = np.full((60, 80), 255, np.uint8)
 AT_REST = np.zeros((60, 80), np.uint8)
-REGION = (0, 60, 0, 80)
 PLACE = np.s_[20:35, 30:55]
 
 
@@ -34,8 +33,8 @@ def mask_of(place):
 
 def ghosts_in(frame, background, mask, known=EVERYWHERE, waiting=AT_REST):
     """Which pieces are ghosts, by the corner where they begin."""
-    blocks, count = components_of(mask, REGION)
-    found = find_ghosts(frame, background, known, waiting, mask, blocks, count, REGION)
+    blocks, count = components_of(mask)
+    found = find_ghosts(frame, background, known, waiting, mask, blocks, count)
     return {
         tuple(blocks[blocks[:, 2] == piece, :2].min(axis=0).tolist()): bool(found[piece])
         for piece in range(count)

@@ -6,11 +6,9 @@ import pytest
 
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.parallax import find_parallax
-from streamkit_differencer.hysteresis import strong_mask
-from streamkit_differencer.pixel_classes import classify
+from streamkit_differencer.foreground import find_foreground
 
 SHAPE = (120, 160)
-REGION = (0, 120, 0, 160)
 EVERYWHERE = np.full(SHAPE, 255, np.uint8)
 WAY = np.array([2.0, 0.0])
 
@@ -25,20 +23,12 @@ def view(x, width=40, tone=220):
 
 def slides_in(now, before, learnt, known=EVERYWHERE):
     """The foreground, its pieces, and which of them shift."""
-    thresholds, levels, mask = (
-        np.full(SHAPE, 12, np.uint8),
-        np.zeros(SHAPE, np.uint8),
-        np.zeros(SHAPE, np.uint8),
-    )
-    rounded = np.zeros(SHAPE, np.uint8)
-    classify(
-        now, EVERYWHERE, learnt.astype(np.float32), known, thresholds, rounded, levels, REGION, 1, 0.0, 1.0
-    )
-    strong_mask(levels, mask, REGION)
+    thresholds = np.full(SHAPE, 12, np.uint8)
+    mask = find_foreground(now, learnt, thresholds, known, 1, 1.0)
     assert mask.any()
-    blocks, count = components_of(mask, REGION)
+    blocks, count = components_of(mask)
     pictures = (now, learnt, known, before, EVERYWHERE, thresholds, mask)
-    return mask, blocks, find_parallax(*pictures, blocks, count, REGION, 1, *WAY.tolist())
+    return mask, blocks, find_parallax(*pictures, blocks, count, 1, *WAY.tolist())
 
 
 def judged(now, before, learnt, known=EVERYWHERE):

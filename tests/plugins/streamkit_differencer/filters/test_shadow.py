@@ -8,13 +8,13 @@ from streamkit_differencer.filters.shadow import shadow_mask
 def street():
     """Textured ground, 60 by 90, with noise."""
     random = np.random.default_rng(0)
-    return np.repeat(np.repeat(random.uniform(90, 160, (20, 30)), 3, axis=0), 3, axis=1).astype(np.float32)
+    return np.repeat(np.repeat(random.uniform(90, 160, (20, 30)), 3, axis=0), 3, axis=1).astype(np.uint8)
 
 
 def seen(ground, factor_area, thing_area):
     """The ground with a shadow of factor 0.6 and an object of its own texture."""
     random = np.random.default_rng(1)
-    frame = ground.copy()
+    frame = ground.astype(np.float32)
     frame[factor_area] *= 0.6
     frame[thing_area] = random.uniform(20, 240, frame[thing_area].shape)
     return np.clip(frame + random.normal(0, 1.5, frame.shape), 0, 255).astype(np.uint8)
