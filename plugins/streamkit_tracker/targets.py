@@ -17,7 +17,7 @@ from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.update.memory import Memory
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import FloatArray, Number
 
 BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
@@ -25,7 +25,6 @@ TargetRows = NDArray[Any]
 
 TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
 INITIAL_CREDIT_S = 0.2
-INITIAL_STEP_S = 0.04
 SPEED_SHARE = 1 / 3  # of the fastest speed: standard deviation of the velocity before it is known
 
 # Positions are pixels of the latest frame; x right, y down.
@@ -37,7 +36,7 @@ TARGET = np.dtype(
         ("window", np.float64, 5),  # x y length width, px, and angle, rad
         ("mean", np.float64, 4),  # x y, px, and velocity, px/s, with the camera's motion taken out
         ("covariance", np.float64, (4, 4)),
-        ("drawn_angle", np.float64),  # rad, of the drawn window had the target not turned
+        ("drawn_angle", np.float64),  # rad, of the drawn window
         ("age_s", np.float64),
         ("credit_s", np.float64),  # how much longer the target may coast
         ("hits", np.float64, 100),  # 1 where it was detected, the latest frame first; NaN before it began
@@ -47,11 +46,10 @@ TARGET = np.dtype(
         # what detections have shown
         ("box", np.float64, 2),  # width and height of the upright box, px
         ("detected_s", np.float64),  # time it was detected by itself
-        ("step_s", np.float64),  # the last of these steps
         ("offset", np.float64, 2),  # of the detections from the window on average, px
-        ("unrecognised", np.float64),  # frames detected, but unlike the template
-        ("misfits", np.float64),  # frames in which window and detection did not overlap enough
+        ("misfits", np.int64),  # frames in which window and detection did not overlap enough
         # of this frame
+        ("previous", np.float64, 2),  # x y of the window in the previous frame, in its pixels
         ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
         ("detection", np.int64),  # row of the frame's detections; -1 is none
         ("gate", np.float64),  # distance of the detection, standard deviations
@@ -66,9 +64,8 @@ TARGET = np.dtype(
         ("measured", np.bool_),
         ("measurement", np.float64, 2),  # x y, px
         ("noise", np.float64, (2, 2)),  # covariance of the measurement, px squared
-        ("hidden", np.bool_),  # another target lies upon it
         ("visible", np.float64),  # part of the window inside the frame, 0 to 1
-        ("restart", np.int64),  # KEEP, RESTART or RESTART_MOVED, see `detected_box`
+        ("restart", np.bool_),  # the window is wrong, and begins again at the next one
         ("restart_window", np.float64, 5),
     ]
 )
@@ -152,7 +149,7 @@ class TargetTable:
         row["id"], row["manual"], row["window"], row["drawn_angle"] = self.next_id, manual, window, window[4]
         row["mean"][0, :2], row["box"] = window[:2], window[2:4]
         row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
-        row["credit_s"], row["step_s"], row["score"] = INITIAL_CREDIT_S, INITIAL_STEP_S, 1.0
+        row["credit_s"], row["score"] = INITIAL_CREDIT_S, 1.0
         row["predicted"] = row["gate"] = row["similarity"] = np.nan
         row["detection"] = -1
         row["hits"], row["hits"][0, 0] = np.nan, 1.0
@@ -198,6 +195,6 @@ def dormant(rows: TargetRows, lost_frames: int) -> BoolArray:
     return np.asarray(~rows["manual"] & (rows["frames_unseen"] >= lost_frames))
 
 
-def centroid_std(side: float) -> float:
-    """Standard deviation expected of a detection's centroid, px, for a target of a given side, px."""
+def centroid_std(side: Number) -> Number:
+    """Standard deviation expected of a detection's centroid, px, for targets of these sides, px."""
     return 1.0 + 0.04 * side

@@ -101,7 +101,7 @@ class MultiTargetTracker:
         if are_objects:
             follow_objects(rows)
         else:
-            check_windows(rows, detected)
+            check_windows(rows, detected, step_s)
         learn_appearances(targets, self._sampler)
         end_gone(targets, settings, self._sampler.shape)
         start_appearances(targets, observation, self._sampler, settings)

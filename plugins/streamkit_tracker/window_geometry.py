@@ -7,15 +7,15 @@ towards +y. `length` lies along the angle, `width` across it.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_kernels import compiled
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Number = TypeVar("Number", float, FloatArray)
 
 X, Y, LENGTH, WIDTH, ANGLE = range(5)
 MINIMUM_SIDE = 2.0
@@ -24,9 +24,8 @@ IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
 
 
-@compiled
-def half_turn(angle: float) -> float:
-    """Wraps the angle of a direction without sign into [-pi/2, pi/2)."""
+def half_turn(angle: Number) -> Number:
+    """Wraps angles of directions without sign into [-pi/2, pi/2)."""
     return (angle + np.pi / 2) % np.pi - np.pi / 2
 
 
@@ -52,25 +51,12 @@ def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, 
         float64[n, 2], the mapped points, and float64[n, 2, 2], the Jacobians there. Points on the line at
         infinity stay where they are, with the identity.
     """
-    mapped, jacobians = np.empty((len(points), 2)), np.empty((len(points), 2, 2))
-    _map(np.array(homography, np.float64), np.array(points, np.float64), mapped, jacobians)
-    return mapped, jacobians
-
-
-@compiled
-def _map(homography: FloatArray, points: FloatArray, mapped: FloatArray, jacobians: FloatArray) -> None:
-    """Fills in the mapped points and the Jacobians."""
-    for index in range(len(points)):
-        x, y = points[index]
-        scale = homography[2, 0] * x + homography[2, 1] * y + homography[2, 2]
-        usable = abs(scale) > NO_SCALE
-        for axis in range(2):
-            row = homography[axis]
-            place = (row[0] * x + row[1] * y + row[2]) / scale if usable else points[index, axis]
-            mapped[index, axis] = place
-            for side in range(2):
-                slope = (row[side] - place * homography[2, side]) / scale
-                jacobians[index, axis, side] = slope if usable else (1.0 if axis == side else 0.0)
+    images = points @ homography[:, :2].T + homography[:, 2]
+    usable = np.abs(images[:, 2:]) > NO_SCALE
+    scales = np.where(usable, images[:, 2:], 1.0)
+    mapped = np.where(usable, images[:, :2] / scales, points)
+    slopes = (homography[:2, :2] - mapped[:, :, None] * homography[2, :2]) / scales[:, :, None]
+    return mapped, np.where(usable[:, :, None], slopes, IDENTITY)
 
 
 def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDArray[np.bool_]:
@@ -84,42 +70,31 @@ def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDA
     Returns:
         bool[n, m].
     """
-    inside = np.empty((len(points), len(windows)), np.bool_)
-    _find_inside(np.array(points, np.float64), windows, scale, inside)
-    return inside
+    right, down = (points[:, None, axis] - windows[:, axis] for axis in range(2))
+    cosine, sine = np.cos(windows[:, ANGLE]), np.sin(windows[:, ANGLE])
+    along, across = np.abs(right * cosine + down * sine), np.abs(down * cosine - right * sine)
+    return np.asarray((along < 0.5 * scale * windows[:, LENGTH]) & (across < 0.5 * scale * windows[:, WIDTH]))
 
 
-@compiled
-def _find_inside(points: FloatArray, windows: FloatArray, scale: float, inside: NDArray[np.bool_]) -> None:
-    """Fills in which points lie inside."""
-    for column in range(len(windows)):
-        for row in range(len(points)):
-            inside[row, column] = is_inside(points[row, 0], points[row, 1], windows[column], scale)
-
-
-@compiled
-def is_inside(x: float, y: float, window: FloatArray, scale: float) -> bool:
-    """Whether a point lies inside a window, float64[5], that is taken `scale` times as large."""
-    cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
-    right, down = x - window[X], y - window[Y]
-    along, across = abs(right * cosine + down * sine), abs(down * cosine - right * sine)
-    return bool(along < 0.5 * scale * window[LENGTH] and across < 0.5 * scale * window[WIDTH])
+def upright_sides(windows: FloatArray) -> FloatArray:
+    """Width and height of the upright boxes around windows float64[..., 5]: float64[..., 2], px."""
+    length, width, angle = windows[..., LENGTH], windows[..., WIDTH], windows[..., ANGLE]
+    cosine, sine = np.abs(np.cos(angle)), np.abs(np.sin(angle))
+    sides = np.empty((*windows.shape[:-1], 2))
+    sides[..., 0], sides[..., 1] = length * cosine + width * sine, length * sine + width * cosine
+    return sides
 
 
 def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> FloatArray:
-    """Part of each window's upright box that lies inside the image: float64[n], 0 to 1."""
-    return np.array([visible_part(window, *image_shape) for window in windows])
-
-
-@compiled
-def visible_part(window: FloatArray, height: int, width: int) -> float:
-    """Part of a window's upright box that lies inside the frame, 0 to 1."""
-    cosine, sine = abs(np.cos(window[ANGLE])), abs(np.sin(window[ANGLE]))
-    half_x = 0.5 * (window[LENGTH] * cosine + window[WIDTH] * sine)
-    half_y = 0.5 * (window[LENGTH] * sine + window[WIDTH] * cosine)
-    inside_x = min(window[0] + half_x, width - 0.5) - max(window[0] - half_x, -0.5)
-    inside_y = min(window[1] + half_y, height - 0.5) - max(window[1] - half_y, -0.5)
-    return float(max(inside_x, 0.0) * max(inside_y, 0.0) / max(4 * half_x * half_y, 1e-9))
+    """Part of each window's upright box that lies in the image: float64[...] of float64[..., 5], 0 to 1."""
+    shown, area = np.ones(windows.shape[:-1]), np.ones(windows.shape[:-1])
+    uprights = upright_sides(windows)
+    for axis, limit in enumerate(image_shape[::-1]):  # sums along an axis of two are slow
+        centres, sides = windows[..., axis], uprights[..., axis]
+        visible = np.minimum(centres + sides / 2, limit - 0.5) - np.maximum(centres - sides / 2, -0.5)
+        shown *= np.maximum(visible, 0.0)
+        area *= sides
+    return np.asarray(shown / np.maximum(area, 1e-9))
 
 
 @lru_cache(maxsize=32)

@@ -6,17 +6,26 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from streamkit_kernels import compiled, product
+from streamkit_kernels import product
 from streamkit_tracker.appearance.feature_template import unit_rows
-from streamkit_tracker.associate.assignment import assign
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable, dormant, followed
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray, X, Y
+from streamkit_tracker.targets import (
+    BoolArray,
+    IndexArray,
+    TargetModel,
+    TargetRows,
+    TargetTable,
+    centroid_std,
+    dormant,
+    followed,
+)
+from streamkit_tracker.window_geometry import IDENTITY, LENGTH, WIDTH, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
-LEAST_OVERLAP, LAST_CHOICE = 0.15, 100.0
+LEAST_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
 SMALLEST_SIZE = 4.0
 TOUCHING = 0.05
 MISMATCH_STD = 0.12
@@ -24,7 +33,7 @@ CROWDED_MISMATCH_STD = 0.5
 FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
 SHARED_AREA = 1.4
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
-LEFT, TOP, RIGHT, BOTTOM = range(2, 6)  # of a detection; X and Y are its centroid
+LEFT, RIGHT = 2, 4  # of a detection; before it are x and y of its centroid, behind each its y
 
 
 class Comparison(NamedTuple):
@@ -71,12 +80,11 @@ def associate(
         if observation.features is not None:
             unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
         reach_px = settings.max_speed * observation.step_s
-        overlap = OBJECT_OVERLAP if observation.are_objects else -1.0
+        overlap = OBJECT_OVERLAP if observation.are_objects else None
         found = compare(rows, members, detected[free], unlike, reach_px, overlap)
-        pairs = assign(found.costs, np.isfinite(found.costs))
+        taken, columns = assign(found.costs)
         left = np.ones(len(free), np.bool_)
-        if pairs:
-            taken, columns = np.array(pairs).T
+        if len(taken):
             left[columns] = False
             owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
             crowded = (found.touched[columns] > 1) & is_known & (not observation.are_objects)
@@ -92,6 +100,17 @@ def associate(
     if observation.features is not None:
         _remember_features(table, observation)
     return free
+
+
+def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
+    """Rows and columns that are paired at the least total cost; those without a finite cost stay apart.
+
+    Args:
+        costs: float64[t, d].
+    """
+    rows, columns = linear_sum_assignment(np.fmin(costs, FORBIDDEN))
+    allowed = np.isfinite(costs[rows, columns])
+    return rows[allowed], columns[allowed]
 
 
 def _remember_features(table: TargetTable, observation: Observation) -> None:
@@ -120,32 +139,26 @@ def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation:
     return costs
 
 
-@compiled
 def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) -> None:
     """Marks undetected targets within the box of another that is too large for that one alone."""
-    for index in members:
-        target = targets[index]
-        if target["detection"] >= 0:
-            continue
-        x, y = target["mean"][0], target["mean"][1]
-        for other in members:
-            if targets[other]["detection"] < 0:
-                continue
-            seen, box = detected[targets[other]["detection"]], targets[other]["box"]
-            area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
-            holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
-            if holds and area > SHARED_AREA * (box[0] * box[1]):
-                targets[index]["shared"] = True
+    rows = targets[members]
+    owned = rows["detection"] >= 0
+    seen = detected[rows["detection"][owned]]
+    large = (seen[:, RIGHT:] - seen[:, LEFT:RIGHT]).prod(axis=1) > SHARED_AREA * rows["box"][owned].prod(
+        axis=1
+    )
+    place = rows["mean"][:, None, :2]
+    held = ((place >= seen[:, LEFT:RIGHT]) & (place <= seen[:, RIGHT:])).all(axis=2)
+    targets["shared"][members] |= ~owned & (held & large).any(axis=1)
 
 
-@compiled
 def compare(
     targets: TargetRows,
     members: IndexArray,
     detected: FloatArray,
     unlike: FloatArray,
     reach_px: float,
-    least_overlap: float = -1.0,
+    least_overlap: float | None = None,
 ) -> Comparison:
     """Compares targets with detections.
 
@@ -158,54 +171,46 @@ def compare(
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs.
         reach_px: farthest distance a target moves in one frame, px.
-        least_overlap: of a detection and the predicted box, which alone decide if it is not negative.
+        least_overlap: of a detection and the predicted box, which alone decide, or None.
     """
-    shape = (len(members), len(detected))
-    costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
-    held, touched = np.zeros(len(detected), np.int64), np.zeros(len(detected), np.int64)
-    for row in range(len(members)):
-        target = targets[members[row]]
-        mean, covariance, box, window = target["mean"], target["covariance"], target["box"], target["window"]
-        std = 1.0 + 0.04 * np.sqrt(window[LENGTH] * window[WIDTH])  # `centroid_std`
-        targets[members[row]]["detection_std"] = std
-        reach = reach_px * (1 + target["frames_undetected"])
-        for column in range(len(detected)):
-            seen = detected[column]
-            distance = _distance(mean, covariance, std, seen)
-            missed = max(abs(seen[RIGHT] - seen[LEFT] - box[0]), abs(seen[BOTTOM] - seen[TOP] - box[1]))
-            overlap, held_here, touched_here = _overlap(mean, box, seen)
-            apart = np.hypot(seen[X] - mean[0], seen[Y] - mean[1])
-            size = max(box[0], box[1], SMALLEST_SIZE)
-            cost = distance + (missed / size) ** 2 + unlike[row, column]
-            if distance > GATE or apart > reach + 4 * std:
-                cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > LEAST_OVERLAP else np.inf
-            if least_overlap >= 0:
-                cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > least_overlap else np.inf
-            costs[row, column], distances[row, column], mismatch[row, column] = cost, distance, missed
-            held[column] += held_here
-            touched[column] += touched_here
-    return Comparison(costs, distances, mismatch, held, touched)
+    rows = targets[members]
+    stds = centroid_std(np.sqrt(rows["window"][:, LENGTH] * rows["window"][:, WIDTH]))
+    targets["detection_std"][members] = stds
+    apart = detected[None, :, :2] - rows["mean"][:, None, :2]
+    spread = rows["covariance"][:, :2, :2] + stds[:, None, None] ** 2 * IDENTITY
+    precision = np.linalg.inv(spread)[:, :, :, None]
+    # Term by term: numpy sums along an axis of two slowly.
+    right, down = apart[..., 0], apart[..., 1]
+    distances = precision[:, 0, 0] * right**2 + 2 * precision[:, 0, 1] * right * down
+    distances += precision[:, 1, 1] * down**2
+    sides, box = detected[:, RIGHT:] - detected[:, LEFT:RIGHT], rows["box"][:, None]
+    unequal = np.abs(sides - box)
+    mismatch = np.maximum(unequal[..., 0], unequal[..., 1])
+    overlap, held, touched = _overlaps(rows["mean"][:, None, :2], box, detected)
+    costs = distances + (mismatch / np.maximum(box.max(axis=2), SMALLEST_SIZE)) ** 2 + unlike
+    reach = reach_px * (1 + rows["frames_undetected"]) + 4 * stds
+    beyond = (distances > GATE) | (np.hypot(apart[..., 0], apart[..., 1]) > reach[:, None])
+    upon = np.where(overlap > LEAST_OVERLAP, LAST_CHOICE + GATE * (1.0 - overlap), np.inf)
+    costs = np.where(beyond, upon, costs)
+    if least_overlap is not None:
+        costs = np.where(overlap > least_overlap, GATE * (1.0 - overlap) + unlike, np.inf)
+    return Comparison(costs, distances, mismatch, held.sum(axis=0), touched.sum(axis=0))
 
 
-@compiled
-def _distance(mean: FloatArray, covariance: FloatArray, std: float, seen: FloatArray) -> float:
-    """Squared distance of a centroid from where a target is expected, in standard deviations."""
-    variance = std**2
-    xx, yy, xy = covariance[0, 0] + variance, covariance[1, 1] + variance, covariance[0, 1]
-    across, down = seen[X] - mean[0], seen[Y] - mean[1]
-    determinant = max(xx * yy - xy**2, 1e-12)
-    return float((yy * across**2 - 2 * xy * across * down + xx * down**2) / determinant)
+def _overlaps(
+    place: FloatArray, box: FloatArray, seen: FloatArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Intersection over union of the boxes; whether the detections' hold, and touch, the targets.
 
-
-@compiled
-def _overlap(mean: FloatArray, box: FloatArray, seen: FloatArray) -> tuple[float, bool, bool]:
-    """Intersection over union of the boxes; whether the detection's holds, and touches, the target."""
-    half_width, half_height = box[0] / 2, box[1] / 2
-    across = min(mean[0] + half_width, seen[RIGHT]) - max(mean[0] - half_width, seen[LEFT])
-    down = min(mean[1] + half_height, seen[BOTTOM]) - max(mean[1] - half_height, seen[TOP])
-    common = max(across, 0.0) * max(down, 0.0)
-    area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
-    size = box[0] * box[1]
-    holds = seen[LEFT] <= mean[0] <= seen[RIGHT] and seen[TOP] <= mean[1] <= seen[BOTTOM]
-    touches = holds or common > TOUCHING * min(area, size)
-    return common / (size + area - common), holds, touches
+    Args:
+        place: float64[t, 1, 2], centres of the targets, px.
+        box: float64[t, 1, 2], their sides, px.
+        seen: float64[d, 6].
+    """
+    low, high = seen[:, LEFT:RIGHT], seen[:, RIGHT:]
+    common = np.maximum(np.minimum(place + box / 2, high) - np.maximum(place - box / 2, low), 0.0)
+    shared = common[..., 0] * common[..., 1]
+    areas, sizes = (high - low).prod(axis=1), box.prod(axis=2)
+    inside = (place >= low) & (place <= high)
+    holds = inside[..., 0] & inside[..., 1]
+    return shared / (areas + sizes - shared), holds, holds | (shared > TOUCHING * np.minimum(areas, sizes))

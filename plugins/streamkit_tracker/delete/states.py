@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_kernels import compiled
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import (
     COASTING,
@@ -15,13 +14,16 @@ from streamkit_tracker.targets import (
     TargetTable,
     followed,
 )
-from streamkit_tracker.update.detected_box import KEEP, RESTART_MOVED
-from streamkit_tracker.window_geometry import FloatArray, is_inside, visible_part
+from streamkit_tracker.window_geometry import (
+    ANGLE,
+    LENGTH,
+    WIDTH,
+    FloatArray,
+    visible_fraction,
+)
 
 LEAST_VISIBLE = 0.3
-HIDDEN_SCALE = 2.0
 TENTATIVE_MISSES = 2
-CREDIT_RATE = 1.0
 
 
 def coast_all(table: TargetTable) -> None:
@@ -50,7 +52,7 @@ def end_gone(table: TargetTable, settings: TrackerSettings, shape: tuple[int, in
     """
     rows = table.rows
     known = followed(rows)
-    decide_states(rows, settings.coast, settings.lost_frames, *shape)
+    decide_states(rows, settings.coast, settings.lost_frames, shape)
     for index in np.flatnonzero(rows["state"] == LOST).tolist():
         cause = "left the frame" if rows["visible"][index] < LEAST_VISIBLE else "coasted too long"
         table.lose(index, cause if known[index] else "not detected again before it was confirmed")
@@ -82,20 +84,17 @@ def position_doubt(rows: TargetRows) -> FloatArray:
     return np.asarray(deviations / np.sqrt(window[:, 2] * window[:, 3]))
 
 
-@compiled
 def begin_frame(targets: TargetRows) -> None:
     """Resets the fields of the last frame; the predicted position is the mean."""
-    for index in range(len(targets)):
-        target = targets[index]
-        target["predicted"][:] = target["mean"][:2]
-        targets[index]["detection"] = -1
-        targets[index]["gate"] = targets[index]["similarity"] = np.nan
-        targets[index]["crowded"] = targets[index]["shared"] = False
-        targets[index]["recognised"] = targets[index]["learnt"] = targets[index]["measured"] = False
-        targets[index]["filter_share"] = 0.0
+    targets["predicted"] = targets["mean"][:, :2]
+    targets["detection"] = -1
+    for name, value in (
+        ("gate", np.nan), ("similarity", np.nan), ("crowded", False), ("shared", False),
+        ("recognised", False), ("learnt", False), ("measured", False), ("filter_share", 0.0),
+    ):  # fmt: skip
+        targets[name] = value
 
 
-@compiled
 def pass_time(targets: TargetRows, step_s: float, coast: float, birth_window: int) -> None:
     """Counts one frame for every target, with or without a detection.
 
@@ -105,78 +104,42 @@ def pass_time(targets: TargetRows, step_s: float, coast: float, birth_window: in
         coast: longest time a target may coast, s.
         birth_window: frames in which detections count before a target is confirmed.
     """
-    for index in range(len(targets)):
-        target = targets[index]
-        detected, hits = target["detection"] >= 0 or target["shared"], target["hits"]
-        for place in range(birth_window - 1, 0, -1):
-            hits[place] = hits[place - 1]
-        hits[0] = 1.0 if detected else 0.0
-        targets[index]["age_s"] = target["age_s"] + step_s
-        targets[index]["frames_undetected"] = 0 if detected else target["frames_undetected"] + 1
-        gain = CREDIT_RATE if detected else -1.0
-        targets[index]["credit_s"] = min(target["credit_s"] + gain * step_s, coast)
+    detected, hits = (targets["detection"] >= 0) | targets["shared"], targets["hits"]
+    hits[:, 1:birth_window] = hits[:, : birth_window - 1].copy()
+    hits[:, 0] = detected
+    targets["age_s"] += step_s
+    targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + 1)
+    targets["credit_s"] = np.minimum(targets["credit_s"] + np.where(detected, step_s, -step_s), coast)
 
 
-@compiled
-def decide_states(targets: TargetRows, coast: float, lost_frames: int, height: int, width: int) -> None:
+def decide_states(targets: TargetRows, coast: float, lost_frames: int, image_shape: tuple[int, int]) -> None:
     """Sets the windows and states of all targets.
 
     Args:
         targets: corrected, with the windows that restart.
         coast: longest time a target drawn by hand may coast, s.
         lost_frames: unseen frames from which only a detection finds a target again.
-        height: of the frame, px.
-        width: of the frame, px.
+        image_shape: height and width of the frame, px.
     """
-    find_hidden(targets, lost_frames, height, width)
-    for index in range(len(targets)):
-        target = targets[index]
-        mean, window, detected = target["mean"], target["window"], target["detection"] >= 0
-        if target["state"] == TENTATIVE:
-            window[0], window[1], window[4] = mean[0], mean[1], 0.0
-            window[2], window[3] = target["box"][0], target["box"][1]
-            if target["frames_undetected"] > TENTATIVE_MISSES:
-                targets[index]["state"] = LOST
-            continue
-        recognised = target["recognised"]
-        if not recognised:
-            window[:2] = mean[:2]
-        if target["restart"] != KEEP:
-            window[:] = target["restart_window"]
-            recognised, targets[index]["score"] = True, 1.0
-            if target["restart"] == RESTART_MOVED:
-                mean[:2] = window[:2]
-        if recognised or target["frames_undetected"] == 0:
-            targets[index]["frames_unseen"] = 0
-        elif not target["hidden"]:
-            targets[index]["frames_unseen"] = target["frames_unseen"] + 1
-        if target["manual"] and recognised:
-            targets[index]["credit_s"] = coast
-        believed = target["sure"] if target["manual"] else target["frames_undetected"] < lost_frames
-        seen = (detected and not target["crowded"]) or (recognised and believed)
-        targets[index]["state"] = CONFIRMED if seen else COASTING
-        if target["visible"] < LEAST_VISIBLE or targets[index]["credit_s"] <= 0:
-            targets[index]["state"] = LOST
-
-
-@compiled
-def find_hidden(targets: TargetRows, lost_frames: int, height: int, width: int) -> None:
-    """Fills in how much of each window is visible, and whether another target lies upon it.
-
-    Args:
-        targets: the table.
-        lost_frames: unseen frames from which a target hides no other.
-        height: of the frame, px.
-        width: of the frame, px.
-    """
-    for index in range(len(targets)):
-        window = targets[index]["window"]
-        targets[index]["visible"] = visible_part(window, height, width)
-        targets[index]["hidden"] = False
-        for other in range(len(targets)):
-            above = targets[other]
-            known = above["state"] == CONFIRMED or above["state"] == COASTING
-            if other == index or not known or (not above["manual"] and above["frames_unseen"] >= lost_frames):
-                continue
-            if is_inside(window[0], window[1], above["window"], HIDDEN_SCALE):
-                targets[index]["hidden"] = True
+    targets["visible"] = visible_fraction(targets["window"], image_shape)
+    tentative, restarted = targets["state"] == TENTATIVE, targets["restart"].copy()
+    window, mean, manual = targets["window"], targets["mean"], targets["manual"]
+    recognised = targets["recognised"] & ~tentative
+    window[~recognised, :2] = mean[~recognised, :2]
+    window[tentative, LENGTH : WIDTH + 1], window[tentative, ANGLE] = targets["box"][tentative], 0.0
+    restarted &= ~tentative
+    window[restarted], targets["score"][restarted] = targets["restart_window"][restarted], 1.0
+    mean[restarted, :2] = window[restarted, :2]
+    recognised |= restarted
+    seen = recognised | (targets["frames_undetected"] == 0)
+    targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + 1)
+    targets["credit_s"][manual & recognised] = coast
+    believed = np.where(manual, targets["sure"], targets["frames_undetected"] < lost_frames)
+    confirmed = (targets["detection"] >= 0) & ~targets["crowded"] | recognised & believed
+    gone = np.where(
+        tentative,
+        targets["frames_undetected"] > TENTATIVE_MISSES,
+        (targets["visible"] < LEAST_VISIBLE) | (targets["credit_s"] <= 0),
+    )
+    states = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
+    targets["state"] = np.where(gone, LOST, states)

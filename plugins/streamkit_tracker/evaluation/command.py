@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from streamkit_tracker.evaluation.distractors import without_distractors
+from streamkit_tracker.evaluation.boxes import LEAST_OVERLAP, without_distractors
 from streamkit_tracker.evaluation.hota import score_hota
-from streamkit_tracker.evaluation.identities import LEAST_OVERLAP, score_identities
+from streamkit_tracker.evaluation.identities import score_identities
 from streamkit_tracker.evaluation.one_pass import one_pass
 from streamkit_tracker.evaluation.readers import (
     frames_of,

@@ -6,30 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from streamkit_tracker.associate.assignment import assign
-from streamkit_tracker.evaluation.boxes import overlaps
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.evaluation.boxes import EPSILON, LEAST_OVERLAP, Labelled, best_pairs, overlaps
 
-IdArray = NDArray[np.int64]
-
-LEAST_OVERLAP = 0.5
 KEPT = 1000.0  # what a pair of the frame before outweighs
-EPSILON = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class Labelled:
-    """The targets of one frame.
-
-    Attributes:
-        ids: int64[n].
-        boxes: float64[n, 4], left, top, width, height, px.
-    """
-
-    ids: IdArray
-    boxes: FloatArray
 
 
 @dataclass(frozen=True)
@@ -136,12 +116,6 @@ def _count_frame(counts: _Counts, true: Labelled, tracked: Labelled, least_overl
     counts.matches += len(pairs)
     counts.misses += len(true.ids) - len(pairs)
     counts.false_alarms += len(tracked.ids) - len(pairs)
-
-
-def best_pairs(scores: FloatArray) -> list[tuple[int, int]]:
-    """The pairs (row, column) of the greatest total score, without those that score nothing."""
-    pairs = assign(-scores, np.ones(scores.shape, np.bool_))
-    return [pair for pair in pairs if scores[pair] > EPSILON]
 
 
 def _identity_matches(together: dict[tuple[int, int], int]) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streamkit_tracker.evaluation.identities import Labelled
+from streamkit_tracker.evaluation.boxes import Labelled
 from streamkit_tracker.window_geometry import FloatArray
 
 SHOWN = ("confirmed", "coasting")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
@@ -13,10 +11,9 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import CONFIRMED, LOST, TENTATIVE, Appearance, TargetTable, followed
-from streamkit_tracker.update.detected_box import KEEP
 from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.update.memory import Memory
-from streamkit_tracker.update.turned_box import motion_heading, window_turn
+from streamkit_tracker.update.turned_box import motion_headings, turned_windows
 
 STRAIGHT = 0.5
 
@@ -37,7 +34,7 @@ def start_appearances(
     """
     rows = table.rows
     hits_needed = min(settings.birth_hits, settings.birth_window)
-    restarted = (rows["restart"] != KEEP) & (rows["state"] != LOST)
+    restarted = rows["restart"] & (rows["state"] != LOST)
     candidates = (rows["state"] == TENTATIVE) & (rows["detection"] >= 0)
     chosen = np.flatnonzero(restarted | candidates).tolist()
     if not chosen:
@@ -106,9 +103,7 @@ def start_appearance(
 
 def _turn_window(table: TargetTable, index: int) -> None:
     """Turns the box of a tentative target into its direction of motion."""
-    target = table.rows[index]
-    side = math.sqrt(target["window"].item(2) * target["window"].item(3))
-    heading, _ = motion_heading(target["mean"], target["covariance"], side)
-    if math.isnan(heading):
-        heading = table.models[index].trail.heading
-    target["window"][2:] = window_turn(target["box"].item(0), target["box"].item(1), heading)
+    target = table.rows[index : index + 1]
+    headings, _ = motion_headings(target["mean"], target["covariance"], target["window"])
+    headings = np.where(np.isnan(headings), table.models[index].trail.heading, headings)
+    target["window"] = turned_windows(target["window"][:, :2], target["box"], headings)

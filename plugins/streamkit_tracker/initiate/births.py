@@ -6,17 +6,15 @@ import numpy as np
 
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import IndexArray, TargetTable, dormant, followed
-from streamkit_tracker.window_geometry import inside_windows
+from streamkit_tracker.targets import IndexArray, TargetTable
 
-COVERED_SCALE = 1.3
 TENTATIVE_SHARE = 4
 
 
 def add_tentative(
     table: TargetTable, observation: Observation, free: IndexArray, settings: TrackerSettings
 ) -> None:
-    """Starts a tentative target on every free detection that lies on no followed target.
+    """Starts a tentative target on every free detection.
 
     Args:
         table: of the targets.
@@ -24,18 +22,8 @@ def add_tentative(
         free: rows of detections that no target was given.
         settings: of the tracker.
     """
-    if not len(free):
-        return
-    awake = followed(table.rows) & ~dormant(table.rows, settings.lost_frames)
-    windows = table.rows["window"][awake]
-    if observation.are_objects:
-        covered = [False] * len(observation.centroids)
-    else:
-        covered = np.any(inside_windows(observation.centroids, windows, COVERED_SCALE), axis=1).tolist()
     capacity = settings.max_targets * (1 + TENTATIVE_SHARE) - len(table.models)
     for index in free[: max(capacity, 0)].tolist():
-        if covered[index]:
-            continue
         x, y = observation.centroids[index]
         width, height = observation.boxes[index, 2:] - observation.boxes[index, :2]
         born = table.add(

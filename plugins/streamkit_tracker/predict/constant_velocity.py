@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_kernels import compiled
 from streamkit_tracker.initiate.trail import Trail
 from streamkit_tracker.targets import TargetRows, TargetTable
 from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.window_geometry import (
     ANGLE,
+    IDENTITY,
     LENGTH,
     MINIMUM_SIDE,
     NO_SCALE,
@@ -40,6 +40,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_o
         are_objects: whether detections are whole objects.
     """
     rows, homography = table.rows, invertible(to_previous)
+    rows["previous"] = rows["window"][:, :2]
     if homography is not None:
         # the trail of a target that its detections have confirmed is not used any more
         held: list[Trail | Particles] = [
@@ -58,111 +59,58 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_o
     advance(rows, step_s, OBJECT_ACCELERATION if are_objects else REGION_ACCELERATION)
 
 
-@compiled
 def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray) -> None:
     """Moves means and windows, turns velocities and covariances, and resizes and turns windows.
+
+    A window's length follows its direction; its width keeps the mapped area. Windows drawn by hand only move:
+    what the camera follows neither grows nor turns with the ground beneath it, and people stay upright while
+    the camera turns around them. Their filters find the size, their templates the turn.
 
     Args:
         targets: n rows.
         mapped: float64[2 n or more, 2], the mapped positions of the means, then of the windows.
         jacobians: float64[2 n or more, 2, 2], of the map there.
     """
-    old, velocity = np.empty((4, 4)), np.empty(2)
-    for index in range(len(targets)):
-        target, turn = targets[index], jacobians[index]
-        mean, covariance = target["mean"], target["covariance"]
-        old[:] = covariance
-        velocity[:] = mean[2:]
-        mean[0], mean[1] = mapped[index, 0], mapped[index, 1]
-        for row in range(2):
-            mean[2 + row] = turn[row, 0] * velocity[0] + turn[row, 1] * velocity[1]
-        for down in (0, 2):
-            for along in (0, 2):
-                block = old[down : down + 2, along : along + 2]
-                for row in range(2):
-                    left = turn[row, 0] * block[0, 0] + turn[row, 1] * block[1, 0]
-                    right = turn[row, 0] * block[0, 1] + turn[row, 1] * block[1, 1]
-                    for column in range(2):
-                        total = left * turn[column, 0] + right * turn[column, 1]
-                        covariance[down + row, along + column] = total
-        window, place = target["window"], len(targets) + index
-        before = window[ANGLE]
-        resize_window(window, jacobians[place])
-        window[0], window[1] = mapped[place, 0], mapped[place, 1]
-        if target["manual"]:
-            targets[index]["drawn_angle"] = target["drawn_angle"] + (window[ANGLE] - before)
+    count, mean, window = len(targets), targets["mean"], targets["window"]
+    both = np.zeros((count, 4, 4))
+    both[:, :2, :2] = both[:, 2:, 2:] = jacobians[:count]
+    mean[:, :2] = mapped[:count]
+    mean[:, 2:] = np.einsum("nij,nj->ni", jacobians[:count], mean[:, 2:])
+    targets["covariance"] = both @ targets["covariance"] @ both.swapaxes(1, 2)
+    window[:, :2] = mapped[count : 2 * count]
+    index = np.flatnonzero(~targets["manual"])
+    around, (length, width, angle) = jacobians[count + index], window[index, LENGTH:].T
+    x, y = np.einsum("nij,jn->in", around, np.stack([np.cos(angle), np.sin(angle)]))
+    stretch = np.maximum(np.hypot(x, y), NO_SCALE)
+    area = np.abs(np.linalg.det(around))
+    window[index, LENGTH] = np.maximum(length * stretch, MINIMUM_SIDE)
+    window[index, WIDTH] = np.maximum(width * area / stretch, MINIMUM_SIDE)
+    window[index, ANGLE] = half_turn(np.arctan2(y, x))
 
 
-@compiled
-def resize_window(window: FloatArray, jacobian: FloatArray) -> None:
-    """Maps sides and angle of a window: the length follows its direction, the width keeps the mapped area."""
-    x = jacobian[0, 0] * np.cos(window[ANGLE]) + jacobian[0, 1] * np.sin(window[ANGLE])
-    y = jacobian[1, 0] * np.cos(window[ANGLE]) + jacobian[1, 1] * np.sin(window[ANGLE])
-    stretch = max(np.hypot(x, y), NO_SCALE)
-    area_ratio = abs(jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0])
-    window[LENGTH] = max(window[LENGTH] * stretch, MINIMUM_SIDE)
-    window[WIDTH] = max(window[WIDTH] * area_ratio / stretch, MINIMUM_SIDE)
-    window[ANGLE] = half_turn(np.arctan2(y, x))
-
-
-@compiled
 def advance(targets: TargetRows, step_s: float, detected_acceleration: float) -> None:
     """Moves states ahead; the acceleration is white noise relative to the target's side.
 
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, section 6.3.2.
     """
-    old = np.empty((4, 4))
-    for index in range(len(targets)):
-        target = targets[index]
-        mean, new, window = target["mean"], target["covariance"], target["window"]
-        side = max(np.sqrt(window[LENGTH] * window[WIDTH]), SMALLEST_SIDE)
-        acceleration = side * (ACCELERATION if target["manual"] else detected_acceleration)
-        variance = acceleration**2
-        old[:] = new
-        for row in range(2):
-            mean[row] = mean[row] + step_s * mean[2 + row]
-            for column in range(2):
-                both = old[row, 2 + column] + old[2 + row, column]
-                speed = old[2 + row, 2 + column]
-                new[row, column] = old[row, column] + step_s * both + step_s**2 * speed
-                new[row, 2 + column] = old[row, 2 + column] + step_s * speed
-                new[2 + row, column] = old[2 + row, column] + step_s * speed
-            new[row, row] += variance * step_s**4 / 4
-            new[row, 2 + row] += variance * step_s**3 / 2
-            new[2 + row, row] += variance * step_s**3 / 2
-            new[2 + row, 2 + row] += variance * step_s**2
+    motion = np.eye(4) + step_s * np.eye(4, k=2)
+    gain = np.concatenate([step_s**2 / 2 * IDENTITY, step_s * IDENTITY])
+    sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), SMALLEST_SIDE)
+    acceleration = sides * np.where(targets["manual"], ACCELERATION, detected_acceleration)
+    targets["mean"] = targets["mean"] @ motion.T
+    noise = acceleration[:, None, None] ** 2 * (gain @ gain.T)
+    targets["covariance"] = motion @ targets["covariance"] @ motion.T + noise
 
 
-@compiled
 def correct(targets: TargetRows) -> None:
     """Corrects the states of measured targets, in Joseph's form: covariances stay symmetric and positive."""
-    gain, half = np.empty((4, 2)), np.empty((4, 4))
-    for index in range(len(targets)):
-        target = targets[index]
-        if not target["measured"]:
-            continue
-        mean, new, noise, measurement = (
-            target["mean"],
-            target["covariance"],
-            target["noise"],
-            target["measurement"],
-        )
-        xx, yy = new[0, 0] + noise[0, 0], new[1, 1] + noise[1, 1]
-        xy, yx = new[0, 1] + noise[0, 1], new[1, 0] + noise[1, 0]
-        determinant = xx * yy - xy * yx
-        x, y = measurement[0] - mean[0], measurement[1] - mean[1]
-        for row in range(4):
-            gain[row, 0] = (new[0, row] * yy - new[1, row] * xy) / determinant
-            gain[row, 1] = (new[1, row] * xx - new[0, row] * yx) / determinant
-            mean[row] = mean[row] + gain[row, 0] * x + gain[row, 1] * y
-            for column in range(4):
-                taken = gain[row, 0] * new[0, column] + gain[row, 1] * new[1, column]
-                half[row, column] = new[row, column] - taken
-        for row in range(4):
-            across = gain[row, 0] * noise[0, 0] + gain[row, 1] * noise[1, 0] - half[row, 0]
-            down = gain[row, 0] * noise[0, 1] + gain[row, 1] * noise[1, 1] - half[row, 1]
-            for column in range(4):
-                new[row, column] = half[row, column] + across * gain[column, 0] + down * gain[column, 1]
-        for row in range(4):
-            for column in range(row):
-                new[row, column] = new[column, row] = 0.5 * (new[row, column] + new[column, row])
+    index = np.flatnonzero(targets["measured"])
+    if not len(index):
+        return
+    covariance, noise = targets["covariance"][index], targets["noise"][index]
+    gain = covariance[:, :, :2] @ np.linalg.inv(covariance[:, :2, :2] + noise)
+    error = targets["measurement"][index] - targets["mean"][index, :2]
+    targets["mean"][index] += np.einsum("nij,nj->ni", gain, error)
+    left = np.eye(4) - np.concatenate([gain, np.zeros_like(gain)], axis=2)
+    new = left @ covariance @ left.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
+    targets["covariance"][index] = 0.5 * (new + new.swapaxes(1, 2))

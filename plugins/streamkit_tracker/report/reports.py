@@ -67,6 +67,11 @@ class TargetReport(msgspec.Struct, frozen=True, eq=False):
     provenance: TargetProvenance = msgspec.field(default_factory=TargetProvenance)
 
 
+REPORTED = (
+    "id", "state", "score", "age_s", "predicted", "detection", "gate", "shared", "similarity", "learnt",
+)  # fmt: skip
+
+
 def report(
     table: TargetTable, observation: Observation, settings: TrackerSettings
 ) -> tuple[TargetReport, ...]:
@@ -100,29 +105,22 @@ def report(
     covariances[predicted] += rows["covariance"][predicted, :2, :2]
     scores = rows["score"]
     scores[tentative] = np.nanmean(rows["hits"][tentative], axis=1)
+    # whole columns: reading one field of one row takes as long as reading all rows
+    columns = (rows[name].tolist() for name in REPORTED)
     reports = []
-    for row, velocity, covariance in zip(rows, velocities, covariances, strict=True):
-        x, y = row["predicted"].tolist()
-        detection, gate, similarity = row["detection"].item(), row["gate"].item(), row["similarity"].item()
+    for window, velocity, covariance, values in zip(
+        rows["window"], velocities, covariances, zip(*columns, strict=True), strict=True
+    ):
+        number, state, score, age_s, (x, y), detection, gate, shared, similarity, learnt = values
         provenance = TargetProvenance(
             None if math.isnan(x) else (x, y),
             None if detection < 0 else detection,
             None if math.isnan(gate) else gate,
-            row["shared"].item(),
+            shared,
             None if math.isnan(similarity) else similarity,
-            row["learnt"].item(),
-            table.causes.get(row["id"].item(), ""),
+            learnt,
+            table.causes.get(number, ""),
         )
-        reports.append(
-            TargetReport(
-                row["id"].item(),
-                STATES[row["state"]],
-                row["window"],
-                velocity,
-                covariance,
-                min(max(row["score"].item(), 0.0), 1.0),
-                row["age_s"].item(),
-                provenance,
-            )
-        )
+        state, score = STATES[state], min(max(score, 0.0), 1.0)
+        reports.append(TargetReport(number, state, window, velocity, covariance, score, age_s, provenance))
     return tuple(reports)

@@ -126,10 +126,6 @@ class Evidence:
         """By how much the logarithm of a response lies below the usual one."""
         return self._level - _log_response(peak, sharpness) if self._responses else 0.0
 
-    def start_again(self, peak: float, sharpness: float) -> None:
-        """Takes a response as the usual one from now on: the target was found again by it."""
-        self._level = _log_response(peak, sharpness)
-
     def _credibility(self, peak: float, sharpness: float) -> float:
         """1 for a clear response, falling to 0 where it is not believed any more."""
         clear, least = self._clear_drop, self._seen_drop

@@ -6,21 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from streamkit.settings import setting
 from streamkit_tracker.update.expectations import SearchRows
-from streamkit_tracker.update.particle_layers import (
-    collapse,
-    estimate,
-    first_windows,
-    propose,
-    survivors_of,
-)
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, MINIMUM_SIDE, WIDTH, FloatArray, half_turn
 
 Score = Callable[[FloatArray], FloatArray]
 
 POLISH = 0.4
+WIDE_EVERY = 4
 
 
 @dataclass(frozen=True)
@@ -97,36 +92,100 @@ def layered_step(
     """
     targets, keep = len(particles), min(settings.keep, settings.particles)
     # normal numbers for each layer of one target
-    draws = 2 * settings.particles, 4 * keep * settings.size_particles, 3 * keep * settings.angle_particles
-    noise = np.empty((targets, sum(draws)))
-    for generator, row in zip(generators, noise, strict=True):
-        generator.standard_normal(out=row)
-    offsets = np.array([generator.random() for generator in generators])
-    # side by side; weight 0 where a target has fewer particles
-    most = max(len(held.weights) for held in particles)
-    positions, weights = np.zeros((targets, most, 2)), np.zeros((targets, most))
-    for target, held in enumerate(particles):
-        positions[target, : len(held.weights)] = held.positions
-        weights[target, : len(held.weights)] = held.weights
-    windows = np.empty((targets, settings.particles, 5))
-    first_windows(positions, weights, offsets, searches, noise, windows)
+    draws = [2 * settings.particles, 4 * keep * settings.size_particles, 3 * keep * settings.angle_particles]
+    noise = np.array([generator.standard_normal(sum(draws)) for generator in generators])
+    offsets = [generator.random() for generator in generators]
+    shifts, resizes, turns = np.split(noise, np.cumsum(draws)[:2], axis=1)
+    origins = np.empty((targets, settings.particles, 2))
+    for target, (held, offset) in enumerate(zip(particles, offsets, strict=True)):
+        if len(held.weights) == 1:
+            origins[target] = held.positions
+        else:
+            origins[target] = held.positions[resample(held.weights, offset, settings.particles)]
+    windows = _first_windows(origins, searches, shifts.reshape(targets, -1, 2))
     scores = score(windows)
-    order = np.argsort(-scores, axis=1, kind="stable")
-    survivors, best = np.empty((targets, keep, 5)), np.empty((targets, keep))
-    measures = np.empty((targets, 2))
-    survivors_of(windows, scores, order, survivors, best, measures)
-    polish = POLISH * np.minimum(searches["spread"], measures[:, 1])
-    first = draws[0]
-    for copies, used, deviation, turned in (
-        (settings.size_particles, draws[1], settings.std_size, False),
-        (settings.angle_particles, draws[2], settings.std_angle, True),
-    ):
-        if copies > 0:
-            proposals = np.empty((targets, keep * copies, 5))
-            propose(survivors, noise, first, polish, deviation, turned, proposals)
-            collapse(survivors, best, proposals, score(proposals))
-        first += used
-    estimates, covariances, weights = np.empty((targets, 5)), np.empty((targets, 2, 2)), np.empty_like(best)
-    estimate(survivors, best, estimates, covariances, weights)
-    kept = [Particles(survivors[t, :, :2].copy(), weights[t]) for t in range(targets)]
-    return Estimates(estimates, covariances, measures[:, 0], kept)
+    order = np.argsort(-scores, axis=1, kind="stable")[:, :keep]
+    survivors = np.take_along_axis(windows, order[:, :, None], axis=1)
+    best = np.take_along_axis(scores, order, axis=1)
+    contrasts = best[:, 0] - np.median(scores, axis=1)
+    scatter = np.sqrt(survivors[:, :, :2].var(axis=1).mean(axis=1))
+    polish = (POLISH * np.minimum(searches["spread"], scatter))[:, None, None]
+    if settings.size_particles:
+        proposals, steps = _copies(survivors, resizes, settings.size_particles, polish)
+        sides = proposals[..., LENGTH : WIDTH + 1]
+        sides[:] = np.maximum(sides * np.exp(steps[..., 2:] * settings.std_size), MINIMUM_SIDE)
+        _hand_back(survivors, best, proposals, score(proposals))
+    if settings.angle_particles:
+        proposals, steps = _copies(survivors, turns, settings.angle_particles, polish)
+        proposals[..., ANGLE] = half_turn(proposals[..., ANGLE] + steps[..., 2] * settings.std_angle)
+        _hand_back(survivors, best, proposals, score(proposals))
+    return _estimate(survivors, best, contrasts)
+
+
+def resample(weights: FloatArray, offset: float, count: int) -> NDArray[np.intp]:
+    """Draws `count` indices, each as often as its weight float64[k] says, with one random number in [0, 1).
+
+    Source: Kitagawa, Monte Carlo filter and smoother, 1996.
+    """
+    edges = weights.cumsum()
+    places = (np.arange(count) + offset) * (edges[-1] / count)
+    return np.asarray(np.searchsorted(edges[:-1], places, side="right"), np.intp)
+
+
+def _first_windows(origins: FloatArray, searches: SearchRows, shifts: FloatArray) -> FloatArray:
+    """The windows of layer 1, float64[t, n, 5]: particles moved by the transition and its noise.
+
+    The first of each target is the prediction itself. With a seed every second one lies there, the first of
+    them exactly.
+
+    Args:
+        origins: float64[t, n, 2], drawn from the particles, px.
+        searches: t rows of `SEARCH`.
+        shifts: float64[t, n, 2], standard normal.
+    """
+    number = np.arange(origins.shape[1])
+    windows = np.repeat(searches["window"][:, None], len(number), axis=1)
+    origins[:, 0] = searches["window"][:, :2]
+    seeded = ~np.isnan(searches["seed_spread"])[:, None] & (number % 2 == 1)
+    spread = np.where(number % WIDE_EVERY == 0, searches["wide_spread"][:, None], searches["spread"][:, None])
+    spread = np.where(seeded, searches["seed_spread"][:, None], spread)
+    spread[:, :1], spread[:, 1:2] = 0.0, np.where(seeded[:, 1:2], 0.0, spread[:, 1:2])
+    centres = origins + searches["displacement"][:, None]
+    centres = np.where(seeded[:, :, None], searches["seed"][:, None], centres)
+    windows[:, :, :2] = centres + shifts * spread[:, :, None]
+    return windows
+
+
+def _copies(
+    survivors: FloatArray, noise: FloatArray, copies: int, polish: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Copies of survivors, float64[t, k * copies, 5], moved by a small step, and their normal numbers."""
+    proposals = np.repeat(survivors, copies, axis=1)
+    steps = noise.reshape(*proposals.shape[:2], -1)
+    proposals[..., :2] += steps[..., :2] * polish
+    return proposals, steps
+
+
+def _hand_back(survivors: FloatArray, best: FloatArray, proposals: FloatArray, scores: FloatArray) -> None:
+    """Replaces each survivor and its score by the best of its copies where that is better."""
+    targets, keep = best.shape
+    families = scores.reshape(targets, keep, -1)
+    leader = families.argmax(axis=2)[:, :, None]
+    leading = np.take_along_axis(families, leader, axis=2)[..., 0]
+    better = leading > best
+    windows = np.take_along_axis(proposals.reshape(targets, keep, -1, 5), leader[..., None], axis=2)[:, :, 0]
+    survivors[better], best[better] = windows[better], leading[better]
+
+
+def _estimate(survivors: FloatArray, best: FloatArray, contrasts: FloatArray) -> Estimates:
+    """Means of survivors float64[t, k, 5] weighted by their log scores float64[t, k]; angles modulo pi."""
+    weights = np.exp(best - best.max(axis=1, keepdims=True))
+    weights /= weights.sum(axis=1, keepdims=True)
+    windows = np.einsum("tk,tki->ti", weights, survivors)
+    doubled = 2 * survivors[..., ANGLE]
+    sine, cosine = (weights * np.sin(doubled)).sum(axis=1), (weights * np.cos(doubled)).sum(axis=1)
+    windows[:, ANGLE] = half_turn(0.5 * np.arctan2(sine, cosine))
+    apart = survivors[..., :2] - windows[:, None, :2]
+    covariances = np.einsum("tk,tki,tkj->tij", weights, apart, apart)
+    particles = [Particles(*each) for each in zip(survivors[..., :2].copy(), weights, strict=True)]
+    return Estimates(windows, covariances, contrasts, particles)

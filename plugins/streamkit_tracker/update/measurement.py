@@ -6,19 +6,18 @@ import math
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import Appearance, IndexArray, TargetTable, followed
-from streamkit_tracker.update.detected_box import expect
 from streamkit_tracker.update.evidence import LEAST_SHARPNESS
-from streamkit_tracker.update.expectations import SEARCH, Prior, SearchRows
+from streamkit_tracker.update.expectations import SEARCH, SearchRows
 from streamkit_tracker.update.layered_filter import LayerSettings, Particles
-from streamkit_tracker.update.response import find_response, response_prior
+from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import Found, search
-from streamkit_tracker.window_geometry import IDENTITY, LENGTH, WIDTH, FloatArray
+from streamkit_tracker.update.turned_box import motion_headings, turned_windows
+from streamkit_tracker.window_geometry import ANGLE, IDENTITY, LENGTH, WIDTH, FloatArray
 
 SIDES_STD = 0.12
 LEAST_SHARE = 0.02  # of a patch that the correlation filter learns
@@ -114,11 +113,17 @@ def _expectations(
     sampler: WindowSampler,
 ) -> SearchRows:
     """Rows of `SEARCH`; the correlation filter is asked before any particle is moved."""
-    rows, searches = table.rows, np.zeros(len(searched), SEARCH)
-    expect(rows, searched, detected, observation.step_s, searches)
-    searches["position_precision"] = searches["seed_std"] ** -2
-    searches["sides_precision"] = SIDES_STD**-2
-    searches["heading_precision"] = searches["heading_std"] ** -2
+    rows, searches = table.rows[searched], np.zeros(len(searched), SEARCH)
+    found, covariance = rows["detection"] >= 0, rows["covariance"]
+    searches["window"], searches["displacement"] = rows["window"], rows["mean"][:, 2:] * observation.step_s
+    searches["seed"][found] = detected[rows["detection"][found], :2]
+    searches["seed_std"] = np.where(found, rows["detection_std"], math.inf)
+    searches["spread"] = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    headings, deviations = motion_headings(rows["mean"], covariance, rows["window"])
+    headings = np.where(np.isnan(headings), rows["window"][:, ANGLE], headings)
+    expected = turned_windows(rows["mean"][:, :2], rows["box"], headings)
+    searches["sides"], searches["heading"] = expected[:, LENGTH : WIDTH + 1], expected[:, ANGLE]
+    searches["sides_precision"], searches["heading_precision"] = SIDES_STD**-2, deviations**-2
     searches["tolerance"] = [table.models[index].evidence.tolerance for index in searched.tolist()]
     for row, index in enumerate(searched.tolist()):
         appearance = table.models[index].appearance
@@ -126,7 +131,7 @@ def _expectations(
             continue
         if isinstance(appearance.template, FeatureTemplate) and observation.space is not None:
             appearance.template.follow(observation.space)
-        if rows["manual"][index]:
+        if rows["manual"][row]:
             _expect_manual(table, index, appearance, observation, sampler, searches[row])
     return searches
 
@@ -147,39 +152,23 @@ def _expect_manual(
         predicted = target["window"].copy()
         if target["frames_unseen"] > 0:
             predicted[:2] += target["mean"][2:] * observation.step_s
-        memory = appearance.memory
-        if memory is not None and not memory.is_sure and (found := memory.search(sampler, predicted)):
-            _move(table, index, appearance, *found)
-            predicted[:2] = found[0].position
+        unmoved = predicted.copy()
+        unmoved[:2] = target["previous"]
         appearance.response = find_response(
             appearance.discriminator,
             evidence,
             sampler,
             predicted,
+            unmoved,
             int(target["frames_unseen"]),
         )
     response = appearance.response
-    if response is not None:
-        prior = response_prior(response, evidence.tolerance, float(target["drawn_angle"]))
-        if target["frames_unseen"] > 0:
-            search["window"][2:] = *response.sides, response.angle
-    elif target["detection"] >= 0:
-        x, y = observation.centroids[target["detection"]].tolist()
-        prior = Prior((x, y), float(target["detection_std"]))
-    else:
-        prior = Prior()
-    prior.write(search)
-
-
-def _move(
-    table: TargetTable, index: int, appearance: Appearance, found: Response, by: CorrelationFilter
-) -> None:
-    """Moves a target to where a copy of its filter has found it, and goes on with that copy."""
-    target = table.rows[index]
-    target["window"][:2] = target["mean"][:2] = found.position
-    target["mean"][2:] = 0.0
-    appearance.particles, appearance.discriminator = Particles.at(target["window"]), by
-    table.models[index].evidence.start_again(found.peak, found.sharpness)
+    if response is None:
+        search["sides_precision"] = search["heading_precision"] = 0.0
+        return
+    expect_response(search, response, evidence.tolerance, float(target["drawn_angle"]))
+    if target["frames_unseen"] > 0:
+        search["window"][2:] = *response.sides, response.angle
 
 
 def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:

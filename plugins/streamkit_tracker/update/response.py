@@ -1,4 +1,4 @@
-"""Finds a target drawn by hand with its correlation filter, and what particles are to expect there."""
+"""Finds a target drawn by hand with its correlation filter, and tells the particles what to expect there."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import LEAST_SHARPNESS, Evidence
-from streamkit_tracker.update.expectations import Prior
+from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
@@ -18,6 +18,7 @@ PEAK_SIDES_STD = 0.004
 TURN_STD = 0.35  # rad about the drawn angle, for a rigid target
 TURN_CHANGE = 0.2
 FAR = 0.4  # sides; a peak nearer to the rim of what was looked at is faint
+MOVED = 0.1  # sides by which the camera has moved the prediction
 GAIN = 0.1  # logarithms of a response, above the other one
 RING_PER_FRAME = 0.2
 LARGEST_RING = 3.0
@@ -30,6 +31,7 @@ def find_response(
     evidence: Evidence,
     sampler: WindowSampler,
     predicted: FloatArray,
+    unmoved: FloatArray,
     frames_unseen: int,
 ) -> Response | None:
     """The best response around a prediction, or None where none is credible.
@@ -39,6 +41,8 @@ def find_response(
         evidence: of this target.
         sampler: has been shown the frame.
         predicted: float64[5].
+        unmoved: float64[5], where the camera holds a target that it follows: in the place of the previous
+            frame.
         frames_unseen: since the target was last seen; the search grows with them.
     """
     best = discriminator.respond(sampler, predicted)
@@ -48,6 +52,7 @@ def find_response(
         # a region fades towards its rim: a large motion is seen well only from near the target
         side = math.sqrt(best.sides[0] * best.sides[1])
         others = [best.window] if math.dist(best.position, predicted[:2].tolist()) > FAR * side else []
+        others += [unmoved] if math.dist(unmoved[:2], predicted[:2]) > MOVED * side else []
     if frames_unseen > 0 and best.sharpness >= LEAST_SHARPNESS:
         turned = np.array([0, 0, 0, 0, TURN_CHANGE])
         others += [best.window + sign * turned for sign in (1, -1)]
@@ -62,39 +67,30 @@ def find_response(
 
 
 def search_place(window: FloatArray, frames_unseen: int) -> FloatArray:
-    """Window float64[5] to ask the filter at besides the prediction: over some frames they cover a disc."""
-    return disc_place(window, frames_unseen, min(NEAREST_RING + RING_PER_FRAME * frames_unseen, LARGEST_RING))
-
-
-def disc_place(window: FloatArray, number: int, radius: float) -> FloatArray:
-    """One of the places, numbered, that fill a disc around a window evenly; the radius is in its sides."""
+    """Window float64[5] to ask the filter at besides the prediction: over some frames they fill a disc."""
     side = math.sqrt(float(window[LENGTH] * window[WIDTH]))
-    reach, turn = radius * side * math.sqrt(number * GOLDEN % 1), 2 * math.pi * GOLDEN * number
+    radius = side * min(NEAREST_RING + RING_PER_FRAME * frames_unseen, LARGEST_RING)
+    reach, turn = radius * math.sqrt(frames_unseen * GOLDEN % 1), 2 * math.pi * GOLDEN * frames_unseen
     place = window.copy()
     place[:2] += reach * np.array([math.cos(turn), math.sin(turn)])
     return place
 
 
-def response_prior(response: Response, tolerance: float, drawn_angle: float) -> Prior:
-    """Expectation of the window after a response.
+def expect_response(search: SearchRows, response: Response, tolerance: float, drawn_angle: float) -> None:
+    """Fills in the expectation of the window after a response.
 
     A rigid target shows size and turn better in its template than in the filter; the softer it is
     (`tolerance` above 1), the more the filter's size and the drawn angle count.
 
     Args:
+        search: row of `SEARCH`.
         response: of the filter.
         tolerance: see `Evidence.tolerance`.
-        drawn_angle: rad, of the window in this frame had the target not turned.
+        drawn_angle: rad, of the drawn window.
     """
     firm = 1 / math.sqrt(tolerance)
     side = math.sqrt(response.sides[0] * response.sides[1])
+    search["seed"], search["seed_std"] = response.position, PEAK_STD * firm * side
+    search["sides"], search["sides_precision"] = response.sides, (PEAK_SIDES_STD * firm) ** -2
     # a soft target hardly shows its turn, and each error of the angle enlarges the box around a long window
-    turn_std = TURN_STD * firm**3
-    return Prior(
-        response.position,
-        PEAK_STD * firm * side,
-        response.sides,
-        PEAK_SIDES_STD * firm,
-        drawn_angle,
-        turn_std,
-    )
+    search["heading"], search["heading_precision"] = drawn_angle, (TURN_STD * firm**3) ** -2

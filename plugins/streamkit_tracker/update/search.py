@@ -66,7 +66,6 @@ def search(
     """
     window, std = searches["window"], searches["seed_std"]
     wide = np.maximum(settings.std_position * ((window[:, LENGTH] + window[:, WIDTH]) / 2), 1.0)
-    wide *= searches["reach"]
     searches["wide_spread"] = wide
     searches["spread"] = np.minimum(np.maximum(searches["spread"], LEAST_SPREAD), wide)
     searches["seed_spread"] = np.where(np.isfinite(std), np.minimum(DETECTION_SHARE * std, wide), math.nan)
@@ -123,9 +122,7 @@ class _Score:
             wider = windows.reshape(-1, 5).copy()
             wider[:, LENGTH : WIDTH + 1] *= self.like.context
             self.crops = self.sampler.crop(wider, self.factor, len(windows), CROP_MARGIN)
-        distances, scores = self.distances(windows), np.empty(windows.shape[:2])
-        log_scores(distances, self.variance, windows, self.searches, *self.sampler.shape, scores)
-        return scores
+        return log_scores(self.distances(windows), self.variance, windows, self.searches, self.sampler.shape)
 
     def distances(self, windows: FloatArray) -> FloatArray:
         """Distances float64[t, n] of windows float64[t, n, 5] from the templates."""

@@ -38,4 +38,4 @@ def test_no_frame_waits_for_the_compiler(scenes: ModuleType):
         homography.flags.writeable = False
         tracker.step(image, Observation(0.04, to_previous=homography, centroids=places, boxes=boxes))
     assert compiled_kinds() == before
-    assert sum(before.values()) > 15
+    assert sum(before.values()) > 5  # those within others count only where they are compiled anew

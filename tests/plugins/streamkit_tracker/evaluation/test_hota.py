@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from streamkit_tracker.evaluation.boxes import Labelled
 from streamkit_tracker.evaluation.hota import score_hota
-from streamkit_tracker.evaluation.identities import Labelled
 
 Frames = Callable[..., list[Labelled]]
 

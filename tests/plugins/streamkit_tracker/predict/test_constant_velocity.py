@@ -53,12 +53,28 @@ def test_carry_turns_velocity_with_the_camera():
     np.testing.assert_allclose(targets.rows["mean"][0], [-1.0, 2.0, 0.0, 5.0], atol=1e-12)
 
 
-def test_similarity_moves_turns_and_scales_a_window():
+SIMILARITY = np.array(
+    [
+        [1.5 * np.cos(0.5), -1.5 * np.sin(0.5), 7.0],
+        [1.5 * np.sin(0.5), 1.5 * np.cos(0.5), -3.0],
+        [0, 0, 1.0],
+    ]
+)
+
+
+def test_similarity_moves_turns_and_scales_a_detected_window():
     """A similarity moves the centre, adds its angle and multiplies both sides by its scale."""
-    cosine, sine = 1.5 * np.cos(0.5), 1.5 * np.sin(0.5)
-    similarity = np.array([[cosine, -sine, 7.0], [sine, cosine, -3.0], [0, 0, 1.0]])
     targets = table((30.0, 40.0, 20.0, 10.0, 0.3))
-    predict(targets, np.linalg.inv(similarity), 0.0)
-    centre = similarity @ [30.0, 40.0, 1.0]
+    targets.rows["manual"] = False
+    predict(targets, np.linalg.inv(SIMILARITY), 0.0)
+    centre = SIMILARITY @ [30.0, 40.0, 1.0]
     np.testing.assert_allclose(targets.rows["window"][0], [centre[0], centre[1], 30.0, 15.0, 0.8], atol=1e-9)
-    np.testing.assert_allclose(targets.rows["drawn_angle"], 0.8)
+    np.testing.assert_array_equal(targets.rows["previous"][0], [30.0, 40.0])
+
+
+def test_a_drawn_window_only_moves():
+    """A person stays upright, and as large, under a camera that turns and comes down around them."""
+    targets = table((30.0, 40.0, 20.0, 10.0, 0.3))
+    predict(targets, np.linalg.inv(SIMILARITY), 0.0)
+    centre = SIMILARITY @ [30.0, 40.0, 1.0]
+    np.testing.assert_allclose(targets.rows["window"][0], [centre[0], centre[1], 20.0, 10.0, 0.3], atol=1e-9)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from streamkit_tracker.update.expectations import SEARCH, SearchRows
-from streamkit_tracker.update.layered_filter import LayerSettings, Particles, layered_step
-from streamkit_tracker.update.particle_layers import resample
+from streamkit_tracker.update.layered_filter import LayerSettings, Particles, layered_step, resample
 
 PEAK = np.array([52.0, 47.0, 22.0, 11.0, 0.5])
 SCALES = np.array([1.0, 1.0, 0.8, 0.4, 0.05])
@@ -89,8 +88,7 @@ def test_layers_without_particles_are_left_out():
 
 def test_systematic_resampling_draws_by_weight():
     """Each index is drawn as often as its weight says, to within one, and weight 0 never."""
-    weights, chosen = np.array([0.5, 0.0, 0.3, 0.2, 0.0]), np.empty(100, np.intp)
-    resample(weights, 0.999, chosen)
-    drawn = np.bincount(chosen, minlength=5)
+    weights = np.array([0.5, 0.0, 0.3, 0.2, 0.0])
+    drawn = np.bincount(resample(weights, 0.999, 100), minlength=5)
     assert drawn[1] == drawn[4] == 0
     np.testing.assert_allclose(drawn, 100 * weights, atol=1)

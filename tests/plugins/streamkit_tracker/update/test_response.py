@@ -9,9 +9,10 @@ import pytest
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import Evidence
+from streamkit_tracker.update.expectations import SEARCH
 from streamkit_tracker.update.response import (
+    expect_response,
     find_response,
-    response_prior,
     search_place,
 )
 
@@ -33,15 +34,23 @@ def test_the_search_grows_with_the_gap_up_to_a_limit():
 def test_the_softer_the_target_the_more_the_filter_counts():
     """A rigid target is rather free to turn; a soft one is held to the filter's size and the drawn angle."""
     response = Response((101.0, 79.0), (40.0, 10.0), 0.3, 0.7, 20.0)
-    rigid, soft = response_prior(response, 1.0, 0.3), response_prior(response, 9.0, 0.3)
-    assert rigid.heading_std > 0.3
-    assert soft.heading_std < 0.05
-    assert soft.sides_std == pytest.approx(rigid.sides_std / 3)
-    assert soft.centroid_std == pytest.approx(rigid.centroid_std / 3)
-    assert rigid.centroid == soft.centroid == (101.0, 79.0)
+    rigid, soft = rows = np.zeros(2, SEARCH)
+    for row, tolerance in zip(rows, (1.0, 9.0), strict=True):
+        expect_response(row, response, tolerance, 0.3)
+    assert rigid["heading_precision"] < 0.3**-2
+    assert soft["heading_precision"] > 0.05**-2
+    assert soft["sides_precision"] == pytest.approx(9 * rigid["sides_precision"])
+    assert soft["seed_std"] == pytest.approx(rigid["seed_std"] / 3)
+    assert rows["seed"].tolist() == [[101.0, 79.0]] * 2
 
 
-def found(scenes: ModuleType, drawn: np.ndarray, now: np.ndarray, predicted: np.ndarray) -> Response | None:
+def found(
+    scenes: ModuleType,
+    drawn: np.ndarray,
+    now: np.ndarray,
+    predicted: np.ndarray,
+    unmoved: np.ndarray | None = None,
+) -> Response | None:
     """Evidence of a textured target that trembled for ten frames where it was drawn, and is elsewhere."""
     generator = np.random.default_rng(4)
     backdrop, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
@@ -54,7 +63,8 @@ def found(scenes: ModuleType, drawn: np.ndarray, now: np.ndarray, predicted: np.
         usual = discriminator.respond(sampler, drawn)
         evidence.judge(0.02, (usual.peak, usual.sharpness), informative=True, unseen=False)
     sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
-    return find_response(discriminator, evidence, sampler, predicted, 0)
+    unmoved = predicted if unmoved is None else unmoved
+    return find_response(discriminator, evidence, sampler, predicted, unmoved, 0)
 
 
 @pytest.mark.parametrize("step", [(30.0, 0.0), (-12.0, 26.0)])
@@ -83,3 +93,11 @@ def test_sizes_between_those_asked_at_are_found(scenes: ModuleType, grown: float
     assert response is not None
     assert response.sides[0] == pytest.approx(60 * grown, rel=0.015)
     assert response.sides[0] / response.sides[1] == pytest.approx(1.2)
+
+
+def test_a_target_that_the_camera_follows_is_found_where_it_was(scenes: ModuleType):
+    """The ground beneath it has moved by three sides, the target has not moved in the picture."""
+    drawn = np.array([150.0, 120, 40, 34, 0.0])
+    response = found(scenes, drawn, drawn, drawn + np.array([110.0, 0, 0, 0, 0]), drawn)
+    assert response is not None
+    assert math.dist(response.position, drawn[:2]) < 1.0

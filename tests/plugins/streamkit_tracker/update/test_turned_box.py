@@ -2,9 +2,23 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from streamkit_tracker.update.turned_box import window_shape, window_turn
+from streamkit_tracker.update.turned_box import turned_windows, window_shapes
+
+
+def window_shape(width: float, height: float, heading: float) -> list[float]:
+    """Length and width of one window."""
+    shape: list[float] = window_shapes(np.array([[width, height]]), np.array([heading]))[0].tolist()
+    return shape
+
+
+def turned_window(width: float, height: float, heading: float) -> list[float]:
+    """Length, width and angle of one window."""
+    window = turned_windows(np.zeros((1, 2)), np.array([[width, height]]), np.array([heading]))[0]
+    found: list[float] = window[2:].tolist()
+    return found
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.7, math.pi / 4, 1.2, math.pi / 2, 2.6, -0.8])
@@ -30,12 +44,12 @@ def test_degenerate_boxes_give_positive_sides(box: tuple[float, float]):
 
 def test_an_upright_person_keeps_the_upright_box():
     """No rectangle along a slanting motion has the box of a person seen from the side."""
-    assert window_turn(26.0, 92.0, 0.6) == (26.0, 92.0, 0.0)
+    assert turned_window(26.0, 92.0, 0.6) == [26.0, 92.0, 0.0]
 
 
 @pytest.mark.parametrize("heading", [0.3, 1.2, -0.8])
 def test_a_car_turns_with_its_motion(heading: float):
     """Where a turned rectangle fills the box, it is the window."""
     cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
-    _, _, angle = window_turn(26 * cosine + 13 * sine, 26 * sine + 13 * cosine, heading)
+    _, _, angle = turned_window(26 * cosine + 13 * sine, 26 * sine + 13 * cosine, heading)
     assert angle == pytest.approx(heading)
