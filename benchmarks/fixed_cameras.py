@@ -99,12 +99,12 @@ def warped(frames: list[GreyArray], to_frame: FloatArray) -> Iterator[GreyArray]
 def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np.object_]:
     """Status, error in px and predicted error of each frame but the first, object[n, 3]."""
     tracker = PlaneTracker(PlaneSettings())
-    rows, start, reference = [], 0, 0
+    # The frame that each plane began with: after a cut, an earlier plane may go on.
+    rows, starts = [], dict[int, int]()
     try:
         for index, frame in enumerate(frames):
             found = tracker.track(frame)
-            if found.reference != reference:
-                start, reference = index, found.reference
+            start = starts.setdefault(found.reference, index)
             if not index:
                 continue
             outline = corners((int(frame.shape[0]), int(frame.shape[1])))

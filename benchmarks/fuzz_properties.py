@@ -33,7 +33,7 @@ VALUES: tuple[Any, ...] = (
     1e-300, 1e300, math.nan, math.inf, -math.inf, Fraction(1, 3), Fraction(30), b"x", (), [1], {},
     object(), int, "5" * 4000,
 )  # fmt: skip
-NETWORK = {"rtspsrc", "rtspclientsink", "zenohsink", "zenohsrc", "cotsink"}
+NETWORK = {"rtspsrc", "livesrc", "rtspclientsink", "zenohsink", "zenohsrc", "cotsink"}
 VIDEO = "videotestsrc num-buffers=3 ! video/x-raw, width=64, height=48"
 CODED = {"packetsink", "remux", "decode"}
 RUN_S = 1.0
@@ -100,9 +100,8 @@ def play(factory: str, name: str, value: Any, *, by_text: bool) -> str:
         except PropertyError:
             return "refused value"
     pipeline["fuzzed"].properties_set()
-    # An address is waited for as long as its own limit says: 8 s of silence for udp://.
-    is_network = factory in NETWORK or (isinstance(value, str) and "udp://" in value)
-    return "set" if is_network else run(pipeline)
+    # An address is waited for as long as its own limit says.
+    return "set" if factory in NETWORK else run(pipeline)
 
 
 def run(pipeline: Any) -> str:

@@ -24,8 +24,8 @@ import numpy as np
 from tracking_sequences import FloatArray, shared_data
 
 from streamkit import SHOWN_STATES, Detections, Frame, Pipeline, Tracks
-from streamkit_tracker.evaluation.boxes import overlaps
-from streamkit_tracker.evaluation.identities import Labelled, score_identities
+from streamkit_tracker.evaluation.boxes import Labelled, overlaps
+from streamkit_tracker.evaluation.identities import score_identities
 from streamkit_tracker.evaluation.readers import read_identities
 from streamkit_video.dronetestsrc.truth import TrueTargets
 

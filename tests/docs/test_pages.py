@@ -19,7 +19,7 @@ BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 BINARY = Path(sys.executable).with_name("streamkit")
 OWN_TEST = {"tutorial-first-element.md", "tutorial-feature-space.md"}
 WIDE = {"COLUMNS": "200"}  # no option is cut short in the help
-FOLLOWED = ("statistics.md", "guide/python.md")
+FOLLOWED = ("statistics.md", "guide/python.md", "guide/opencv.md")
 GENERATED = DOCS / "elements"
 LOOKED_AT = sorted(
     page.relative_to(DOCS)
@@ -51,6 +51,13 @@ def test_a_page_can_be_followed(page: str, tmp_path: Path) -> None:
         for call in calls:
             done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
             assert done.returncode == 0, f"{shlex.join(call)}\n{done.stderr}"
+
+
+def test_programs_for_opencv_are_type_checked() -> None:
+    """They are the files of docs/examples/opencv, which `make lint` checks."""
+    programs = {body for language, body in blocks("guide/opencv.md") if language == "python"}
+    files = (DOCS / "examples" / "opencv").glob("*.py")
+    assert programs == {path.read_text(encoding="utf-8") for path in files}
 
 
 @pytest.mark.parametrize("page", LOOKED_AT, ids=str)

@@ -22,9 +22,8 @@ COMMANDS = [
     for command in block.replace("\\\n", " ").splitlines()
     if command.strip() and not command.strip().startswith("#")
 ]
-LAUNCHES = [
-    command for command in COMMANDS if re.match(r"streamkit (launch|explain|tracks|convert)\b", command)
-]
+RUN = re.compile(r"streamkit (launch|explain|tracks|convert|report)\b")
+LAUNCHES = [command for command in COMMANDS if RUN.match(command)]
 BINARY = Path(sys.executable).with_name("streamkit")
 NEEDS_PEER = ("rtsp://",)
 

@@ -53,9 +53,9 @@ def test_the_reference_has_every_module_of_a_library(room: str) -> None:
 
 def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) -> None:
     """Within docs/, to other hosts and on the same page they stay as they are."""
-    text = "[a](../../README.md) [b](../rtsp.md#times) [c](https://zenoh.io) [d](#times) [e](002.md)"
+    text = "[a](../../README.md) [b](../live-sources.md#times) [c](https://zenoh.io) [d](#times) [e](002.md)"
     assert hooks.repository_links(text, "decisions/001.md", REPOSITORY) == (
-        f"[a]({REPOSITORY}/blob/main/README.md) [b](../rtsp.md#times) [c](https://zenoh.io) "
+        f"[a]({REPOSITORY}/blob/main/README.md) [b](../live-sources.md#times) [c](https://zenoh.io) "
         "[d](#times) [e](002.md)"
     )
 
