@@ -12,7 +12,7 @@ import typer
 from typing_extensions import override
 
 from streamkit.cli.summary import results_text, summarise
-from streamkit.cli.table import age_text, as_line, as_table, measure_rows
+from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.graph.statistics import RunStatistics
 from streamkit.masking import presentable
 
@@ -42,7 +42,9 @@ class Display:
     def measure(self) -> RunStatistics:
         """Current statistics."""
         return RunStatistics(
-            elapsed_s=round(time.monotonic() - self.began_s, 3), elements=self.pipeline.statistics()
+            elapsed_s=round(time.monotonic() - self.began_s, 3),
+            elements=self.pipeline.statistics(),
+            processes=self.pipeline.process_statistics(),
         )
 
     def measure_last(self) -> RunStatistics:
@@ -150,7 +152,7 @@ class Lines(Display):
         if self.last is not None:
             from rich.console import Console
 
-            Console(stderr=True, width=160).print(as_table(measure_rows(self.last), self.last.elapsed_s))
+            Console(stderr=True, width=160).print(as_tables(self.last))
 
 
 class Table(Lines):
@@ -183,7 +185,7 @@ class Table(Lines):
                 redirect_stderr=False,
             )
             self._live.start()
-        self._live.update(as_table(measure_rows(now, before), now.elapsed_s), refresh=True)
+        self._live.update(as_tables(now, before), refresh=True)
 
     def print_line(self, line: str) -> None:
         """Prints a line above the table."""

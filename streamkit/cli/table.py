@@ -1,4 +1,4 @@
-"""Statistics as a table or a line: rates and load of each element."""
+"""Statistics as tables or a line: rates and load of each element and process."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.table import Table
 
     from streamkit.graph.statistics import ElementStatistics, QueueLevels, RunStatistics
@@ -14,6 +15,10 @@ COLUMNS = {
     "element": "element", "in": "in", "out": "out", "rate": "/s", "dropped": "dropped", "errors": "errors",
     "busy": "busy", "queue": "queue (most)", "age": "age",
 }  # fmt: skip
+PROCESS_COLUMNS = {
+    name: name for name in ("process", "cpu", "load", "memory", "frames", "crossings", "waited")
+}
+TEXTS = ("element", "dropped", "process")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,20 +92,48 @@ def facts(row: Row) -> dict[str, str]:
     return {name: text for name, text in found.items() if text}
 
 
-def as_table(rows: list[Row], elapsed_s: float) -> Table:
-    """A table with one row per element."""
+def process_facts(now: RunStatistics, before: RunStatistics | None) -> list[dict[str, str]]:
+    """What is printed of each process, by the keys of `PROCESS_COLUMNS`."""
+    earlier = {row.pid: row.cpu_ns for row in before.processes} if before is not None else {}
+    span_s = now.elapsed_s - (before.elapsed_s if before is not None else 0.0)
+    return [
+        {
+            "process": row.process,
+            "cpu": f"{row.cpu_ns / 1e9:.2f} s",
+            "load": f"{(row.cpu_ns - earlier.get(row.pid, 0)) / 1e9 / span_s:.0%}" if span_s > 0 else "",
+            "memory": f"{row.rss_bytes / 2**20:.0f} MiB",
+            "frames": str(row.frames),
+            "crossings": str(row.crossings),
+            "waited": f"{row.waited_ns / 1e9:.2f} s",
+        }
+        for row in now.processes
+    ]
+
+
+def as_tables(now: RunStatistics, before: RunStatistics | None = None) -> Group:
+    """A table with one row per element, and one with a row per process."""
+    from rich.console import Group
+
+    lines = [
+        {"in": "0", "out": "0", **facts(row), "element": row.counters.element}
+        for row in measure_rows(now, before)
+    ]
+    title = f"{now.elapsed_s:.1f} s"
+    return Group(_table(COLUMNS, lines, title), _table(PROCESS_COLUMNS, process_facts(now, before)))
+
+
+def _table(columns: dict[str, str], lines: list[dict[str, str]], title: str | None = None) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=SIMPLE_HEAD, title=f"{elapsed_s:.1f} s", title_justify="left", padding=(0, 1, 0, 0))
-    lines = [{"in": "0", "out": "0", **facts(row), "element": row.counters.element} for row in rows]
-    for name, title in COLUMNS.items():
-        is_text = name in ("element", "dropped")  # truncated on a narrow terminal, unlike numbers
-        width = 8 if is_text else max(len(text) for text in (title, *(line.get(name, "") for line in lines)))
-        table.add_column(title, justify="left" if is_text else "right", no_wrap=True, min_width=width)
+    table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
+    for name, head in columns.items():
+        is_text = name in TEXTS  # truncated on a narrow terminal, unlike numbers
+        width = 8 if is_text else max(len(text) for text in (head, *(line.get(name, "") for line in lines)))
+        table.add_column(head, justify="left" if is_text else "right", no_wrap=True, min_width=width)
     for line in lines:
-        table.add_row(*(Text(line.get(name, "")) for name in COLUMNS))
+        table.add_row(*(Text(line.get(name, "")) for name in columns))
     return table
 
 
@@ -110,4 +143,7 @@ def as_line(now: RunStatistics, before: RunStatistics | None) -> str:
     for row in measure_rows(now, before):
         found = [f"{text}/s" if name == "rate" else f"{name} {text}" for name, text in facts(row).items()]
         words.append(" ".join([row.counters.element, *found]))
+    for process in process_facts(now, before):
+        figures = [f"{name} {text}" for name, text in process.items() if name != "process"]
+        words.append(" ".join([process["process"], *figures]))
     return " | ".join(words)

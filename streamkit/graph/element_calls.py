@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from streamkit.element.base import Element
-from streamkit.errors import ElementFailure, HangDetected, StartCancelled
+from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.watchdog import hang_of, hang_warning
 
@@ -162,3 +162,11 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
 
 def _overrides(element: Element, method: str) -> bool:
     return getattr(type(element), method) is not getattr(Element, method) or method in vars(element)
+
+
+def check_ended(stuck: Iterable[str], limit_s: float) -> None:
+    """Raises `StateError` if elements did not return from a call within the limit of a stop."""
+    if names := ", ".join(dict.fromkeys(stuck)):
+        raise StateError(
+            f"{names}: a call has not returned within {limit_s:g} s of the stop; its thread is abandoned"
+        )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
@@ -15,13 +14,14 @@ from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
-from streamkit.graph.element_calls import CallLimits, start_element, stop_elements, wake_elements
+from streamkit.graph.element_calls import CallLimits, check_ended, start_element, stop_elements, wake_elements
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
+from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
 from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
-from streamkit.graph.statistics import ElementStatistics, collect_statistics
+from streamkit.graph.statistics import ElementStatistics, ProcessStatistics, collect_statistics
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0
@@ -81,9 +81,7 @@ class Pipeline:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.stop()
 
     @property
@@ -228,11 +226,7 @@ class Pipeline:
             self._processes.stop()
             self._change_state(State.NULL)
             self.ended.set()
-        if stuck:
-            raise StateError(
-                f"{', '.join(dict.fromkeys(stuck))}: a call has not returned within {STOP_LIMIT_S:g} s "
-                "of the stop; its thread is abandoned"
-            )
+        check_ended(stuck, STOP_LIMIT_S)
 
     # Waiting and queries.
 
@@ -259,9 +253,12 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        playback, now_ns = self._playback, self.clock.monotonic_ns()
-        rows = collect_statistics(self.graph, playback.chains, playback.retired, self.bus.counts, now_ns)
-        return self._processes.merge(rows)
+        return self._processes.merge(self._own_statistics())
+
+    def process_statistics(self) -> list[ProcessStatistics]:
+        """Counters of every process since streaming began, the main process first."""
+        own = measure_process(self.graph, self._own_statistics(), self._playback.cpu_began_ns)
+        return [own, *self._processes.statistics()]
 
     def latency(self) -> Latency:
         """Minimum and maximum latency of live frames; posts a warning if they cannot be buffered."""
@@ -305,10 +302,13 @@ class Pipeline:
             stuck = self._end_streaming(branch.elements)
             stuck += stop_elements([e for e in self._started if e in branch.elements], self._limits())
             self._started = [element for element in self._started if element not in branch.elements]
-        if stuck:
-            raise StateError(f"{', '.join(stuck)}: a call has not returned; its thread is abandoned")
+        check_ended(stuck, STOP_LIMIT_S)
 
     # Internal.
+
+    def _own_statistics(self) -> list[ElementStatistics]:
+        playback, now_ns = self._playback, self.clock.monotonic_ns()
+        return collect_statistics(self.graph, playback.chains, playback.retired, self.bus.counts, now_ns)
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._post)

@@ -35,6 +35,7 @@ class Playback:
         end: tracks the end of the run.
         branches: the outputs whose branches join, leave or may fail alone.
         is_streaming: whether threads were started.
+        cpu_began_ns: processor time that the process had used when they were, ns.
         is_over_elsewhere: whether all that runs in other processes has ended.
     """
 
@@ -60,6 +61,7 @@ class Playback:
         self.branches = BranchOutputs(graph, bus, self.end)
         self._watchdog: Watchdog | None = None
         self._is_stopping = False
+        self.cpu_began_ns = 0
         self.is_over_elsewhere: Callable[[], bool] = lambda: True
 
     # Start and stop.
@@ -88,6 +90,7 @@ class Playback:
             if self.is_live and not self._timing.running.is_set():
                 source.set_paused(source.is_live)
         self.is_streaming = True
+        self.cpu_began_ns = time.process_time_ns()
         self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail)
         self._watchdog.start()
         for thread in self.add_threads(filter(graph.is_local, graph.from_sinks())):

@@ -97,6 +97,28 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     pads: list[PadStatistics]
 
 
+class ProcessStatistics(msgspec.Struct, frozen=True):
+    """Counters of one process since streaming began.
+
+    Attributes:
+        process: name of the bin that runs in it, or "main".
+        pid: of the process.
+        cpu_ns: processor time of all its threads, ns.
+        rss_bytes: its resident memory now, shared memory included, bytes.
+        frames: most frames that any element in it had.
+        crossings: frames that came from other processes or went to them.
+        waited_ns: time that its process links waited for frames, or for room in the next process, ns.
+    """
+
+    process: str
+    pid: int
+    cpu_ns: int
+    rss_bytes: int
+    frames: int
+    crossings: int
+    waited_ns: int
+
+
 class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     """The counters of a graph: the JSON of `launch --stats=json`, see docs/statistics.md.
 
@@ -104,12 +126,14 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
         schema: name and version of the format.
         elapsed_s: since the run began, s.
         elements: in the order of the description.
+        processes: the main process, then one for each bin with `process=true`.
         shortfalls: what the pipeline is for and was not made, in words.
     """
 
     schema: Literal["streamkit.statistics/1"] = "streamkit.statistics/1"
     elapsed_s: float
     elements: list[ElementStatistics]
+    processes: list[ProcessStatistics] = []
     shortfalls: list[str] = []
 
 

@@ -98,7 +98,7 @@ def test_the_statistics_page_names_every_field() -> None:
     from streamkit.graph import statistics
 
     text = (DOCS / "statistics.md").read_text(encoding="utf-8")
-    for kind in ("RunStatistics", "ElementStatistics", "QueueLevels", "PadStatistics"):
+    for kind in ("RunStatistics", "ElementStatistics", "ProcessStatistics", "QueueLevels", "PadStatistics"):
         for field in getattr(statistics, kind).__struct_fields__:
             assert f"`{field}`" in text, f"{kind}.{field}"
 

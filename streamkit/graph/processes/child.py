@@ -178,6 +178,9 @@ class Child:
     def _statistics(self) -> Any:
         return msgspec.to_builtins(self._pipeline.statistics())
 
+    def _process_statistics(self) -> Any:
+        return msgspec.to_builtins(self._pipeline.process_statistics()[0])
+
     def _query(self, number: int, method: str) -> Any:
         if method not in QUERIES:
             raise StateError(f"there is no query {method}")

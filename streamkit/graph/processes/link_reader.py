@@ -66,7 +66,7 @@ class LinkReader:
         while True:
             if link.stopping.is_set():
                 raise Flushing(link.name)
-            for message in channel.receive(POLL_S):
+            for message in link.receive(channel, POLL_S):
                 item = decoder.decode(message, channel)
                 if isinstance(item, Frame):
                     self._push(item, decoder, connection)

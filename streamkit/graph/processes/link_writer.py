@@ -95,7 +95,7 @@ class LinkWriter:
         """Reads what the reader has taken; waits while too much is on the way."""
         link, wait_s = self._link, 0.0
         while True:
-            messages = connection.channel.receive(wait_s)
+            messages = link.receive(connection.channel, wait_s)
             for message in messages:
                 kind, released, is_over = msgspec.msgpack.decode(message)
                 if kind != Kind.DONE:

@@ -21,7 +21,7 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ChildProcess
 from streamkit.graph.processes.orders import QUERIES, Report, Setup
 from streamkit.graph.processes.work_marks import WorkMarks
-from streamkit.graph.statistics import ElementStatistics
+from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 STATISTICS_LIMIT_S = 1.0
 
@@ -57,6 +57,7 @@ class Part:
         self.ending: threading.Thread | None = None
         self._marks: WorkMarks | None = None
         self._rows: list[ElementStatistics] = []
+        self._process_rows: list[ProcessStatistics] = []
         for element in members:
             self._make_stand_in(element, self.elements.index(element))
 
@@ -65,7 +66,7 @@ class Part:
         self.limit_s = self.home.watchdog_s or watchdog_s
         self.has_ended = False
         self.restarts.clear()
-        self._rows = []
+        self._rows, self._process_rows = [], []
 
     def spawn(
         self, reported: Callable[[ChildProcess, Report], None], ended: Callable[[ChildProcess], None]
@@ -122,6 +123,14 @@ class Part:
                 found = self.child.ask("statistics", limit_s=STATISTICS_LIMIT_S)
                 self._rows = msgspec.convert(found, list[ElementStatistics])
         return self._rows
+
+    def process_statistics(self) -> list[ProcessStatistics]:
+        """The counters of the process; the last known if it does not answer, none before it first did."""
+        with contextlib.suppress(ProcessDied):
+            if self.child is not None:
+                found = self.child.ask("process_statistics", limit_s=STATISTICS_LIMIT_S)
+                self._process_rows = [msgspec.convert(found, ProcessStatistics)]
+        return self._process_rows
 
     def try_order(self, name: str) -> None:
         """Sends an order without waiting; nothing happens if the process has ended."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -35,6 +36,7 @@ class ProcessLink(Element):
         before_end: called before EOS is sent on; waits until the messages from before it have arrived.
         last_frame: the number of the newest frame received, -1 before one; a child has it in memory that
             outlives it.
+        waited_ns: time that the half here waited for frames or for room, ns.
     """
 
     sink = src = "ANY"
@@ -45,6 +47,7 @@ class ProcessLink(Element):
         self.packages: set[str] = set()
         self.before_end: Callable[[], None] = lambda: None
         self.last_frame = memoryview(bytearray(8)).cast("q")
+        self.waited_ns = 0
         self._newest: Connection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # all that may be open
         self._is_given_up = False
@@ -65,6 +68,15 @@ class ProcessLink(Element):
         self._writer.reset()
         self._reader.reset()
         self.last_frame[0] = -1
+        self.waited_ns = 0
+
+    def receive(self, channel: Channel, wait_s: float) -> list[bytes]:
+        """Receives messages; the wait for them is counted."""
+        began_ns = time.perf_counter_ns()
+        try:
+            return channel.receive(wait_s)
+        finally:
+            self.waited_ns += time.perf_counter_ns() - began_ns
 
     def connect(self, end: socket.socket, counts: LinkCounts) -> None:
         """Uses a new connection, the first one or one to a process that was started again."""

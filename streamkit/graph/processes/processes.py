@@ -23,7 +23,7 @@ from streamkit.graph.processes.merged_statistics import merge_statistics
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
 from streamkit.graph.processes.process_link import ProcessLink
-from streamkit.graph.statistics import ElementStatistics
+from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 if TYPE_CHECKING:
     from streamkit.graph.playback import Playback
@@ -131,6 +131,10 @@ class Processes:
             link: sum(earlier.on_the_way for earlier in counts[:-1]) for link, counts in self._counts.items()
         }
         return merge_statistics(self._graph, rows, self._parts, lost)
+
+    def statistics(self) -> list[ProcessStatistics]:
+        """The counters of every child."""
+        return [row for part in self._parts for row in part.process_statistics()]
 
     def begin_stop(self) -> None:
         """Makes every child stop; `stop` waits for its end."""

@@ -199,6 +199,17 @@ def test_text_statistics_without_a_terminal_are_lines(launch: Callable[..., Resu
     )
 
 
+def test_the_counters_of_each_process_are_shown(launch: Callable[..., Result]) -> None:
+    """In the last table and in the JSON; without process bins there is only the main one."""
+    in_process = DROPS_ALL.replace("!", "! ( name=apart process=true identity ) !", 1)
+    for text, names in ((DROPS_ALL, ["main"]), (in_process, ["main", "apart"])):
+        done = launch("--stats=json", text)
+        rows = json.loads(done.stdout)["processes"]
+        assert [row["process"] for row in rows] == names
+    done = launch("--stats", in_process)
+    assert re.search(r"^ apart +\d+\.\d\d s +\d+% +\d+ MiB +\d+ +\d+ +\d+\.\d\d s", done.stderr, re.MULTILINE)
+
+
 def test_an_unknown_format_of_statistics_is_code_2(launch: Callable[..., Result]) -> None:
     """The message lists the formats."""
     done = launch("--stats=xml", DROPS_ALL)

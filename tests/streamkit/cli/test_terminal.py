@@ -109,7 +109,8 @@ def test_the_table_is_redrawn_in_place() -> None:
     assert code == 0
     assert "state: pipeline: playing" in lines_of(out)
     assert out.count("element") > 3
-    rows = [line.split() for line in lines_of(out)[-8:]]
+    rows = [line.split() for line in lines_of(out)[-13:]]
+    assert [row[0] for row in rows if row[:1] == ["main"]] == ["main"]
     sink = next(row for row in rows if row[:1] == ["fakesink0"])
     assert sink[1:3] == ["33", "0"]
     queue = next(row for row in rows if row[:1] == ["queue0"])

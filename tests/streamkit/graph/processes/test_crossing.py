@@ -2,6 +2,7 @@
 
 import gc
 import itertools
+import os
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,22 @@ def test_statistics_reach_into_the_process() -> None:
     assert rows["true"]["framediff0"].busy_ns > 0
     for name in ("processlink0", "processlink1"):
         assert (rows["true"][name].frames_in, rows["true"][name].frames_out) == (40, 40)
+
+
+def test_each_process_has_counters_of_its_own() -> None:
+    """Processor time, memory, frames and crossings; a slow process makes the link into it wait."""
+    text = f"{VIDEO} ! ( name=slow process=true shm-frames=2 identity sleep-time=5000 ) ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        pipeline.wait(LIMIT_S)
+        main, child = pipeline.process_statistics()
+    assert (main.process, main.pid, child.process) == ("main", os.getpid(), "slow")
+    assert child.pid != main.pid
+    assert (main.frames, main.crossings) == (child.frames, child.crossings) == (40, 80)
+    assert main.cpu_ns > 0
+    assert child.cpu_ns > 0
+    assert main.waited_ns > 30 * 5_000_000
+    assert min(main.rss_bytes, child.rss_bytes) > 10 * 2**20
 
 
 def test_properties_change_in_the_process() -> None:
