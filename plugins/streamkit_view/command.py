@@ -34,6 +34,9 @@ def view(
     ] = "127.0.0.1:8090",
     connect: Annotated[str | None, typer.Option(help="zenoh endpoint to connect to, tcp/HOST:PORT.")] = None,
     video: Annotated[str, typer.Option(help="Video file of a finished run, whose records are given.")] = "",
+    basemap: Annotated[
+        Path | None, typer.Option(help="Base map of the geographic map: a GeoTIFF, or a PMTiles archive.")
+    ] = None,
     config: Annotated[
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
@@ -49,6 +52,7 @@ def view(
     except ImportError as error:
         _fail(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import Access, is_loopback
+    from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.playback import is_run, is_source, playing, unplayable
 
     sources = [text for text in what if is_source(text)]
@@ -62,6 +66,10 @@ def view(
     for text in filter(None, [*sources, video]):
         if reason := unplayable(text):
             _fail(reason)
+    try:
+        base = None if basemap is None else read_basemap(basemap)
+    except InvalidBasemap as error:
+        _fail(f"--basemap {error}")
     host, bound = _bind(listen)
     token = secrets.token_urlsafe(24)
     # Until the server handles signals itself: what was started is ended by this process only.
@@ -78,7 +86,7 @@ def view(
             webbrowser.open(url)
         try:
             access = Access(token, is_local=is_loopback(host))
-            run_server(what, bound, access, connect, config, playback)
+            run_server(what, bound, access, connect, config, playback, base)
         except (OSError, ValueError) as error:
             _fail(str(error))
 

@@ -11,6 +11,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from streamkit_view.access import log_once
 from streamkit_view.answers import InvalidAnswer, read_answer
+from streamkit_view.basemap import Basemap
 from streamkit_view.hub import Hub
 from streamkit_view.messages import CONTROL, HELLO, text_message
 from streamkit_view.viewer import Viewer
@@ -32,21 +33,25 @@ class PageSocket:
         hub: has the messages for pages.
         feeds: how many feeds there are.
         ask: passes a request to the pipeline of a feed, and gives its reply within some seconds.
+        basemap: of the geographic map.
     """
 
-    def __init__(self, websocket: WebSocket, hub: Hub, feeds: int, ask: Ask) -> None:
+    def __init__(
+        self, websocket: WebSocket, hub: Hub, feeds: int, ask: Ask, basemap: Basemap | None = None
+    ) -> None:
         self._websocket = websocket
         self._hub = hub
         self._feeds = feeds
         self._ask = ask
         self._may_control = bool(websocket.scope.get("may_control"))
+        self._basemap = None if basemap is None else {"corners": basemap.corners}
         self._viewer = Viewer()
         self._requests: asyncio.Queue[tuple[int, ControlRequest | None]] = asyncio.Queue(REQUEST_LIMIT)
 
     async def serve(self) -> bool:
         """Returns at the end; True if the page reads nothing, so that its connection must be dropped."""
         viewer = self._viewer
-        hello = msgspec.json.encode({"control": self._may_control})
+        hello = msgspec.json.encode({"control": self._may_control, "basemap": self._basemap})
         viewer.offer(text_message(HELLO, 0, hello))  # before what the hub has for a new page
         self._changed = self._hub.add(viewer)
         tasks = [

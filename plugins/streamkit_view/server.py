@@ -12,11 +12,12 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from streamkit_view.access import Access, AccessControl, log_once
+from streamkit_view.basemap import Basemap
 from streamkit_view.hub import Hub
 from streamkit_view.messages import Message
 from streamkit_view.page_socket import Ask, PageSocket
@@ -25,7 +26,13 @@ PAGE_LIMIT = 64
 ANSWER_LIMIT_BYTES = 1024
 STATE_EVERY_S = 0.5
 TRY_LATER = 1013
-MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+MEDIA_TYPES = {
+    "html": "text/html",
+    "css": "text/css",
+    "js": "text/javascript",
+    "mjs": "text/javascript",
+    "svg": "image/svg+xml",
+}
 
 
 class ViewServer:
@@ -37,21 +44,30 @@ class ViewServer:
         states: makes the messages with the states of all feeds.
         ask: passes a request to the pipeline of a feed.
         access: who may see the page, and control.
+        basemap: of the geographic map.
     """
 
     def __init__(
-        self, hub: Hub, feeds: int, states: Callable[[], list[Message]], ask: Ask, access: Access
+        self,
+        hub: Hub,
+        feeds: int,
+        states: Callable[[], list[Message]],
+        ask: Ask,
+        access: Access,
+        basemap: Basemap | None = None,
     ) -> None:
         self._hub = hub
         self._feeds = feeds
         self._states = states
         self._ask = ask
+        self._basemap = basemap
         self._files = page_files()
         self._server = uvicorn.Server(
             uvicorn.Config(
                 Starlette(
                     routes=[
                         Route("/", self._file),
+                        Route("/basemap", self._send_basemap),
                         Route("/{name}", self._file),
                         WebSocketRoute("/feed", self._page),
                     ],
@@ -98,13 +114,21 @@ class ViewServer:
             return PlainTextResponse("there is no such page\n", status_code=404)
         return Response(self._files[name], media_type=MEDIA_TYPES[name.rsplit(".", 1)[-1]])
 
+    async def _send_basemap(self, _request: Request) -> Response:
+        basemap = self._basemap
+        if basemap is None:
+            return PlainTextResponse("there is no base map\n", status_code=404)
+        if isinstance(basemap.content, bytes):
+            return Response(basemap.content, media_type=basemap.media_type)
+        return FileResponse(basemap.content, media_type=basemap.media_type)
+
     async def _page(self, websocket: WebSocket) -> None:
         await websocket.accept()
         if self._hub.pages >= PAGE_LIMIT:
             log_once(f"more than {PAGE_LIMIT} pages")
             await websocket.close(TRY_LATER)
             return
-        if await PageSocket(websocket, self._hub, self._feeds, self._ask).serve():
+        if await PageSocket(websocket, self._hub, self._feeds, self._ask, self._basemap).serve():
             log_once("a page that reads nothing is cut off")
             self._abort(websocket)
 
@@ -117,10 +141,10 @@ class ViewServer:
 
 
 def page_files() -> dict[str, bytes]:
-    """The files of the page by name. All are read once: no request names a path."""
-    folder = files("streamkit_view") / "page"
+    """The files of the page and its libraries by name. All are read once: no request names a path."""
     return {
         entry.name: entry.read_bytes()
-        for entry in folder.iterdir()
+        for folder in ("page", "vendor")
+        for entry in (files("streamkit_view") / folder).iterdir()
         if entry.name.rsplit(".", 1)[-1] in MEDIA_TYPES
     }

@@ -12,6 +12,7 @@ import msgspec
 
 from streamkit import mask_secrets
 from streamkit_view.access import LOG, Access
+from streamkit_view.basemap import Basemap
 from streamkit_view.control import ask_control
 from streamkit_view.feed import Feed
 from streamkit_view.hub import Hub
@@ -32,6 +33,7 @@ def run_server(
     connect: str | None,
     config: str | None,
     playback: Playback | None = None,
+    basemap: Basemap | None = None,
 ) -> None:
     """Serves the page until SIGINT or SIGTERM.
 
@@ -56,7 +58,7 @@ def run_server(
     def ask(feed: int, request: ControlRequest | None) -> ControlReply:
         return ask_control(zenoh_session, feeds[feed].key, request)
 
-    server = ViewServer(hub, len(keys), states, ask, access)
+    server = ViewServer(hub, len(keys), states, ask, access, basemap)
     for number in (signal.SIGINT, signal.SIGTERM):
         # A signal may come before the server handles signals itself; it raises them again at its end.
         signal.signal(number, lambda _number, _frame: server.stop())

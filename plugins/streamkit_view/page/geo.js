@@ -37,6 +37,11 @@ export class GeoFit {
     return { lat: origin[0] + north / METRES_PER_DEGREE, lon: origin[1] + east / metresEast, error };
   }
 
+  // Expected error in m of places; null where unknown.
+  get error() {
+    return this.fit && this.fit.error;
+  }
+
   // Length in m of a vector of the plane; null where unknown.
   length([x, y]) {
     return this.fit && Math.hypot(...this.fit.rows.map(([a, b]) => a * x + b * y));

@@ -2,6 +2,7 @@
 
 import { Connection } from "./connection.js";
 import { Control } from "./control.js";
+import { EarthMap } from "./earth.js";
 import { Followed } from "./followed.js";
 import { GeoFit } from "./geo.js";
 import { project } from "./geometry.js";
@@ -25,6 +26,9 @@ const followed = new Followed();
 const map = new GroundMap(document.getElementById("map"), document.getElementById("ground"), {
   geo, chosen: (id) => follow(id), changed: () => { page.needsDrawing = true; },
 });
+const earth = new EarthMap(document.getElementById("earth-map"), document.getElementById("earth"), {
+  geo, chosen: (id) => follow(id),
+});
 const player = new Player({ show: showVideo, cannot: (reason) => { page.reason = reason; } });
 const control = new Control({ send: (request) => connection.control(request) });
 const pointer = new Pointer(overlay, {
@@ -41,6 +45,7 @@ function resetFeed() {
   page.next?.image.close();
   player.reset();
   map.clear();
+  earth.clear();
   series.clear();
   followed.clear();
   geo.clear();
@@ -69,7 +74,7 @@ const connection = new Connection({
     refresh();
   },
   receive: async (message, payload) => {
-    if (message.type === "hello") return void (control.mayControl = message.body.control);
+    if (message.type === "hello") return takeHello(message.body);
     if (message.type === "state") return takeState(message.feed, message.body);
     if (message.feed !== page.feed) return undefined;
     if (message.type === "control") return control.take(message.body);
@@ -80,6 +85,11 @@ const connection = new Connection({
     return undefined;
   },
 });
+
+function takeHello(hello) {
+  control.mayControl = hello.control;
+  earth.basemap = hello.basemap;
+}
 
 function takeState(feed, state) {
   page.states[feed] = state;
@@ -211,6 +221,8 @@ function refresh() {
   showNote([page.reason, reason, skipped].filter((text) => text).join(" "));
   showFeeds(page.states, page.feed, selectFeed);
   showFigures(figures(state));
+  const record = page.shown?.record ?? page.newest;
+  earth.draw(record, page.trails, page.followed, map.mosaic(record));
   showTracks(page.newest?.tracks ?? [], page.followed, follow, (track) => geo.length([track.vx, track.vy]));
 }
 
@@ -281,4 +293,4 @@ setInterval(refresh, 250);
 requestAnimationFrame(draw);
 
 // For tests and for the console: what is on the screen.
-window.streamkit = { page, player, medianDelay };
+window.streamkit = { page, player, earth, medianDelay };

@@ -43,6 +43,16 @@ export class GroundMap {
     this.size = [header.record.width ?? image.width, header.record.height ?? image.height];
   }
 
+  // The mosaic with the corners of its image on the plane of a record; null without one.
+  mosaic(record) {
+    if (!this.image || !this.isOnPlane(record?.registration)) return null;
+    return { image: this.image, corners: rectangle(...this.size, this.motion.to_reference) };
+  }
+
+  isOnPlane(registration) {
+    return Boolean(this.motion?.to_reference) && this.motion.reference === registration?.reference;
+  }
+
   fit() {
     this.isFitted = true;
     this.changed();
@@ -57,7 +67,7 @@ export class GroundMap {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, this.canvas.width, this.canvas.height);
     const footprint = rectangle(record.width, record.height, registration.to_reference);
-    const hasMosaic = this.image && this.motion?.to_reference && this.motion.reference === registration.reference;
+    const hasMosaic = this.image && this.isOnPlane(registration);
     const corners = [...footprint, ...(hasMosaic ? rectangle(...this.size, this.motion.to_reference) : [])];
     if (corners.length === 0) return;
     if (this.reference !== registration.reference) this.isFitted = true;
