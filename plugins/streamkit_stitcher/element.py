@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from dataclasses import asdict, replace
 from fractions import Fraction
 from pathlib import Path
@@ -124,7 +123,6 @@ class Stitch(Transform):
         Raises:
             ResourceError: the location or the strip cannot be used.
         """
-        self._counts: Counter[Status] = Counter()
         with on_compilation(lambda: self.post_warning(COMPILING)):
             self._tracker = PlaneTracker(self.settings)
         self._mosaic: LiveMosaic | None = None
@@ -141,7 +139,7 @@ class Stitch(Transform):
         recording = self.recording if location is None else self._protect_files(location)
         if location is not None or "mosaic" in self.pads:
             self._mosaic = LiveMosaic(
-                self, recording, self.preview_interval, lambda: self._mosaic_pad, self._counts
+                self, recording, self.preview_interval, lambda: self._mosaic_pad, self.outcomes
             )
 
     def stream(self) -> None:
@@ -186,11 +184,11 @@ class Stitch(Transform):
             self._tracker.restart()
         self._epoch = frame.epoch
         if frame.flags & FrameFlags.CORRUPT:
-            self._counts[Status.LOST] += 1
+            self.outcomes[Status.LOST.value] += 1
             return frame.attach(registration(self._tracker.skip()))
         grey = grey_of(frame)
         registered = self._tracker.track(grey)
-        self._counts[registered.status] += 1
+        self.outcomes[registered.status.value] += 1
         shape = int(grey.shape[0]), int(grey.shape[1])
         view = ground_view(frame.get(Pose), shape, self.ground_altitude, self._view_across(shape), frame.pts)
         if self._mosaic is not None:
@@ -283,7 +281,7 @@ class Stitch(Transform):
 
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
-        states = {status.value: self._counts[status] for status in Status}
+        states = {status.value: self.outcomes[status.value] for status in Status}
         if any(states.values()):
             mosaic = {} if self._mosaic is None else self._mosaic.summary
             planes = max(1, self._tracker.ended_planes)

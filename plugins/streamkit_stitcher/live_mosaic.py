@@ -56,7 +56,7 @@ class LiveMosaic:
         settings: RecorderSettings,
         interval_s: float,
         mosaic_pad: Callable[[], MosaicPad],
-        counts: Mapping[Status, int] | None = None,
+        counts: Mapping[str, int] | None = None,
     ) -> None:
         self._element = element
         self._interval_ns = round(interval_s * _NS)

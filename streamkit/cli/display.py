@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
 import time
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import typer
@@ -71,6 +73,27 @@ class Display:
 
     def abandon(self) -> None:
         """Restores the terminal before the process ends at once."""
+
+
+class JsonDisplay(Display):
+    """Prints each line as a JSON object, for programs that collect logs: time, level, element, message."""
+
+    @override
+    def print_line(self, line: str) -> None:
+        level, separator, message = line.partition(": ")
+        if not separator or not level.isidentifier():
+            level, message = "note", line
+        source, separator, text = message.partition(": ")
+        names = {element.name for element in self.pipeline.graph.elements}
+        name = source.partition(" (")[0]  # an error names the factory, too
+        element = {"element": name} if separator and name in names else {}
+        facts = {
+            "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "level": level,
+            **element,
+            "message": text if element else message,
+        }
+        super().print_line(json.dumps(facts, ensure_ascii=False))
 
 
 class Progress(Display):

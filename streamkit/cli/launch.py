@@ -22,6 +22,7 @@ from streamkit.cli.description import (
     FileOption,
     SettingsOption,
     fail_description,
+    fail_usage,
     read_description,
 )
 from streamkit.errors import DescriptionError
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from streamkit.cli.display import Display
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
+    from streamkit.service.monitor import Monitor
 
 
 BLAS_THREADS = "OPENBLAS_NUM_THREADS"
@@ -40,6 +42,13 @@ BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 
 class StatisticsFormat(enum.StrEnum):
     """Output format of counters."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+class LogFormat(enum.StrEnum):
+    """How lines for people are printed."""
 
     TEXT = "text"
     JSON = "json"
@@ -98,26 +107,43 @@ def launch(
         float,
         typer.Option("--watchdog-s", min=0.0, help="Time limit of an element for a frame, s; 0 is none."),
     ] = 30.0,
+    metrics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Serve /metrics, /healthz and /readyz, for example at 127.0.0.1:9464."
+        ),
+    ] = None,
+    log_format: Annotated[
+        LogFormat, typer.Option("--log-format", help="json: each line on stderr is a JSON object.")
+    ] = LogFormat.TEXT,
+    supervise: Annotated[
+        bool, typer.Option("--supervise", help="Run in a child; start it again when it fails, with back-off.")
+    ] = False,
 ) -> None:
     """Runs a pipeline until EOS, error or Ctrl-C.
 
     Exit code 0 at EOS or a clean stop, 1 if the pipeline fails, 2 for a bad description or usage. The
     first interrupt stops cleanly; a further one ends the process at once.
     """
+    if supervise:
+        _supervise()
     limit_blas_threads()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         from msgspec import structs
 
         from streamkit.cli.run import Run
+        from streamkit.service.monitor import Monitor
 
-        pipeline = build(source, as_json=json_errors)
+        pipeline = build(source, as_json=json_errors or log_format is LogFormat.JSON)
     pipeline.watchdog_s = watchdog_s
-    display = choose_display(pipeline, stats, quiet=quiet)
+    display = choose_display(pipeline, stats, log_format, quiet=quiet)
     for note in () if quiet else source.unused_variables():
         display.print_line(f"note: {note}")
-    run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet)
-    code = run.run()
+    monitor = Monitor(pipeline)
+    run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
+    with serve_metrics(monitor, metrics):
+        code = run.run()
     assert run.statistics is not None
     statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
     code = code or int(strict and bool(run.shortfalls))
@@ -166,10 +192,37 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
         fail_description(error, source, as_json=as_json)
 
 
-def choose_display(pipeline: Pipeline, stats: StatisticsFormat | None, *, quiet: bool) -> Display:
-    """The display for a terminal or a file."""
-    from streamkit.cli.display import Display, Lines, Progress, Table
+def _supervise() -> NoReturn:
+    """Runs this command in a child, without `--supervise`, until it ends cleanly."""
+    from streamkit.service.supervisor import Supervisor
 
+    words = [word for word in sys.argv[1:] if word != "--supervise"]
+    command = [sys.executable, "-c", "from streamkit.cli.main import main; main()", *words]
+    supervisor = Supervisor(command, lambda line: typer.echo(line, err=True))
+    raise typer.Exit(supervisor.run())
+
+
+def serve_metrics(monitor: Monitor, address: str | None) -> contextlib.AbstractContextManager[object]:
+    """Context in which metrics are served at an address, if there is one; exits with 2 if they cannot be."""
+    if address is None:
+        return contextlib.nullcontext()
+    from streamkit.errors import ResourceError
+    from streamkit.service.endpoint import MetricsEndpoint
+
+    try:
+        return MetricsEndpoint(monitor, address)
+    except ResourceError as error:
+        fail_usage(str(error))
+
+
+def choose_display(
+    pipeline: Pipeline, stats: StatisticsFormat | None, log_format: LogFormat, *, quiet: bool
+) -> Display:
+    """The display for a terminal, a file or a program."""
+    from streamkit.cli.display import Display, JsonDisplay, Lines, Progress, Table
+
+    if log_format is LogFormat.JSON:
+        return JsonDisplay(pipeline)
     is_terminal = sys.stderr.isatty()
     if stats is StatisticsFormat.TEXT:
         return Table(pipeline) if is_terminal and not quiet else Lines(pipeline, every_second=not quiet)

@@ -6,6 +6,7 @@ import contextlib
 import gc
 import os
 import signal
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from streamkit.cli.display import Display
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
+    from streamkit.service.monitor import Monitor
 
 POLL_S = 0.2
 EOS_LIMIT_S = 10.0
@@ -28,20 +30,36 @@ SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
 class Run:
     """Plays a pipeline to its end.
 
+    Args:
+        pipeline: the pipeline.
+        display: what is printed on.
+        eos_on_shutdown: whether the first interrupt sends EOS and waits for it.
+        verbose: whether to print caps, states and every message.
+        quiet: whether to print errors only.
+        monitor: told of the beginning, the end, and several times a second that the run goes on.
+
     Attributes:
-        interrupts: number of Ctrl-C, SIGTERM and SIGHUP.
+        interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.
         statistics: counters at the end, before the pipeline is stopped.
         shortfalls: warnings that something the pipeline is for was not made.
     """
 
     def __init__(
-        self, pipeline: Pipeline, display: Display, *, eos_on_shutdown: bool, verbose: bool, quiet: bool
+        self,
+        pipeline: Pipeline,
+        display: Display,
+        *,
+        eos_on_shutdown: bool,
+        verbose: bool,
+        quiet: bool,
+        monitor: Monitor | None = None,
     ) -> None:
         self.pipeline = pipeline
         self.display = display
         self.eos_on_shutdown = eos_on_shutdown
         self.verbose = verbose
         self.quiet = quiet
+        self.monitor = monitor
         self.interrupts = 0
         self.statistics: RunStatistics | None = None
         self.shortfalls: list[str] = []
@@ -68,6 +86,12 @@ class Run:
             report.close()
         return code
 
+    def interrupt(self) -> None:
+        """Does what Ctrl-C does, from any thread: ends the stream or stops."""
+        self.interrupts += 1
+        if not self._is_watching:
+            self.pipeline.cancel()
+
     def _play(self) -> int:
         """Plays the pipeline to its end; returns the exit code so far."""
         self._is_starting = True
@@ -77,6 +101,8 @@ class Run:
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
             self._is_watching = True
+            if self.monitor is not None:
+                self.monitor.begin()
             return self._watch()
         except StreamkitError as error:
             if isinstance(error, ElementFailure) and isinstance(error.cause, StartCancelled):
@@ -92,6 +118,8 @@ class Run:
 
     def _stop(self) -> int:
         """Stops the pipeline; returns 1 if a call of an element was abandoned."""
+        if self.monitor is not None:
+            self.monitor.end()
         try:
             self.pipeline.stop()
         except StateError as error:
@@ -108,6 +136,8 @@ class Run:
                 self._print_message(message)
             self._print_caps()
             self.display.show()
+            if self.monitor is not None:
+                self.monitor.beat()
             if message is not None:
                 if message.kind is MessageKind.ERROR:
                     self._print_traceback(message.error)
@@ -134,9 +164,7 @@ class Run:
         limit = 2 if self.eos_on_shutdown else 1
 
         def interrupted(number: int, _: object) -> None:
-            self.interrupts += 1
-            if not self._is_watching:
-                self.pipeline.cancel()
+            self.interrupt()
             if self.interrupts > limit:
                 self.display.abandon()
                 report.close()
@@ -207,7 +235,13 @@ class Run:
 
 @contextlib.contextmanager
 def handling_signals(handler: Callable[[int, Any], object]) -> Iterator[None]:
-    """Context in which a function handles the signals that end a pipeline; `nohup` leaves out SIGHUP."""
+    """Context in which a function handles the signals that end a pipeline; `nohup` leaves out SIGHUP.
+
+    Only a main thread can; in others it does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     kept = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
     before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM, *kept)}
     try:

@@ -52,6 +52,7 @@ class Element(PadOwner):
         flushes: number of flushes started; a wait during which it grows is cancelled.
         drops: number of frames not delivered, by reason.
         results: number of things that the element has made, such as tracks, by name in the plural.
+        outcomes: number of frames by what the element has found of each, such as "lost".
         activity: name, start (perf_counter, ns) and frame of the current call by the engine, else None.
         is_waiting: whether the element waits on purpose; the watchdog then ignores it.
         at_work: one byte, "1" during a call, else "0"; in memory shared with the crash reporter.
@@ -92,6 +93,7 @@ class Element(PadOwner):
         self.host: Host | None = None
         self.drops: Counter[str] = Counter()
         self.results: Counter[str] = Counter()
+        self.outcomes: Counter[str] = Counter()
         self.activity: tuple[str, int, Frame | None] | None = None
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None

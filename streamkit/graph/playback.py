@@ -79,6 +79,7 @@ class Playback:
             for pad in element.pads.values():
                 pad.reset()
             element.drops.clear()
+            element.outcomes.clear()
         self.end.expect_end(self._sinks())
         self._expect_preroll()
         remember_caps(graph)

@@ -72,6 +72,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
         frames_out: frames over all src pads.
         dropped: frames not delivered, by reason.
         results: things made, such as tracks or files, by name.
+        outcomes: frames by what the element has found of each, such as the status of its registration.
         location: the file or pattern of an element that has written files, else "".
         errors, warnings: messages posted.
         busy_ns: working time, ns. Of a source: time to produce frames, 0 for a live one. Of a queue: time of
@@ -88,6 +89,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     frames_out: int
     dropped: dict[str, int]
     results: dict[str, int]
+    outcomes: dict[str, int]
     location: str
     errors: int
     warnings: int
@@ -226,6 +228,7 @@ def collect_statistics(
             frames_out=totals.frames_out[element],
             dropped=dict(element.drops),
             results=dict(element.results),
+            outcomes=dict(element.outcomes),
             location=mask_secrets(getattr(element, "location", "")) if element.results["files"] else "",
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],

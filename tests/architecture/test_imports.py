@@ -29,7 +29,8 @@ ALLOWED = {
     "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "reader": {"masking", "errors", "flow", "element", "graph"},
-    "cli": {"masking", "errors", "flow", "element", "graph", "output"},
+    "service": {"masking", "errors", "flow", "graph"},
+    "cli": {"masking", "errors", "flow", "element", "graph", "service", "output"},
 }
 MODULES = {"masking", "errors", "settings", "reader"}  # rooms of one module
 # Rooms of the engine that are libraries: they know no frame, caps or element, and everybody may use them.

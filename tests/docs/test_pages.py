@@ -19,7 +19,7 @@ BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 BINARY = Path(sys.executable).with_name("streamkit")
 OWN_TEST = {"tutorial-first-element.md", "tutorial-feature-space.md"}
 WIDE = {"COLUMNS": "200"}  # no option is cut short in the help
-FOLLOWED = ("statistics.md", "guide/python.md", "guide/opencv.md")
+FOLLOWED = ("statistics.md", "fleet.md", "guide/python.md", "guide/opencv.md")
 GENERATED = DOCS / "elements"
 LOOKED_AT = sorted(
     page.relative_to(DOCS)

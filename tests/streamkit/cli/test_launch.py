@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -454,3 +455,24 @@ def test_a_run_without_results_is_reported(
     assert any(reported in shortfall for shortfall in json.loads(done.stdout)["shortfalls"])
     assert launch("--strict", "-q", text.format(tmp_path)).exit_code == 1
     assert launch("--strict", "fakesrc num-buffers=1 ! fakesink").exit_code == 0
+
+
+def test_log_lines_are_json_objects_on_request(launch: Callable[..., Result]) -> None:
+    """Each line of stderr has time, level and message, and the element if it is about one."""
+    done = launch(
+        "--log-format", "json", "fakesrc num-buffers=3 ! identity error-after=1 name=bad ! fakesink"
+    )
+    assert done.exit_code == 1
+    lines = [json.loads(line) for line in done.stderr.splitlines()]
+    assert [line["level"] for line in lines] == ["error"]
+    assert lines[0]["element"] == "bad"
+    assert datetime.fromisoformat(lines[0]["time"]).tzinfo is not None
+    bad = launch("--log-format", "json", "nothing ! fakesink")
+    assert json.loads(bad.stderr)["error"]["code"] == "no-such-element"
+
+
+def test_metrics_at_an_address_that_cannot_be_used_are_a_usage_error(launch: Callable[..., Result]) -> None:
+    """Nothing plays."""
+    done = launch("--metrics", "nowhere", "fakesrc ! fakesink")
+    assert done.exit_code == 2
+    assert "HOST:PORT, got 'nowhere'" in done.stderr

@@ -1,0 +1,88 @@
+"""Supervisor: runs a command in a child, and again when it fails."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # tells the child how many there were before it
+CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
+PR_SET_PDEATHSIG = 1
+FIRST_DELAY_S, LONGEST_DELAY_S = 1.0, 60.0
+SOUND_S = 60.0  # a child that ran so long makes the next delay the first one again
+FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Supervisor:
+    """Restarts a command that fails or dies, with delays that double up to a minute.
+
+    Signals that end a pipeline are passed on to the child, and end the supervision with it.
+
+    Args:
+        command: the program and its arguments.
+        report: called with a line for people at each restart.
+        first_delay_s: before the first restart, s.
+    """
+
+    def __init__(
+        self, command: Sequence[str], report: Callable[[str], None], first_delay_s: float = FIRST_DELAY_S
+    ) -> None:
+        self._command = list(command)
+        self._report = report
+        self._first_delay_s = self._delay_s = first_delay_s
+        self._stopping = threading.Event()
+        self._child: subprocess.Popen[bytes] | None = None
+        self.restarts = 0
+
+    def run(self) -> int:
+        """Runs until the command ends cleanly or a signal stops it; returns its exit code."""
+        earlier = {number: signal.signal(number, self._pass_on) for number in FORWARDED}
+        try:
+            while True:
+                began_s = time.monotonic()
+                code = self._run_once()
+                if code in CLEAN_EXITS or self._stopping.is_set():
+                    return code if code >= 0 else 128 - code
+                if time.monotonic() - began_s >= SOUND_S:
+                    self._delay_s = self._first_delay_s
+                self.restarts += 1
+                how = f"ended with code {code}" if code > 0 else f"was ended by signal {-code}"
+                self._report(f"warning: the pipeline {how}; restart {self.restarts} in {self._delay_s:g} s")
+                if self._stopping.wait(self._delay_s):
+                    return 0
+                self._delay_s = min(LONGEST_DELAY_S, 2 * self._delay_s)
+        finally:
+            for number, handler in earlier.items():
+                signal.signal(number, handler)
+
+    def _run_once(self) -> int:
+        """Runs the child to its end; its code, negative for a signal."""
+        parent = os.getpid()
+        libc = ctypes.CDLL(None)
+
+        def end_with_parent() -> None:
+            libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+            if os.getppid() != parent:
+                os._exit(1)
+
+        child = subprocess.Popen(
+            self._command,
+            env={**os.environ, RESTARTS_VARIABLE: str(self.restarts)},
+            start_new_session=True,  # Ctrl-C in a terminal reaches it once, from here
+            preexec_fn=end_with_parent,  # noqa: PLW1509  this process has one thread
+        )
+        self._child = child
+        if self._stopping.is_set():  # the signal came before there was a child
+            child.terminate()
+        return child.wait()
+
+    def _pass_on(self, number: int, _: FrameType | None) -> None:
+        self._stopping.set()
+        if self._child is not None and self._child.poll() is None:
+            self._child.send_signal(number)

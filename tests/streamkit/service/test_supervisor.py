@@ -1,0 +1,56 @@
+"""Supervisor: what is started again, and what is not."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from streamkit.service.supervisor import Supervisor
+from tests.slowness import patience
+
+COUNTS = "import os, sys; n = int(os.environ['STREAMKIT_RESTARTS']); {}"
+
+
+def run(body: str) -> tuple[int, list[str]]:
+    """Exit code and reports of a supervised program; `n` is the number of restarts before it."""
+    reports: list[str] = []
+    supervisor = Supervisor([sys.executable, "-S", "-c", COUNTS.format(body)], reports.append, 0.01)
+    return supervisor.run(), reports
+
+
+def test_a_failure_and_a_crash_are_started_again() -> None:
+    """Until the command ends cleanly; each restart is reported, the delays double."""
+    code, reports = run("sys.exit(1) if n == 0 else os.abort() if n == 1 else sys.exit(0)")
+    assert code == 0
+    assert reports == [
+        "warning: the pipeline ended with code 1; restart 1 in 0.01 s",
+        "warning: the pipeline was ended by signal 6; restart 2 in 0.02 s",
+    ]
+
+
+@pytest.mark.parametrize("code", [0, 2])
+def test_the_end_and_a_bad_description_are_final(code: int) -> None:
+    """No restart makes a description right."""
+    assert run(f"sys.exit({code})") == (code, [])
+
+
+def test_launch_passes_a_signal_to_its_child() -> None:
+    """SIGTERM is a clean stop of both; the child has the same arguments without --supervise."""
+    command = ["-e", "--supervise", "--log-format", "json", "fakesrc is-live=true ! identity ! fakesink"]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from streamkit.cli.main import main; main()", "launch", "-v", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    with process, process.stderr:
+        for line in process.stderr:
+            if "playing" in line:
+                break
+        process.send_signal(signal.SIGTERM)
+        rest = process.stderr.read()
+        assert process.wait(patience(20)) == 0, rest
+    assert '"message": "ending the stream' in rest
