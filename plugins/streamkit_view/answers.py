@@ -1,4 +1,4 @@
-"""What a page sends: messages taken, the choice of a feed, requests to the pipeline."""
+"""What a page sends: messages taken, the choice of a feed, going back in time, requests to the pipeline."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import msgspec
 
 from streamkit_zenoh.wire.control import ControlRequest
 
+BACK_LIMIT_S = 3600
 Natural = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
@@ -21,11 +22,13 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     Attributes:
         taken: how many messages the page has taken in all.
         select: index of the feed that it shows.
+        back: how many seconds to go back in time; 0 is live.
         control: a live property to set; None asks for all of them.
     """
 
     taken: Natural | msgspec.UnsetType = msgspec.UNSET
     select: Natural | msgspec.UnsetType = msgspec.UNSET
+    back: Annotated[int, msgspec.Meta(ge=0, le=BACK_LIMIT_S)] | msgspec.UnsetType = msgspec.UNSET
     control: ControlRequest | msgspec.UnsetType | None = msgspec.UNSET
 
 
@@ -48,5 +51,7 @@ def read_answer(text: object) -> tuple[str, Any]:
         if (value := getattr(answer, name)) is not msgspec.UNSET
     ]
     if len(given) != 1:
-        raise InvalidAnswer("it is no count of messages taken, choice of a feed, or request to control")
+        raise InvalidAnswer(
+            "it is no count of messages taken, choice of a feed, time to go back, or request to control"
+        )
     return given[0]

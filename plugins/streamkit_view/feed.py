@@ -55,6 +55,7 @@ class FeedState(msgspec.Struct, frozen=True, kw_only=True):
         lost: messages lost on the way, by stream.
         bad: invalid messages, by stream.
         status: the publisher's last status.
+        history_s: how far back a page can go, s.
     """
 
     key: str
@@ -65,6 +66,7 @@ class FeedState(msgspec.Struct, frozen=True, kw_only=True):
     lost: dict[str, int]
     bad: dict[str, int]
     status: StatusRecord | None
+    history_s: float = 0.0
 
 
 class Feed:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 
+from streamkit_view.history import HISTORY_BYTES, History
 from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, Message
 from streamkit_view.viewer import Viewer
 
 # Video since the newest keyframe, which a new page begins with.
 GROUP_MESSAGES, GROUP_BYTES = 400, 8 << 20
+PAST = (VIDEO, TRACKS, FRAME)
 
 
 class Latest:
@@ -42,15 +45,19 @@ class Latest:
 
 
 class Hub:
-    """The pages and what they are sent. All methods but `deliver` belong to the event loop's thread.
+    """The pages and what they are sent. All but `deliver` belongs to the event loop's thread.
 
     Args:
         feeds: how many feeds there are.
         first_appeared: called when a page comes and there is no other.
+
+    Attributes:
+        history: the last minutes of each feed.
     """
 
     def __init__(self, feeds: int, first_appeared: Callable[[], None] = lambda: None) -> None:
         self._latest = [Latest() for _ in range(feeds)]
+        self.history = [History(HISTORY_BYTES // max(1, feeds)) for _ in range(feeds)]
         self._pages: dict[Viewer, asyncio.Event] = {}
         self._first_appeared = first_appeared
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -69,8 +76,11 @@ class Hub:
         """Queues a message for the pages of its feed; the states of all feeds go to all pages."""
         if message.kind in (VIDEO, TRACKS, FRAME, MOSAIC):
             self._latest[message.feed].note(message)
+        if message.kind in PAST:
+            self.history[message.feed].note(message, time.monotonic())
         for viewer, changed in self._pages.items():
-            if viewer.feed == message.feed or message.kind not in (VIDEO, TRACKS, FRAME, MOSAIC):
+            is_shown = viewer.feed == message.feed and (viewer.is_live or message.kind not in PAST)
+            if is_shown or message.kind not in (*PAST, MOSAIC):
                 viewer.offer(message)
                 changed.set()
 
@@ -79,7 +89,7 @@ class Hub:
         if not self._pages:
             self._first_appeared()
         changed = self._pages[viewer] = asyncio.Event()
-        self._greet(viewer)
+        self.greet(viewer)
         return changed
 
     def remove(self, viewer: Viewer) -> None:
@@ -87,17 +97,18 @@ class Hub:
         del self._pages[viewer]
 
     def select(self, viewer: Viewer, feed: int) -> None:
-        """A page shows another feed."""
-        if viewer.feed != feed:
+        """A page shows another feed, or the same one live again."""
+        if viewer.feed != feed or not viewer.is_live:
             viewer.select(feed)
-            self._greet(viewer)
+            self.greet(viewer)
 
     @property
     def pages(self) -> int:
         """How many pages there are."""
         return len(self._pages)
 
-    def _greet(self, viewer: Viewer) -> None:
+    def greet(self, viewer: Viewer) -> None:
+        """Sends a page what a new one begins with."""
         for message in self._latest[viewer.feed].messages():
             viewer.offer(message)
         self._pages[viewer].set()

@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 
 VIDEO, TRACKS, FRAME, MOSAIC = "video", "tracks", "frame", "mosaic"
-HELLO, STATE, SKIPPED, CONTROL = "hello", "state", "skipped", "control"
+HELLO, STATE, SKIPPED, CONTROL, BACK = "hello", "state", "skipped", "control", "back"
 
 
 @dataclass(frozen=True, slots=True)

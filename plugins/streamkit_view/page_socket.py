@@ -13,7 +13,8 @@ from streamkit_view.access import log_once
 from streamkit_view.answers import InvalidAnswer, read_answer
 from streamkit_view.basemap import Basemap
 from streamkit_view.hub import Hub
-from streamkit_view.messages import CONTROL, HELLO, text_message
+from streamkit_view.messages import BACK, CONTROL, HELLO, Message, text_message
+from streamkit_view.replay import replay
 from streamkit_view.viewer import Viewer
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 
@@ -46,6 +47,7 @@ class PageSocket:
         self._may_control = bool(websocket.scope.get("may_control"))
         self._basemap = None if basemap is None else {"corners": basemap.corners}
         self._viewer = Viewer()
+        self._replay: asyncio.Task[None] | None = None
         self._requests: asyncio.Queue[tuple[int, ControlRequest | None]] = asyncio.Queue(REQUEST_LIMIT)
 
     async def serve(self) -> bool:
@@ -63,6 +65,7 @@ class PageSocket:
             failures = [task.exception() for task in done]
         finally:
             self._hub.remove(viewer)
+            self._end_replay()
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -84,11 +87,31 @@ class PageSocket:
                     self._viewer.confirm(value)
                 elif name == "control":
                     self._queue(value)
+                elif name == "back":
+                    self._go_back(value)
                 elif value < self._feeds:
+                    self._end_replay()
                     self._hub.select(self._viewer, value)
                 else:
                     raise InvalidAnswer("it selects a feed that does not exist")
                 self._changed.set()
+
+    def _go_back(self, back_s: int) -> None:
+        """Shows the past; what comes after the answer `back` belongs to it."""
+        viewer = self._viewer
+        self._end_replay()
+        feed = viewer.feed
+        viewer.select(feed, is_live=back_s == 0)
+        viewer.offer(text_message(BACK, feed, msgspec.json.encode({"s": back_s})))
+        if back_s:
+            self._replay = asyncio.create_task(replay(self._hub.history[feed], back_s, self._offer))
+        else:
+            self._hub.greet(viewer)
+
+    def _end_replay(self) -> None:
+        if self._replay is not None:
+            self._replay.cancel()
+            self._replay = None
 
     def _queue(self, request: ControlRequest | None) -> None:
         if self._requests.full():
@@ -103,10 +126,11 @@ class PageSocket:
             else:
                 log_once("a request to control without the token")
                 reply = ControlReply(schema=CONTROL_SCHEMA, error=NO_TOKEN)
-            self._offer(CONTROL, feed, {"request": request, "reply": reply})
+            body = msgspec.json.encode({"request": request, "reply": reply})
+            self._offer(text_message(CONTROL, feed, body))
 
-    def _offer(self, kind: str, feed: int, body: object) -> None:
-        self._viewer.offer(text_message(kind, feed, msgspec.json.encode(body)))
+    def _offer(self, message: Message) -> None:
+        self._viewer.offer(message)
         self._changed.set()
 
     async def _send_messages(self) -> None:

@@ -7,8 +7,10 @@ import logging
 import signal
 import socket
 import sys
+import time
 
 import msgspec
+from msgspec import structs
 
 from streamkit import mask_secrets
 from streamkit_view.access import LOG, Access
@@ -50,10 +52,14 @@ def run_server(
         is_alone = connect is not None and not list(zenoh_session.info.transports())
         if is_alone:
             failure = f"No connection to {mask_secrets(connect or '')}; retrying."
-        return [
-            text_message(STATE, index, msgspec.json.encode(feed.state(failure, waiting)))
-            for index, feed in enumerate(feeds)
-        ]
+        now_s = time.monotonic()
+        found = []
+        for index, feed in enumerate(feeds):
+            state = structs.replace(
+                feed.state(failure, waiting), history_s=round(hub.history[index].span_s(now_s), 1)
+            )
+            found.append(text_message(STATE, index, msgspec.json.encode(state)))
+        return found
 
     def ask(feed: int, request: ControlRequest | None) -> ControlReply:
         return ask_control(zenoh_session, feeds[feed].key, request)

@@ -7,7 +7,7 @@ import time
 from collections import Counter, deque
 
 from streamkit_view.answers import InvalidAnswer
-from streamkit_view.messages import CONTROL, SKIPPED, TRACKS, VIDEO, Message
+from streamkit_view.messages import BACK, CONTROL, SKIPPED, TRACKS, VIDEO, Message
 
 # What may be under way to a page that has not confirmed it, and what may wait for that.
 WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
@@ -23,10 +23,12 @@ class Viewer:
 
     Attributes:
         feed: index of the feed that it shows.
+        is_live: whether it shows what comes, and not the past.
     """
 
     def __init__(self) -> None:
         self.feed = 0
+        self.is_live = True
         self._waiting: deque[Message] = deque()
         self._under_way: deque[int] = deque()
         self._bytes = self._bytes_under_way = self._confirmed = 0
@@ -43,16 +45,18 @@ class Viewer:
             elif message.feed in self._needs_keyframe:
                 self._skipped[message.feed] += 1
                 return
-        elif message.kind not in (TRACKS, CONTROL):
+        elif message.kind not in (TRACKS, CONTROL, BACK):
             self._remove(lambda held: (held.kind, held.feed) == (message.kind, message.feed))
         self._append(message)
         if self._is_full():
             self._thin_out()
 
-    def select(self, feed: int) -> None:
-        """Shows another feed; what waits of the one before is not sent."""
+    def select(self, feed: int, *, is_live: bool = True) -> None:
+        """Shows another feed, or its past; what waits of the one before is not sent."""
         self._remove(lambda held: held.feed == self.feed)
-        self.feed = feed
+        self._skipped.pop(self.feed, None)
+        self._needs_keyframe.discard(self.feed)
+        self.feed, self.is_live = feed, is_live
 
     def next(self) -> Message | None:
         """The message to send now; None while nothing waits or the page must catch up."""

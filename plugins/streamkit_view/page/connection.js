@@ -52,6 +52,11 @@ export class Connection {
     this.send({ select: feed });
   }
 
+  // Seconds to go back in time; 0 is live.
+  back(seconds) {
+    this.send({ back: seconds });
+  }
+
   control(request) {
     this.send({ control: request });
   }

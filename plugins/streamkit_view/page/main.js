@@ -12,6 +12,7 @@ import { place, showFeeds, showFigures, showNote, showState, showTracks } from "
 import { Player } from "./player.js";
 import { carried, Pointer } from "./pointer.js";
 import { Series } from "./series.js";
+import { Timeline } from "./timeline.js";
 import { Trails } from "./trails.js";
 
 const RECORDS_LIMIT = 400;
@@ -30,6 +31,7 @@ const earth = new EarthMap(document.getElementById("earth-map"), document.getEle
   geo, chosen: (id) => follow(id),
 });
 const player = new Player({ show: showVideo, cannot: (reason) => { page.reason = reason; } });
+const timeline = new Timeline({ go: (seconds) => connection.back(seconds) });
 const control = new Control({ send: (request) => connection.control(request) });
 const pointer = new Pointer(overlay, {
   shown: shownSize,
@@ -42,17 +44,24 @@ const page = { feed: 0, states: [], isOnline: false, clockMs: null };
 resetFeed();
 
 function resetFeed() {
-  page.next?.image.close();
-  player.reset();
   map.clear();
   earth.clear();
   series.clear();
-  followed.clear();
   geo.clear();
   control.clear();
+  timeline.clear();
+  Object.assign(page, { run: null, followed: null, lost: undefined });
+  resetVideo();
+}
+
+// What the page shows begins anew: another feed, or another time.
+function resetVideo() {
+  page.next?.image.close();
+  player.reset();
+  followed.clear();
   Object.assign(page, {
-    records: new Map(), trails: new Trails(), newest: null, run: null, shown: null, next: null, followed: null,
-    frames: 0, rate: 0, skipped: 0, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null, lost: undefined,
+    records: new Map(), trails: new Trails(), newest: null, shown: null, next: null, frames: 0, rate: 0, skipped: 0,
+    counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
   });
   page.needsDrawing = true;
   document.getElementById("empty").hidden = false;
@@ -77,6 +86,7 @@ const connection = new Connection({
     if (message.type === "hello") return takeHello(message.body);
     if (message.type === "state") return takeState(message.feed, message.body);
     if (message.feed !== page.feed) return undefined;
+    if (message.type === "back") return goTo(message.body.s);
     if (message.type === "control") return control.take(message.body);
     if (message.type === "tracks") return takeRecord(message.body);
     if (message.type === "skipped") return void (page.skipped += message.body.frames);
@@ -101,6 +111,14 @@ function takeState(feed, state) {
   if (page.run !== null && run !== undefined && run !== page.run) page.trails.clear();
   page.run = run ?? page.run;
   control.note(state.status);
+  timeline.limit(state.history_s);
+}
+
+function goTo(seconds) {
+  resetVideo();
+  timeline.show(seconds);
+  control.toggle(false);
+  document.getElementById("draw").disabled = seconds > 0;
 }
 
 function takeRecord(record) {
@@ -210,7 +228,7 @@ function refresh() {
   const seconds = (now - page.counted) / 1000;
   if (seconds >= 1) {
     page.rate = page.frames / seconds;
-    series.push(sample(state));
+    if (timeline.seconds === 0) series.push(sample(state));
     page.frames = 0;
     page.counted = now;
   }

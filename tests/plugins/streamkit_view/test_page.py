@@ -180,6 +180,36 @@ def test_loss_and_return_are_shown(
         assert server.process.wait(patience(20)) == 0
 
 
+@pytest.mark.timeout(180)
+def test_the_time_line_goes_back_and_returns(
+    browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]
+) -> None:
+    """The past plays on from its keyframe, with its own boxes; *Live* shows the newest frame again."""
+
+    def shown_s() -> float:
+        return float(browser.execute_script("return (streamkit.page.shown?.header.pts_ns ?? -1e9) / 1e9"))
+
+    def newest_s() -> float:
+        return float(browser.execute_script("return streamkit.page.states[0].status.seq")) / 25
+
+    browser.get(start_view(key).url)
+    slider = browser.find_element(By.ID, "back")
+    with publisher(key):
+        wait_for(lambda: slider.is_displayed() and int(slider.get_attribute("min")) <= -8)
+        live_s = shown_s()
+        assert live_s > 5
+        for _ in range(6):
+            slider.send_keys(Keys.ARROW_LEFT)
+        wait_for(lambda: text(browser, "back-text") == "0:06 ago" and 0 <= shown_s() < live_s)
+        past_s = shown_s()
+        wait_for(lambda: shown_s() > past_s + 1)
+        assert browser.execute_script("return streamkit.page.shown.isExact")
+        wait_for(lambda: newest_s() - shown_s() > 4)
+        assert browser.find_element(By.ID, "state").text == "playing"
+        browser.find_element(By.ID, "live").click()
+        wait_for(lambda: text(browser, "back-text") == "live" and newest_s() - shown_s() < 2)
+
+
 @pytest.mark.timeout(240)
 def test_a_drawn_box_becomes_a_track_and_a_refused_value_is_told(
     browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_view import viewer as module
-from streamkit_view.messages import MOSAIC, SKIPPED, STATE, TRACKS, VIDEO, Message, binary_message
+from streamkit_view.messages import BACK, MOSAIC, SKIPPED, STATE, TRACKS, VIDEO, Message, binary_message
 from streamkit_view.viewer import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
 
 
@@ -102,6 +102,20 @@ def test_a_wrong_confirmation_is_refused(count: int) -> None:
     viewer.next()
     with pytest.raises(InvalidAnswer):
         viewer.confirm(count)
+
+
+def test_the_past_begins_anew_with_what_says_so() -> None:
+    """Skipped frames of the live video are not counted for the past, nor its keyframe waited for."""
+    viewer = Viewer()
+    for number in range(2000):
+        viewer.offer(packet(number))
+    viewer.select(0, is_live=False)
+    viewer.offer(Message(BACK, 0, "20"))
+    sent = [packet(number, is_keyframe=number == 0) for number in range(3)]
+    for message in sent:
+        viewer.offer(message)
+    assert not viewer.is_live
+    assert [message.kind for message in take_all(viewer)] == [BACK, VIDEO, VIDEO, VIDEO]
 
 
 def test_another_feed_begins_anew() -> None:

@@ -1,0 +1,59 @@
+"""History: the last minutes of a feed, bounded, for pages that go back in time."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import deque
+from itertools import islice
+from typing import NamedTuple
+
+from streamkit_view.messages import Message
+
+HISTORY_S = 300.0
+HISTORY_BYTES = 128 << 20  # four minutes at 4 Mbit/s
+
+
+class Past(NamedTuple):
+    """A message and when it came, monotonic s."""
+
+    at_s: float
+    message: Message
+
+
+class History:
+    """The messages of one feed, the oldest dropped.
+
+    Args:
+        max_bytes: most bytes of their data.
+    """
+
+    def __init__(self, max_bytes: int = HISTORY_BYTES) -> None:
+        self._max_bytes = max_bytes
+        self._held: deque[Past] = deque()
+        self._bytes = 0
+        self._first = 0  # number of the oldest message held
+
+    def note(self, message: Message, now_s: float) -> None:
+        """Keeps a message."""
+        self._held.append(Past(now_s, message))
+        self._bytes += len(message.data)
+        while self._held and (self._bytes > self._max_bytes or now_s - self._held[0].at_s > HISTORY_S):
+            self._bytes -= len(self._held.popleft().message.data)
+            self._first += 1
+
+    def span_s(self, now_s: float) -> float:
+        """How far back one can go, s."""
+        return now_s - self._held[0].at_s if self._held else 0.0
+
+    def start(self, at_s: float) -> int:
+        """Number of the message to begin with: the last keyframe at a time, else the next message."""
+        count = bisect_right(self._held, at_s, key=lambda past: past.at_s)
+        for number, past in enumerate(reversed(list(islice(self._held, count))), 1):
+            if past.message.is_keyframe:
+                return self._first + count - number
+        return self._first + min(count, max(0, len(self._held) - 1))
+
+    def get(self, number: int) -> tuple[int, Past] | None:
+        """The message of a number, or the oldest one after it, with its number; None if there is none yet."""
+        at = max(0, number - self._first)
+        return (self._first + at, self._held[at]) if at < len(self._held) else None
