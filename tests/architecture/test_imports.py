@@ -45,7 +45,7 @@ ENGINE_LIBRARIES = (
 # What plugins share that needs nothing of the engine.
 LIBRARIES = {"streamkit_kernels", "streamkit_telemetry_formats"}
 # Plugins that carry frames into and out of the process: all they do is turn frames into bytes and back.
-CARRIERS = {"streamkit_media", "streamkit_tracks", "streamkit_view", "streamkit_zenoh"}
+CARRIERS = {"streamkit_fleet", "streamkit_media", "streamkit_tracks", "streamkit_view", "streamkit_zenoh"}
 # The page receives what zenohsink publishes, by the same code as any other receiver.
 STANDS_ON = {"streamkit_view": {"streamkit_zenoh"}}
 COMPUTES = {"cv2", "numba", "pywt", "scipy"}

@@ -1,0 +1,1 @@
+"""Many feeds and whole archives, run by Ray."""

@@ -1,0 +1,126 @@
+"""`streamkit batch`: runs a pipeline over an archive, on all cores or on a cluster."""
+
+from __future__ import annotations
+
+import glob
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from streamkit import DescriptionError, Pipeline, StreamkitError
+from streamkit.masking import presentable
+
+if TYPE_CHECKING:
+    from streamkit_fleet.batch.driver import FileResult
+    from streamkit_fleet.batch.plan import Recipe
+
+RECORDS = ".jsonl"  # the results whose parts can be joined
+
+
+def batch(
+    pattern: Annotated[str, typer.Argument(help="Files, for example 'archive/**/*.mp4'; quote it.")],
+    file: Annotated[Path, typer.Option("-f", "--file", help="A description with ${input} and ${output}.")],
+    output: Annotated[Path, typer.Option(help="Folder for the results and batch.json.")],
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for ${NAME}.")
+    ] = None,
+    suffix: Annotated[str, typer.Option(help="Of the results; only .jsonl can be made in parts.")] = RECORDS,
+    part_s: Annotated[
+        float, typer.Option(min=0.0, help="Length of the parts of long files, s; 0 does not split.")
+    ] = 300.0,
+    overlap_s: Annotated[
+        float, typer.Option(min=0.1, help="By how much a part begins before its seam, s.")
+    ] = 10.0,
+    address: Annotated[
+        str | None,
+        typer.Option(help="HOST:PORT of a Ray cluster that shares the folders; auto: this machine's."),
+    ] = None,
+    cores: Annotated[int | None, typer.Option(min=1, help="Cores of this machine to use.")] = None,
+    retries: Annotated[int, typer.Option(min=0, help="Of a part whose worker has died.")] = 3,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Try files again that failed in an earlier batch.")
+    ] = False,
+) -> None:
+    """Runs a pipeline over every file that matches, in parallel; a further batch does what is left.
+
+    Exit code 0 if every file is done, 1 if some failed: batch.json has their reasons; 2 for wrong usage.
+    """
+    recipe = _recipe(file, settings or [], suffix, part_s, overlap_s)
+    files = _results(pattern, suffix)
+    if not files:
+        _fail(f"no file matches {pattern!r}", 2)
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from streamkit_fleet.cluster import connected
+
+    failed = 0
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True, soft_wrap=True)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        with connected(address, cores=cores), Progress(*columns, console=console) as progress:
+            from streamkit_fleet.batch.driver import BatchDriver
+
+            task = progress.add_task("files", total=len(files))
+
+            def report(path: str, result: FileResult, is_known: bool) -> None:
+                nonlocal failed
+                failed += result.status == "failed"
+                progress.advance(task)
+                if result.status == "failed":
+                    before = ", as before" if is_known else ""
+                    line = presentable(f"failed{before}: {path}: {result.reason}")
+                    progress.console.print(line, markup=False, highlight=False)
+
+            driver = BatchDriver(
+                files, recipe, output.absolute(), retries=retries, retry_failed=retry_failed, report=report
+            )
+            driver.run()
+    except (OSError, StreamkitError) as error:
+        _fail(str(error), 1)
+    except KeyboardInterrupt:
+        _fail("interrupted; the same command does what is left", 130)
+    typer.echo(f"{len(files) - failed} of {len(files)} files are done: {output}", err=True)
+    raise typer.Exit(int(failed > 0))
+
+
+def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap_s: float) -> Recipe:
+    """What is done with each file; exits with code 2 if the description is invalid."""
+    from streamkit_fleet.batch.plan import Recipe
+
+    variables = dict(_setting(text) for text in settings)
+    try:
+        text = file.read_text("utf-8")
+        Pipeline.parse(text, {**variables, "input": "input", "output": f"output{suffix}"})
+    except DescriptionError as error:
+        _fail(f"{file}: {error}", 2)
+    except (OSError, UnicodeDecodeError) as error:
+        _fail(f"cannot read the description {file}: {error}", 2)
+    missing = [name for name in ("input", "output") if f"${{{name}}}" not in text]
+    if missing:
+        _fail(f"{file} has no ${{{missing[0]}}}: batch sets ${{input}} and ${{output}} for each file", 2)
+    return Recipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
+
+
+def _setting(text: str) -> tuple[str, str]:
+    name, separator, value = text.partition("=")
+    if not separator or not name:
+        _fail(f"--set takes NAME=VALUE, got {text!r}", 2)
+    return name, value
+
+
+def _results(pattern: str, suffix: str) -> dict[str, str]:
+    """The path of the result in the output folder, by the absolute path of each file that matches."""
+    fixed = Path(pattern)
+    while glob.has_magic(str(fixed)):
+        fixed = fixed.parent
+    base = fixed if fixed.is_dir() else fixed.parent
+    found = sorted(path for path in map(Path, glob.glob(pattern, recursive=True)) if path.is_file())
+    return {str(path.absolute()): f"{path.relative_to(base)}{suffix}" for path in found}
+
+
+def _fail(text: str, code: int) -> NoReturn:
+    typer.echo(f"error: {presentable(text)}", err=True)
+    raise typer.Exit(code)

@@ -1,0 +1,58 @@
+"""Which targets of two runs over the same frames are one."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+SAME_IOU = 0.5  # the criterion of the MOT and PASCAL benchmarks
+
+Boxes = dict[int, tuple[float, float, float, float]]
+
+
+def match_ids(frames: Iterable[tuple[Boxes, Boxes]]) -> dict[int, int]:
+    """Maps ids of a later run to those of an earlier one.
+
+    A pair of targets counts the frames in which their boxes overlap by `SAME_IOU`; the pairs with the largest
+    total are matched, if they overlap in most of the frames in which both are there.
+
+    Args:
+        frames: for each common frame, the boxes (x0, y0, x1, y1; px) by id in the earlier and the later run.
+
+    Source: Ristani et al., Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking: the
+        matching of identities that maximises IDTP.
+    """
+    agreed: Counter[tuple[int, int]] = Counter()
+    common: Counter[tuple[int, int]] = Counter()
+    for before, after in frames:
+        if not before or not after:
+            continue
+        overlaps = iou(list(before.values()), list(after.values()))
+        for row, earlier in enumerate(before):
+            for column, later in enumerate(after):
+                common[earlier, later] += 1
+                agreed[earlier, later] += bool(overlaps[row, column] >= SAME_IOU)
+    rows = sorted({earlier for earlier, _ in agreed})
+    columns = sorted({later for _, later in agreed})
+    counts = np.array([[agreed[earlier, later] for later in columns] for earlier in rows])
+    if not counts.size:
+        return {}
+    pairs = [
+        (rows[i], columns[j]) for i, j in zip(*linear_sum_assignment(counts, maximize=True), strict=True)
+    ]
+    return {later: earlier for earlier, later in pairs if 2 * agreed[earlier, later] > common[earlier, later]}
+
+
+def iou(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> NDArray[np.float64]:
+    """Intersection over union of boxes x0 y0 x1 y1: float64[len(first), len(second)]."""
+    a, b = np.asarray(first, float)[:, None], np.asarray(second, float)[None]
+    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
+    both = np.prod(np.clip(sides, 0.0, None), axis=-1)
+    areas = [np.prod(boxes[..., 2:] - boxes[..., :2], axis=-1) for boxes in (a, b)]
+    either: NDArray[np.float64] = areas[0] + areas[1] - both
+    shares: NDArray[np.float64] = np.divide(both, either, out=np.zeros_like(either), where=either > 0)
+    return shares

@@ -1,0 +1,78 @@
+"""What Ray's workers do: plan a file, run a part of it, join its parts."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from streamkit import Pipeline, StreamkitError, encode_record
+from streamkit.output.file import OutputFile
+from streamkit_fleet.batch.join import join_records
+from streamkit_fleet.batch.plan import ClipPart, Plan, Recipe
+
+PARTS = ".parts"  # folder of unfinished results
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What has become of a part: its result, or the reason why there is none."""
+
+    path: str
+    reason: str = ""
+    cpu_s: float = 0.0
+
+
+def run_part(plan: Plan, number: int, recipe: Recipe, folder: str) -> Outcome:
+    """Runs the pipeline over a part, unless an earlier batch has done so; its result appears when whole."""
+    target = Path(folder) / PARTS / f"{plan.key}-{number}{recipe.suffix}"
+    if target.exists():
+        return Outcome(str(target))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(f"{target.stem}.{os.getpid()}{target.suffix}")
+    began_s = time.process_time()
+    try:
+        with _pipeline(plan, plan.parts[number], recipe, unfinished) as pipeline:
+            pipeline.run()
+        unfinished.replace(target)
+    except (StreamkitError, OSError) as error:
+        return Outcome("", str(error), time.process_time() - began_s)
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return Outcome(str(target), cpu_s=time.process_time() - began_s)
+
+
+def _pipeline(plan: Plan, part: ClipPart, recipe: Recipe, output: Path) -> Pipeline:
+    variables = {**recipe.variables, "input": plan.path, "output": str(output)}
+    pipeline = Pipeline.parse(recipe.text, variables)
+    if part != ClipPart():
+        for element in pipeline.graph.elements:
+            if element.factory == "filesrc":
+                element.set_property("start_s", part.begin_s)
+                element.set_property("stop_s", part.end_s)
+    return pipeline
+
+
+def finish(outcomes: Sequence[Outcome], result: str) -> str:
+    """Puts the result of a file in its place; returns the reason if that fails."""
+    paths = [Path(outcome.path) for outcome in outcomes]
+    target = Path(result)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if len(paths) == 1:
+            paths[0].replace(target)
+            return ""
+        file = OutputFile(target, is_whole=True)
+        try:
+            for record in join_records(paths):
+                file.write(encode_record(record) + b"\n")
+            file.finish()
+        finally:
+            file.discard()
+        for path in paths:
+            path.unlink(missing_ok=True)
+    except (StreamkitError, OSError) as error:
+        return str(error)
+    return ""

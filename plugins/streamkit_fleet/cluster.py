@@ -1,0 +1,58 @@
+"""The connection to Ray."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from streamkit import ResourceError
+
+INSTALL = "this needs Ray; install streamkit[fleet]"
+NAMESPACE = "streamkit"
+
+
+@contextmanager
+def connected(address: str | None, *, cores: int | None = None) -> Iterator[None]:
+    """Context with a connection to Ray: the one there is, a cluster's, or a local one that ends with it.
+
+    Args:
+        address: HOST:PORT of a cluster, "auto" for the one on this machine, None for a Ray of this process.
+        cores: of a local Ray; None is all.
+
+    Raises:
+        ResourceError: Ray is missing, or the cluster does not answer.
+    """
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers share the cores already
+    try:
+        import ray
+    except ImportError as error:
+        raise ResourceError(INSTALL) from error
+    if ray.is_initialized():
+        yield
+        return
+    try:
+        if address is None:
+            ray.init(
+                address="local", num_cpus=cores, include_dashboard=False, log_to_driver=False,
+                logging_level=logging.ERROR, namespace=NAMESPACE,
+            )  # fmt: skip
+        else:
+            ray.init(address, log_to_driver=False, logging_level=logging.ERROR, namespace=NAMESPACE)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise ResourceError(f"Ray at {address or 'this machine'} does not answer: {error}") from error
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def cluster_cores() -> float:
+    """Cores of the cluster."""
+    import ray
+
+    resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]
+    return resources.get("CPU", 1.0)

@@ -1,0 +1,36 @@
+"""docs/fleet.md can be followed: its files are written, its commands run in order in one folder."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.slowness import patience
+
+PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"
+BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
+BINARY = Path(sys.executable).with_name("streamkit")
+LIMIT_S = 60.0  # of a command, on an idle machine
+
+
+@pytest.mark.timeout(240)
+def test_the_page_can_be_followed(tmp_path: Path) -> None:
+    """A listing that opens with `# NAME` is a file; every call of streamkit ends with code 0."""
+    ran = 0
+    for language, body in BLOCK.findall(PAGE.read_text("utf-8")):
+        if name := re.match(r"# (\S+)\n", body):
+            (tmp_path / name[1]).write_text(body, encoding="utf-8")
+        lines = body.replace("\\\n", " ").splitlines() if language == "sh" else []
+        for words in (shlex.split(line, comments=True) for line in lines if line.startswith("streamkit ")):
+            done = subprocess.run(
+                [str(BINARY), *words[1:]], cwd=tmp_path, capture_output=True, text=True, check=False,
+                timeout=patience(LIMIT_S), env={**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")},
+            )  # fmt: skip
+            assert done.returncode == 0, f"{shlex.join(words)}\n{done.stderr}"
+            ran += 1
+    assert ran
+    assert (tmp_path / "copies" / "day" / "clip.mp4.h264").stat().st_size > 0
