@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
@@ -195,6 +196,7 @@ def dormant(rows: TargetRows, lost_frames: int) -> BoolArray:
     return np.asarray(~rows["manual"] & (rows["frames_unseen"] >= lost_frames))
 
 
+@register_jitable
 def centroid_std(side: Number) -> Number:
     """Standard deviation expected of a detection's centroid, px, for targets of these sides, px."""
     return 1.0 + 0.04 * side

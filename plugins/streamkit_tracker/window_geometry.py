@@ -11,7 +11,10 @@ from typing import TypeVar
 
 import cv2
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
+
+from streamkit_kernels import compiled
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,6 +27,7 @@ IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
 
 
+@register_jitable
 def half_turn(angle: Number) -> Number:
     """Wraps angles of directions without sign into [-pi/2, pi/2)."""
     return (angle + np.pi / 2) % np.pi - np.pi / 2
@@ -85,16 +89,18 @@ def upright_sides(windows: FloatArray) -> FloatArray:
     return sides
 
 
+@compiled
 def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> FloatArray:
-    """Part of each window's upright box that lies in the image: float64[...] of float64[..., 5], 0 to 1."""
-    shown, area = np.ones(windows.shape[:-1]), np.ones(windows.shape[:-1])
-    uprights = upright_sides(windows)
-    for axis, limit in enumerate(image_shape[::-1]):  # sums along an axis of two are slow
-        centres, sides = windows[..., axis], uprights[..., axis]
-        visible = np.minimum(centres + sides / 2, limit - 0.5) - np.maximum(centres - sides / 2, -0.5)
-        shown *= np.maximum(visible, 0.0)
-        area *= sides
-    return np.asarray(shown / np.maximum(area, 1e-9))
+    """Part of each window's upright box that lies in the image: float64[n] of float64[n, 5], 0 to 1."""
+    shown = np.empty(len(windows))
+    for index in range(len(windows)):
+        x, y, length, width, angle = windows[index]
+        cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
+        half_x, half_y = 0.5 * (length * cosine + width * sine), 0.5 * (length * sine + width * cosine)
+        inside_x = min(x + half_x, image_shape[1] - 0.5) - max(x - half_x, -0.5)
+        inside_y = min(y + half_y, image_shape[0] - 0.5) - max(y - half_y, -0.5)
+        shown[index] = max(inside_x, 0.0) * max(inside_y, 0.0) / max(4 * half_x * half_y, 1e-9)
+    return shown
 
 
 @lru_cache(maxsize=32)

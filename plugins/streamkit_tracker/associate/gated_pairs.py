@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from streamkit_kernels import product
+from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.feature_template import unit_rows
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import (
-    BoolArray,
     IndexArray,
     TargetModel,
     TargetRows,
@@ -22,7 +21,7 @@ from streamkit_tracker.targets import (
     dormant,
     followed,
 )
-from streamkit_tracker.window_geometry import IDENTITY, LENGTH, WIDTH, FloatArray, IntArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
 LEAST_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
@@ -33,7 +32,7 @@ CROWDED_MISMATCH_STD = 0.5
 FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
 SHARED_AREA = 1.4
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
-LEFT, RIGHT = 2, 4  # of a detection; before it are x and y of its centroid, behind each its y
+X, Y, LEFT, TOP, RIGHT, BOTTOM = range(6)  # of a detection
 
 
 class Comparison(NamedTuple):
@@ -80,7 +79,7 @@ def associate(
         if observation.features is not None:
             unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
         reach_px = settings.max_speed * observation.step_s
-        overlap = OBJECT_OVERLAP if observation.are_objects else None
+        overlap = OBJECT_OVERLAP if observation.are_objects else -1.0
         found = compare(rows, members, detected[free], unlike, reach_px, overlap)
         taken, columns = assign(found.costs)
         left = np.ones(len(free), np.bool_)
@@ -139,26 +138,31 @@ def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation:
     return costs
 
 
+@compiled
 def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) -> None:
     """Marks undetected targets within the box of another that is too large for that one alone."""
-    rows = targets[members]
-    owned = rows["detection"] >= 0
-    seen = detected[rows["detection"][owned]]
-    large = (seen[:, RIGHT:] - seen[:, LEFT:RIGHT]).prod(axis=1) > SHARED_AREA * rows["box"][owned].prod(
-        axis=1
-    )
-    place = rows["mean"][:, None, :2]
-    held = ((place >= seen[:, LEFT:RIGHT]) & (place <= seen[:, RIGHT:])).all(axis=2)
-    targets["shared"][members] |= ~owned & (held & large).any(axis=1)
+    for owner in members:
+        if targets[owner]["detection"] < 0:
+            continue
+        seen, box = detected[targets[owner]["detection"]], targets[owner]["box"]
+        area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
+        if area <= SHARED_AREA * (box[0] * box[1]):
+            continue
+        for index in members:
+            x, y = targets[index]["mean"][0], targets[index]["mean"][1]
+            holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
+            if holds and targets[index]["detection"] < 0:
+                targets[index]["shared"] = True
 
 
+@compiled
 def compare(
     targets: TargetRows,
     members: IndexArray,
     detected: FloatArray,
     unlike: FloatArray,
     reach_px: float,
-    least_overlap: float | None = None,
+    least_overlap: float = -1.0,
 ) -> Comparison:
     """Compares targets with detections.
 
@@ -171,46 +175,38 @@ def compare(
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs.
         reach_px: farthest distance a target moves in one frame, px.
-        least_overlap: of a detection and the predicted box, which alone decide, or None.
+        least_overlap: of a detection and the predicted box, which alone decide, where it is not negative.
     """
-    rows = targets[members]
-    stds = centroid_std(np.sqrt(rows["window"][:, LENGTH] * rows["window"][:, WIDTH]))
-    targets["detection_std"][members] = stds
-    apart = detected[None, :, :2] - rows["mean"][:, None, :2]
-    spread = rows["covariance"][:, :2, :2] + stds[:, None, None] ** 2 * IDENTITY
-    precision = np.linalg.inv(spread)[:, :, :, None]
-    # Term by term: numpy sums along an axis of two slowly.
-    right, down = apart[..., 0], apart[..., 1]
-    distances = precision[:, 0, 0] * right**2 + 2 * precision[:, 0, 1] * right * down
-    distances += precision[:, 1, 1] * down**2
-    sides, box = detected[:, RIGHT:] - detected[:, LEFT:RIGHT], rows["box"][:, None]
-    unequal = np.abs(sides - box)
-    mismatch = np.maximum(unequal[..., 0], unequal[..., 1])
-    overlap, held, touched = _overlaps(rows["mean"][:, None, :2], box, detected)
-    costs = distances + (mismatch / np.maximum(box.max(axis=2), SMALLEST_SIZE)) ** 2 + unlike
-    reach = reach_px * (1 + rows["frames_undetected"]) + 4 * stds
-    beyond = (distances > GATE) | (np.hypot(apart[..., 0], apart[..., 1]) > reach[:, None])
-    upon = np.where(overlap > LEAST_OVERLAP, LAST_CHOICE + GATE * (1.0 - overlap), np.inf)
-    costs = np.where(beyond, upon, costs)
-    if least_overlap is not None:
-        costs = np.where(overlap > least_overlap, GATE * (1.0 - overlap) + unlike, np.inf)
-    return Comparison(costs, distances, mismatch, held.sum(axis=0), touched.sum(axis=0))
-
-
-def _overlaps(
-    place: FloatArray, box: FloatArray, seen: FloatArray
-) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Intersection over union of the boxes; whether the detections' hold, and touch, the targets.
-
-    Args:
-        place: float64[t, 1, 2], centres of the targets, px.
-        box: float64[t, 1, 2], their sides, px.
-        seen: float64[d, 6].
-    """
-    low, high = seen[:, LEFT:RIGHT], seen[:, RIGHT:]
-    common = np.maximum(np.minimum(place + box / 2, high) - np.maximum(place - box / 2, low), 0.0)
-    shared = common[..., 0] * common[..., 1]
-    areas, sizes = (high - low).prod(axis=1), box.prod(axis=2)
-    inside = (place >= low) & (place <= high)
-    holds = inside[..., 0] & inside[..., 1]
-    return shared / (areas + sizes - shared), holds, holds | (shared > TOUCHING * np.minimum(areas, sizes))
+    shape = len(members), len(detected)
+    costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
+    held, touched = np.zeros(len(detected), np.int64), np.zeros(len(detected), np.int64)
+    for row in range(len(members)):
+        target = targets[members[row]]
+        x, y, width, height = target["mean"][0], target["mean"][1], target["box"][0], target["box"][1]
+        std = centroid_std(np.sqrt(target["window"][LENGTH] * target["window"][WIDTH]))
+        target["detection_std"] = std
+        covariance = target["covariance"]
+        xx, yy, xy = covariance[0, 0] + std**2, covariance[1, 1] + std**2, covariance[0, 1]
+        determinant = max(xx * yy - xy**2, 1e-12)
+        reach = reach_px * (1 + target["frames_undetected"]) + 4 * std
+        for column in range(len(detected)):
+            seen = detected[column]
+            right, down = seen[X] - x, seen[Y] - y
+            distance = (yy * right**2 - 2 * xy * right * down + xx * down**2) / determinant
+            sides = seen[RIGHT] - seen[LEFT], seen[BOTTOM] - seen[TOP]
+            mismatch[row, column] = max(abs(sides[0] - width), abs(sides[1] - height))
+            common_x = min(x + width / 2, seen[RIGHT]) - max(x - width / 2, seen[LEFT])
+            common_y = min(y + height / 2, seen[BOTTOM]) - max(y - height / 2, seen[TOP])
+            area, size, common = sides[0] * sides[1], width * height, max(common_x, 0.0) * max(common_y, 0.0)
+            overlap = common / (area + size - common)
+            holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
+            held[column] += holds
+            touched[column] += holds or common > TOUCHING * min(area, size)
+            relative = mismatch[row, column] / max(width, height, SMALLEST_SIZE)
+            cost = distance + relative**2 + unlike[row, column]
+            if distance > GATE or np.hypot(right, down) > reach:
+                cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > LEAST_OVERLAP else np.inf
+            if least_overlap >= 0:
+                cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > least_overlap else np.inf
+            costs[row, column], distances[row, column] = cost, distance
+    return Comparison(costs, distances, mismatch, held, touched)

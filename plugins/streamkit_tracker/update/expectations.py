@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit_kernels import compiled
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, half_turn, visible_fraction
 
 SearchRows = NDArray[Any]
@@ -34,6 +35,7 @@ SEARCH = np.dtype(
 )
 
 
+@compiled
 def log_scores(
     distances: FloatArray,
     variance: float,
@@ -50,14 +52,20 @@ def log_scores(
         searches: t rows of `SEARCH`.
         image_shape: height and width of the frame, px.
     """
-    expected = searches[:, None]
-    apart = windows[..., :2] - expected["seed"]
-    resized = np.log(windows[..., LENGTH : WIDTH + 1] / expected["sides"])
-    turned = half_turn(windows[..., ANGLE] - expected["heading"])
-    # Term by term: numpy sums along an axis of two slowly.
-    surprise = expected["seed_std"] ** -2.0 * (apart[..., 0] ** 2 + apart[..., 1] ** 2)
-    surprise += expected["sides_precision"] * (resized[..., 0] ** 2 + resized[..., 1] ** 2)
-    surprise += expected["heading_precision"] * turned**2
-    hidden = np.maximum(VISIBLE_ENOUGH - visible_fraction(windows, image_shape), 0.0)
-    likelihood = -0.5 / (variance * expected["tolerance"]) * distances
-    return np.asarray(likelihood - 0.5 * surprise - HIDDEN_PENALTY * hidden)
+    scores = np.empty(distances.shape)
+    for target in range(len(windows)):
+        search, fractions = searches[target], visible_fraction(windows[target], image_shape)
+        place, sides = search["seed_std"] ** -2.0, search["sides_precision"]
+        scale = -0.5 / (variance * search["tolerance"])
+        for index in range(windows.shape[1]):
+            window = windows[target, index]
+            right, down = window[0] - search["seed"][0], window[1] - search["seed"][1]
+            longer = np.log(window[LENGTH] / search["sides"][0])
+            wider = np.log(window[WIDTH] / search["sides"][1])
+            turned = half_turn(window[ANGLE] - search["heading"])
+            surprise = place * (right**2 + down**2) + sides * (longer**2 + wider**2)
+            surprise += search["heading_precision"] * turned**2
+            hidden = max(VISIBLE_ENOUGH - fractions[index], 0.0)
+            likelihood = scale * distances[target, index]
+            scores[target, index] = likelihood - 0.5 * surprise - HIDDEN_PENALTY * hidden
+    return scores

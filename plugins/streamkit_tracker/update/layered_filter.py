@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.settings import setting
+from streamkit_kernels import compiled
 from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, MINIMUM_SIDE, WIDTH, FloatArray, half_turn
 
@@ -93,99 +94,200 @@ def layered_step(
     targets, keep = len(particles), min(settings.keep, settings.particles)
     # normal numbers for each layer of one target
     draws = [2 * settings.particles, 4 * keep * settings.size_particles, 3 * keep * settings.angle_particles]
-    noise = np.array([generator.standard_normal(sum(draws)) for generator in generators])
-    offsets = [generator.random() for generator in generators]
-    shifts, resizes, turns = np.split(noise, np.cumsum(draws)[:2], axis=1)
-    origins = np.empty((targets, settings.particles, 2))
-    for target, (held, offset) in enumerate(zip(particles, offsets, strict=True)):
-        if len(held.weights) == 1:
-            origins[target] = held.positions
-        else:
-            origins[target] = held.positions[resample(held.weights, offset, settings.particles)]
-    windows = _first_windows(origins, searches, shifts.reshape(targets, -1, 2))
+    noise = np.empty((targets, sum(draws)))
+    for generator, row in zip(generators, noise, strict=True):
+        generator.standard_normal(out=row)
+    offsets = np.array([generator.random() for generator in generators])
+    windows = np.empty((targets, settings.particles, 5))
+    counts = np.array([len(held.weights) for held in particles])
+    positions = np.concatenate([held.positions for held in particles])
+    weights = np.concatenate([held.weights for held in particles])
+    first_windows(positions, weights, counts, offsets, searches, noise, windows)
     scores = score(windows)
-    order = np.argsort(-scores, axis=1, kind="stable")[:, :keep]
-    survivors = np.take_along_axis(windows, order[:, :, None], axis=1)
-    best = np.take_along_axis(scores, order, axis=1)
-    contrasts = best[:, 0] - np.median(scores, axis=1)
-    scatter = np.sqrt(survivors[:, :, :2].var(axis=1).mean(axis=1))
-    polish = (POLISH * np.minimum(searches["spread"], scatter))[:, None, None]
-    if settings.size_particles:
-        proposals, steps = _copies(survivors, resizes, settings.size_particles, polish)
-        sides = proposals[..., LENGTH : WIDTH + 1]
-        sides[:] = np.maximum(sides * np.exp(steps[..., 2:] * settings.std_size), MINIMUM_SIDE)
-        _hand_back(survivors, best, proposals, score(proposals))
-    if settings.angle_particles:
-        proposals, steps = _copies(survivors, turns, settings.angle_particles, polish)
-        proposals[..., ANGLE] = half_turn(proposals[..., ANGLE] + steps[..., 2] * settings.std_angle)
-        _hand_back(survivors, best, proposals, score(proposals))
-    return _estimate(survivors, best, contrasts)
+    order = np.argsort(-scores, axis=1, kind="stable")
+    survivors, best = np.empty((targets, keep, 5)), np.empty((targets, keep))
+    contrasts, polish = np.empty(targets), np.empty(targets)
+    keep_best(windows, scores, order, searches, survivors, best, contrasts, polish)
+    for copies, turned, deviation in (
+        (settings.size_particles, False, settings.std_size),
+        (settings.angle_particles, True, settings.std_angle),
+    ):
+        if copies:
+            first = draws[0] + draws[1] * turned
+            proposals = np.empty((targets, keep * copies, 5))
+            propose(survivors, noise, first, polish, turned, deviation, proposals)
+            hand_back(survivors, best, proposals, score(proposals))
+    estimates, covariances = np.empty((targets, 5)), np.empty((targets, 2, 2))
+    estimate(survivors, best, estimates, covariances)
+    kept = [Particles(*each) for each in zip(survivors[..., :2].copy(), best, strict=True)]
+    return Estimates(estimates, covariances, contrasts, kept)
 
 
-def resample(weights: FloatArray, offset: float, count: int) -> NDArray[np.intp]:
-    """Draws `count` indices, each as often as its weight float64[k] says, with one random number in [0, 1).
+@compiled
+def resample(weights: FloatArray, offset: float, chosen: NDArray[np.intp]) -> None:
+    """Draws indices, intp[n], each as often as its weight float64[k] says, with one random number in [0, 1).
 
     Source: Kitagawa, Monte Carlo filter and smoother, 1996.
     """
-    edges = weights.cumsum()
-    places = (np.arange(count) + offset) * (edges[-1] / count)
-    return np.asarray(np.searchsorted(edges[:-1], places, side="right"), np.intp)
+    edges = np.cumsum(weights)
+    index, step = 0, edges[-1] / len(chosen)
+    for draw in range(len(chosen)):
+        while index < len(edges) - 1 and edges[index] <= (draw + offset) * step:
+            index += 1
+        chosen[draw] = index
 
 
-def _first_windows(origins: FloatArray, searches: SearchRows, shifts: FloatArray) -> FloatArray:
-    """The windows of layer 1, float64[t, n, 5]: particles moved by the transition and its noise.
-
-    The first of each target is the prediction itself. With a seed every second one lies there, the first of
-    them exactly.
+@compiled
+def first_windows(
+    positions: FloatArray,
+    weights: FloatArray,
+    counts: NDArray[np.intp],
+    offsets: FloatArray,
+    searches: SearchRows,
+    noise: FloatArray,
+    windows: FloatArray,
+) -> None:
+    """The windows of layer 1: particles drawn by weight, moved by the transition and its noise.
 
     Args:
-        origins: float64[t, n, 2], drawn from the particles, px.
+        positions: float64[k, 2] of the particles of one target after the other, px.
+        weights: float64[k].
+        counts: intp[t], how many particles each target has.
+        offsets: float64[t], in [0, 1), that decide the draws.
         searches: t rows of `SEARCH`.
-        shifts: float64[t, n, 2], standard normal.
+        noise: float64[t, 2 n or more], standard normal.
+        windows: float64[t, n, 5], is filled; the first of each target is the prediction itself. With a seed
+            every second one lies there, the first of them exactly.
     """
-    number = np.arange(origins.shape[1])
-    windows = np.repeat(searches["window"][:, None], len(number), axis=1)
-    origins[:, 0] = searches["window"][:, :2]
-    seeded = ~np.isnan(searches["seed_spread"])[:, None] & (number % 2 == 1)
-    spread = np.where(number % WIDE_EVERY == 0, searches["wide_spread"][:, None], searches["spread"][:, None])
-    spread = np.where(seeded, searches["seed_spread"][:, None], spread)
-    spread[:, :1], spread[:, 1:2] = 0.0, np.where(seeded[:, 1:2], 0.0, spread[:, 1:2])
-    centres = origins + searches["displacement"][:, None]
-    centres = np.where(seeded[:, :, None], searches["seed"][:, None], centres)
-    windows[:, :, :2] = centres + shifts * spread[:, :, None]
-    return windows
+    chosen, begin = np.empty(windows.shape[1], np.intp), 0
+    for target in range(len(windows)):
+        end, expected = begin + counts[target], searches[target]
+        resample(weights[begin:end], offsets[target], chosen)
+        seeded = not np.isnan(expected["seed_spread"])
+        for particle in range(windows.shape[1]):
+            at_seed = seeded and particle % 2 == 1
+            spread = expected["wide_spread"] if particle % WIDE_EVERY == 0 else expected["spread"]
+            if at_seed:
+                spread = expected["seed_spread"]
+            if particle == 0 or (at_seed and particle == 1):
+                spread = 0.0
+            window = windows[target, particle]
+            window[:] = expected["window"]
+            for axis in range(2):
+                if particle > 0:
+                    window[axis] = positions[begin + chosen[particle], axis]
+                window[axis] += expected["displacement"][axis]
+                if at_seed:
+                    window[axis] = expected["seed"][axis]
+                window[axis] += noise[target, 2 * particle + axis] * spread
+        begin = end
 
 
-def _copies(
-    survivors: FloatArray, noise: FloatArray, copies: int, polish: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Copies of survivors, float64[t, k * copies, 5], moved by a small step, and their normal numbers."""
-    proposals = np.repeat(survivors, copies, axis=1)
-    steps = noise.reshape(*proposals.shape[:2], -1)
-    proposals[..., :2] += steps[..., :2] * polish
-    return proposals, steps
+@compiled
+def keep_best(
+    windows: FloatArray,
+    scores: FloatArray,
+    order: NDArray[np.intp],
+    searches: SearchRows,
+    survivors: FloatArray,
+    best: FloatArray,
+    contrasts: FloatArray,
+    polish: FloatArray,
+) -> None:
+    """Takes the best of layer 1.
+
+    Args:
+        windows: float64[t, n, 5].
+        scores: float64[t, n].
+        order: intp[t, n], by falling score.
+        searches: t rows of `SEARCH`.
+        survivors: float64[t, k, 5], is filled.
+        best: float64[t, k], is filled with their scores.
+        contrasts: float64[t], is filled, see `Estimates`.
+        polish: float64[t], is filled: standard deviation of the steps in later layers, px.
+    """
+    count, keep = windows.shape[1], best.shape[1]
+    for target in range(len(windows)):
+        for rank in range(keep):
+            survivors[target, rank] = windows[target, order[target, rank]]
+            best[target, rank] = scores[target, order[target, rank]]
+        middle = scores[target, order[target, count // 2]] + scores[target, order[target, (count - 1) // 2]]
+        contrasts[target] = best[target, 0] - 0.5 * middle
+        scatter = np.sqrt((survivors[target, :, 0].var() + survivors[target, :, 1].var()) / 2)
+        polish[target] = POLISH * min(searches[target]["spread"], scatter)
 
 
-def _hand_back(survivors: FloatArray, best: FloatArray, proposals: FloatArray, scores: FloatArray) -> None:
-    """Replaces each survivor and its score by the best of its copies where that is better."""
-    targets, keep = best.shape
-    families = scores.reshape(targets, keep, -1)
-    leader = families.argmax(axis=2)[:, :, None]
-    leading = np.take_along_axis(families, leader, axis=2)[..., 0]
-    better = leading > best
-    windows = np.take_along_axis(proposals.reshape(targets, keep, -1, 5), leader[..., None], axis=2)[:, :, 0]
-    survivors[better], best[better] = windows[better], leading[better]
+@compiled
+def propose(
+    survivors: FloatArray,
+    noise: FloatArray,
+    begin: int,
+    polish: FloatArray,
+    turned: bool,
+    deviation: float,
+    proposals: FloatArray,
+) -> None:
+    """Copies every survivor, each copy with a small step and other sides or another angle.
+
+    Args:
+        survivors: float64[t, k, 5].
+        noise: float64[t, ...], standard normal; three numbers for each copy that is turned, else four ...
+        begin: ... from this column on.
+        polish: float64[t], standard deviation of the step, px.
+        turned: whether the angle changes, else the sides.
+        deviation: of the change: the logarithm of the sides' factors, or the angle, rad.
+        proposals: float64[t, n, 5], is filled, copies of one survivor in a row; n a multiple of k.
+    """
+    copies, numbers = proposals.shape[1] // survivors.shape[1], 3 if turned else 4
+    for target in range(len(proposals)):
+        for copy in range(proposals.shape[1]):
+            window, first = proposals[target, copy], begin + numbers * copy
+            window[:] = survivors[target, copy // copies]
+            for axis in range(2):
+                window[axis] += noise[target, first + axis] * polish[target]
+            if turned:
+                window[ANGLE] = half_turn(window[ANGLE] + noise[target, first + 2] * deviation)
+            else:
+                for side in range(LENGTH, WIDTH + 1):
+                    factor = np.exp(noise[target, first + side] * deviation)
+                    window[side] = max(window[side] * factor, MINIMUM_SIDE)
 
 
-def _estimate(survivors: FloatArray, best: FloatArray, contrasts: FloatArray) -> Estimates:
-    """Means of survivors float64[t, k, 5] weighted by their log scores float64[t, k]; angles modulo pi."""
-    weights = np.exp(best - best.max(axis=1, keepdims=True))
-    weights /= weights.sum(axis=1, keepdims=True)
-    windows = np.einsum("tk,tki->ti", weights, survivors)
-    doubled = 2 * survivors[..., ANGLE]
-    sine, cosine = (weights * np.sin(doubled)).sum(axis=1), (weights * np.cos(doubled)).sum(axis=1)
-    windows[:, ANGLE] = half_turn(0.5 * np.arctan2(sine, cosine))
-    apart = survivors[..., :2] - windows[:, None, :2]
-    covariances = np.einsum("tk,tki,tkj->tij", weights, apart, apart)
-    particles = [Particles(*each) for each in zip(survivors[..., :2].copy(), weights, strict=True)]
-    return Estimates(windows, covariances, contrasts, particles)
+@compiled
+def hand_back(survivors: FloatArray, best: FloatArray, proposals: FloatArray, scores: FloatArray) -> None:
+    """Replaces survivors and their scores by the best of their copies (`propose`), where that is better."""
+    copies = proposals.shape[1] // survivors.shape[1]
+    for target in range(len(proposals)):
+        for copy in range(proposals.shape[1]):
+            if scores[target, copy] > best[target, copy // copies]:
+                best[target, copy // copies] = scores[target, copy]
+                survivors[target, copy // copies] = proposals[target, copy]
+
+
+@compiled
+def estimate(survivors: FloatArray, best: FloatArray, windows: FloatArray, covariances: FloatArray) -> None:
+    """Weighted means, with angles modulo pi.
+
+    Args:
+        survivors: float64[t, k, 5].
+        best: float64[t, k], their log scores; are turned into weights with the sum 1.
+        windows: float64[t, 5], is filled.
+        covariances: float64[t, 2, 2] of x and y, is filled.
+    """
+    for target in range(len(survivors)):
+        weights, mean = best[target], windows[target]
+        weights[:] = np.exp(weights - weights.max())
+        weights /= weights.sum()
+        mean[:], sine, cosine = 0.0, 0.0, 0.0
+        for rank in range(len(weights)):
+            for column in range(ANGLE):
+                mean[column] += weights[rank] * survivors[target, rank, column]
+            doubled = 2 * survivors[target, rank, ANGLE]
+            sine, cosine = sine + weights[rank] * np.sin(doubled), cosine + weights[rank] * np.cos(doubled)
+        mean[ANGLE] = half_turn(0.5 * np.arctan2(sine, cosine))
+        covariances[target] = 0.0
+        for rank in range(len(weights)):
+            apart = survivors[target, rank, 0] - mean[0], survivors[target, rank, 1] - mean[1]
+            for row in range(2):
+                for column in range(2):
+                    covariances[target, row, column] += weights[rank] * apart[row] * apart[column]
