@@ -6,12 +6,16 @@ The public names are listed in `__init__.pyi`; each is imported when it is first
 from __future__ import annotations
 
 import importlib
+import os
 import re
 from pathlib import Path
 
 _STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
 _HOME_OF = {name: module for module, name in re.findall(r"^from (\S+) import (\w+) as", _STUB, re.MULTILINE)}
 __all__ = sorted(_HOME_OF)  # noqa: PLE0605  the names of the stub
+
+# For NumPy, which reads it when it is imported: its threads would compete with those of the elements.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def __getattr__(name: str) -> object:

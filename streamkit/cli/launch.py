@@ -26,6 +26,7 @@ from streamkit.cli.description import (
     read_description,
 )
 from streamkit.errors import DescriptionError
+from streamkit.handoff.library_threads import share_cores
 from streamkit.masking import mask_secrets, presentable, presentable_value
 
 if TYPE_CHECKING:
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
     from streamkit.service.monitor import Monitor
-
-
-BLAS_THREADS = "OPENBLAS_NUM_THREADS"
 
 
 class StatisticsFormat(enum.StrEnum):
@@ -127,7 +125,6 @@ def launch(
     """
     if supervise:
         _supervise()
-    limit_blas_threads()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         from msgspec import structs
@@ -136,6 +133,8 @@ def launch(
         from streamkit.service.monitor import Monitor
 
         pipeline = build(source, as_json=json_errors or log_format is LogFormat.JSON)
+    if pipeline.graph.processes:
+        share_cores(len(pipeline.graph.processes) + 1)
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, log_format, quiet=quiet)
     for note in () if quiet else source.unused_variables():
@@ -158,14 +157,6 @@ def launch(
             display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
             code = code or 1
     _exit(code)
-
-
-def limit_blas_threads() -> None:
-    """Limits BLAS to one thread, unless the user sets another number; call it before importing NumPy.
-
-    BLAS threads would compete with those of elements, which costs a tenth of a tracking pipeline.
-    """
-    os.environ.setdefault(BLAS_THREADS, "1")
 
 
 @contextlib.contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import os
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
@@ -13,6 +12,7 @@ from av.packet import Packet
 from av.video.frame import VideoFrame
 
 from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
+from streamkit.handoff.library_threads import available_cores
 from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
@@ -57,7 +57,7 @@ class Decode(Transform):
     src = "video/x-raw, format={ GRAY8, I420, NV12, BGR, RGB }"
 
     threads: int = Property(
-        0, min=0, max=64, doc="Decoder threads; 0 is one for each processor, and two more for whole frames."
+        0, min=0, max=64, doc="Decoder threads; 0 is one for each core, and two more for whole frames."
     )
     threads_type: ThreadsType = Property(
         ThreadsType.AUTO,
@@ -205,11 +205,12 @@ class Decode(Transform):
         if self.threads:
             return self.threads
         if self._threading() is Threading.FRAME:
-            return min(MAX_THREADS, (os.cpu_count() or 1) + SPARE_THREADS)
+            return min(MAX_THREADS, available_cores() + SPARE_THREADS)
         parameters = self._parameters
         is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
         is_auto = self.threads_type is ThreadsType.AUTO
-        return 1 if is_auto and is_small and parameters.codec == "h264" and self.query_live() else 0
+        is_usual = is_auto and is_small and parameters.codec == "h264" and self.query_live()
+        return 1 if is_usual else available_cores()
 
     def _drop_packet(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
         is_discontinuity = bool(frame.flags & DISCONTINUITY)

@@ -17,14 +17,13 @@ import msgspec
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.errors import ProcessDied
 from streamkit.graph.processes.orders import ENCODER, REPORTS, Answer, Order, Report, Setup, decode_failure
+from streamkit.handoff.library_threads import thread_variables
 
 CHILD = "streamkit.graph.processes.child"
 POLL_S = 0.2
 PING_POLLS = 4  # a silent child is asked for an answer once in so many polls
 END_LIMIT_S = 5.0  # from the end of the control channel to that of the process
 ANSWER_LIMIT_S = 30.0  # a loaded machine may need long
-# A process has these of its own; together they would be more threads than cores.
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class ChildProcess(threading.Thread):
@@ -41,6 +40,7 @@ class ChildProcess(threading.Thread):
         home: name of the bin.
         setup: its first message.
         marks: descriptor of memory that goes with it; closed here.
+        processes: that share the cores, this one included.
         reported: called, in this thread, with reports other than answers.
         ended: called last, in this thread.
     """
@@ -50,13 +50,14 @@ class ChildProcess(threading.Thread):
         home: str,
         setup: Setup,
         marks: int,
+        processes: int,
         reported: Callable[[ChildProcess, Report], None],
         ended: Callable[[ChildProcess], None],
     ) -> None:
         super().__init__(name=f"streamkit:process:{home}")
         self.home = home
         self.reason = ""
-        self._setup, self._marks = setup, marks
+        self._setup, self._marks, self._processes = setup, marks, processes
         self._reported = reported
         self._ended = ended
         self._numbers = itertools.count(1)
@@ -160,9 +161,8 @@ class ChildProcess(threading.Thread):
 
     def _spawn(self) -> subprocess.Popen[bytes]:
         descriptor = self._theirs.fileno()
-        variables = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        for name in THREAD_VARIABLES:
-            variables.setdefault(name, "1")
+        path = os.pathsep.join(path for path in sys.path if path)
+        variables = thread_variables(self._processes) | os.environ | {"PYTHONPATH": path}
         try:
             # A session of its own: Ctrl-C in a terminal is for the pipeline, which then ends this in order.
             return subprocess.Popen(

@@ -84,7 +84,9 @@ class Part:
         graph, number = self._graph, self._graph.processes.index(self.home)
         setup = Setup(graph.text, dict(graph.variables), number, properties, self.limit_s)
         self._marks, descriptor = WorkMarks.make(len(self.elements))
-        self.child = ChildProcess(self.home.name, setup, descriptor, reported, ended)
+        self.child = ChildProcess(
+            self.home.name, setup, descriptor, len(graph.processes) + 1, reported, ended
+        )
         self.child.start()
         return self.child
 

@@ -377,14 +377,22 @@ def test_exit_codes_of_the_installed_command() -> None:
         assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize(("wanted", "threads"), [(None, "1"), ("3", "3")])
-def test_blas_is_limited_to_one_thread(wanted: str | None, threads: str) -> None:
-    """A value set by the user is kept."""
-    code = (
-        "import os, sys\n"
+PROGRAMS = {
+    "command": (
         "from streamkit.cli.main import main\n"
         "sys.argv[1:] = ['launch', 'fakesrc num-buffers=1 ! fakesink']\n"
         "try:\n    main()\nexcept SystemExit as left:\n    assert not left.code\n"
+    ),
+    "library": "import streamkit\n",
+}
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize(("wanted", "threads"), [(None, "1"), ("3", "3")])
+def test_blas_is_limited_to_one_thread(program: str, wanted: str | None, threads: str) -> None:
+    """A value set by the user is kept."""
+    code = (
+        f"import os, sys\n{PROGRAMS[program]}"
         "assert 'numpy' not in sys.modules\n"
         "import numpy as np\n"
         "square = np.ones((600, 600)) @ np.ones((600, 600))\n"

@@ -1,5 +1,6 @@
 """What a process may not do: take more memory than it was given, and with `sandbox` much else."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from streamkit import ElementFailure
 from streamkit.flow.messages import Message
 from streamkit.graph.pipeline import Pipeline
+from streamkit.handoff.library_threads import thread_variables
 
 LIMIT_S = 80.0
 HELD = "read list write create remove rename truncate program shell fork signal privilege"
@@ -62,3 +64,15 @@ def test_memory_is_limited() -> None:
     text = "fakesrc num-buffers=200 ! ( process=true memory-mb=1500 hungry ) ! fakesink"
     with Pipeline.parse(text) as pipeline, pytest.raises(ElementFailure, match=r"hungry0.*allocate"):
         pipeline.run(LIMIT_S)
+
+
+def test_a_child_gets_its_share_of_the_cores() -> None:
+    """Its libraries start no more threads than there are cores for each of the processes."""
+    text = "fakesrc is-live=true ! ( process=true identity ) ! ( process=true identity ) ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        _, *children = pipeline.process_statistics()
+        for child in children:
+            variables = Path(f"/proc/{child.pid}/environ").read_text().split("\0")
+            for name, value in thread_variables(3).items():
+                assert f"{name}={os.environ.get(name, value)}" in variables
