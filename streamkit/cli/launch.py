@@ -52,6 +52,12 @@ class LogFormat(enum.StrEnum):
     JSON = "json"
 
 
+class ProcessChoice(enum.StrEnum):
+    """Who puts bins into processes."""
+
+    AUTO = "auto"
+
+
 class LaunchCommand(TyperCommand):
     """Reads `--stats` and `--summary` without a value as `=text`, which typer does not support."""
 
@@ -94,6 +100,12 @@ def launch(
             help="Print one line at the end: frames, drops, tracks, files written.",
         ),
     ] = None,
+    processes: Annotated[
+        ProcessChoice | None,
+        typer.Option(
+            "--processes", help="Measure for 5 s, then cut the pipeline into processes of like work."
+        ),
+    ] = None,
     json_errors: Annotated[
         bool, typer.Option("--json-errors", help="Print a bad description as JSON.")
     ] = False,
@@ -132,7 +144,13 @@ def launch(
         from streamkit.cli.run import Run
         from streamkit.service.monitor import Monitor
 
-        pipeline = build(source, as_json=json_errors or log_format is LogFormat.JSON)
+        as_json = json_errors or log_format is LogFormat.JSON
+        pipeline = build(source, as_json=as_json)
+        if processes is ProcessChoice.AUTO:
+            from streamkit.cli.processes import choose_processes
+
+            source = choose_processes(source, pipeline)
+            pipeline = build(source, as_json=as_json)
     if pipeline.graph.processes:
         share_cores(len(pipeline.graph.processes) + 1)
     pipeline.watchdog_s = watchdog_s

@@ -30,7 +30,7 @@ ALLOWED = {
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "reader": {"masking", "errors", "flow", "element", "graph"},
     "service": {"masking", "errors", "flow", "graph"},
-    "cli": {"masking", "errors", "flow", "element", "graph", "service", "output"},
+    "cli": {"masking", "errors", "flow", "element", "graph", "service", "handoff", "output"},
 }
 MODULES = {"masking", "errors", "settings", "reader"}  # rooms of one module
 # Rooms of the engine that are libraries: they know no frame, caps or element, and everybody may use them.

@@ -19,6 +19,7 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
         raise typer.Exit(code)
 
     monkeypatch.setattr("streamkit.cli.launch._exit", leave)
+    monkeypatch.setattr("streamkit.cli.launch.share_cores", lambda _: None)  # it changes the environment
 
     def run(*arguments: str, **options: Any) -> Result:
         return CliRunner().invoke(make_app(), ["launch", *arguments], **options)

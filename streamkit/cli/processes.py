@@ -1,0 +1,133 @@
+"""`launch --processes auto`: runs a pipeline for some seconds, and cuts it into processes of like work."""
+
+from __future__ import annotations
+
+import dataclasses
+from bisect import bisect_right
+from typing import TYPE_CHECKING
+
+import typer
+
+from streamkit.errors import ElementFailure
+from streamkit.graph.parse import ElementNode, parse
+from streamkit.graph.processes.balance import balanced_cuts
+from streamkit.handoff.library_threads import available_cores
+from streamkit.masking import mask_secrets, presentable
+
+if TYPE_CHECKING:
+    from streamkit.cli.description import Description
+    from streamkit.element.base import Element
+    from streamkit.errors import Place
+    from streamkit.graph.graph import Graph
+    from streamkit.graph.pipeline import Pipeline
+
+MEASURE_S = 5.0
+CROSSING_NS = 150_000  # of a 1080p frame, in each of two processes; see benchmarks/process_bins.py
+RAW_VIDEO = "video/x-raw"  # side data of packets does not cross
+
+
+def choose_processes(source: Description, pipeline: Pipeline) -> Description:
+    """Measures a pipeline, and prints the description that uses the cores best; exits with 1 if it fails."""
+    try:
+        found = with_processes(source, pipeline)
+    except ElementFailure as error:
+        typer.echo(presentable(f"error: {error}"), err=True)
+        raise typer.Exit(1) from None
+    text = "one process is best" if found is source else mask_secrets(found.text.strip())
+    typer.echo(presentable(f"note: --processes auto: {text}"), err=True)
+    return found
+
+
+def with_processes(source: Description, pipeline: Pipeline) -> Description:
+    """The description with bins in processes, so that the cores have like work.
+
+    Only the first chain is cut, at links of raw video; what follows the last cut stays in the main process.
+
+    Args:
+        source: the description as written.
+        pipeline: built from it; it is run for some seconds without its sinks and writes nothing.
+
+    Raises:
+        ElementFailure: it fails in this time.
+    """
+    chain = parse(source.text, source.variables)[0]
+    nodes = [node for node in chain.nodes if isinstance(node, ElementNode)]
+    if pipeline.graph.processes or len(nodes) < len(chain.nodes):
+        return source
+    work, allowed, frames = measure(pipeline, [head.name for head in pipeline.graph.elements[: len(nodes)]])
+    cuts = balanced_cuts(work, allowed, available_cores(), frames * CROSSING_NS)
+    if not cuts:
+        return source
+    starts = [nodes[number].place for number in (0, *cuts[:-1])]
+    ends = [chain.links[number - 1].place for number in cuts]
+    return dataclasses.replace(source, text=_bracketed(source.text, starts, ends))
+
+
+def measure(pipeline: Pipeline, heads: list[str]) -> tuple[list[int], list[int], int]:
+    """Runs a pipeline for some seconds, without its sinks.
+
+    Args:
+        pipeline: its graph is changed.
+        heads: names of the elements that begin the parts of its first chain.
+
+    Returns:
+        The working time of each part, ns, numbers of the parts before which it may be cut, and frames.
+    """
+    graph = pipeline.graph
+    leave_out_sinks(graph)
+    pipeline.play()
+    try:
+        message = pipeline.wait(MEASURE_S)
+        if message is not None and message.error is not None:
+            raise message.error
+        rows = {row.element: row for row in pipeline.statistics()}
+        ordered = list(reversed(graph.from_sinks()))  # the stream may have brought links
+        begins = [ordered.index(graph.element(head)) for head in heads]
+        allowed = [number for number, begin in enumerate(begins) if _is_raw_video(graph, ordered[:begin])]
+    finally:
+        pipeline.stop()
+    work = [0] * len(heads)
+    for index, element in enumerate(ordered):
+        row = rows[element.name]
+        work[max(0, bisect_right(begins, index) - 1)] += row.busy_ns if row.queue is None else 0
+    return work, allowed, max((rows[heads[number]].frames_in for number in allowed), default=0)
+
+
+def leave_out_sinks(graph: Graph) -> None:
+    """Puts a `fakesink` in the place of each sink, and lets no other element write a file."""
+    from streamkit.element.registry import make_element
+    from streamkit.element.sink import Sink
+
+    for index, element in enumerate(graph.elements):
+        for declaration in element.properties.values():
+            if declaration.file == "write":
+                setattr(element, declaration.attribute, declaration.default)
+        if isinstance(element, Sink) and element.factory != "fakesink":
+            substitute = graph.elements[index] = make_element("fakesink", element.name)
+            for pad in element.sink_pads():
+                if (src := pad.peer) is not None:
+                    src.unlink()
+                    src.link(substitute.pads["sink"])
+
+
+def _is_raw_video(graph: Graph, before: list[Element]) -> bool:
+    """Whether all that leaves some elements is raw video, through one link."""
+    sources = [src for src, sink in graph.links() if src.element in before and sink.element not in before]
+    waiting = any(
+        (link.source in before) is not (link.request.sink in before) for link in graph.delayed_links
+    )
+    return not waiting and len(sources) == 1 and str(sources[0].caps).startswith(RAW_VIDEO)
+
+
+def _bracketed(text: str, starts: list[Place], ends: list[Place]) -> str:
+    """The text with a bin with a process from each start to the end of the same index."""
+    lines = text.splitlines(keepends=True)
+
+    def offset(place: Place) -> int:
+        return sum(map(len, lines[: place.line - 1])) + place.column - 1
+
+    inserted = [(offset(place), "( process=true ") for place in starts]
+    inserted += [(offset(place), ") ") for place in ends]
+    for at, words in sorted(inserted, reverse=True):
+        text = text[:at] + words + text[at:]
+    return text

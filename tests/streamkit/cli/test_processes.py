@@ -1,0 +1,75 @@
+"""`launch --processes auto`: measures, then runs the description with bins in processes."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import Result
+
+from streamkit.cli import processes
+from streamkit.graph.build import build
+
+WORK = "identity sleep-time=20000"
+VIDEO = "videotestsrc num-buffers=20 ! video/x-raw, width=64, height=48, format=GRAY8"
+
+
+@pytest.fixture(autouse=True)
+def _two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "available_cores", lambda: 2)
+    monkeypatch.setattr(processes, "MEASURE_S", 60.0)  # to the end of these streams
+
+
+def test_work_is_spread_over_two_processes(
+    launch: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The description is printed with its bin; measuring has not written the file."""
+    shared: list[int] = []
+    monkeypatch.setattr("streamkit.cli.launch.share_cores", shared.append)
+    tail = f"filesink if-exists=fail location={tmp_path / 'out.raw'}"
+    done = launch("--processes", "auto", "--stats=json", f"{VIDEO} ! {WORK} ! {WORK} ! {tail}")
+    assert done.exit_code == 0, done.stderr
+    assert f"note: --processes auto: ( process=true {VIDEO} ! {WORK} ) ! {WORK} ! {tail}" in done.stderr
+    assert (tmp_path / "out.raw").stat().st_size == 20 * 64 * 48
+    assert '"process":"bin0"' in done.stdout
+    assert shared == [2]
+
+
+def test_a_file_of_several_lines_is_cut(launch: Callable[..., Result], tmp_path: Path) -> None:
+    """Comments, variables and branches stay as they are."""
+    file = tmp_path / "two.pipe"
+    file.write_text(
+        f"# work ! in two places\n{VIDEO}\n  ! {WORK}  # here\n  ! identity sleep-time=${{US}} ! tee name=t\n"
+        "t. ! queue ! fakesink\nt. ! queue ! fakesink\n"
+    )
+    done = launch("--processes", "auto", "-f", str(file), "--set", "US=20000")
+    assert done.exit_code == 0, done.stderr
+    assert f"( process=true {VIDEO}\n  ! {WORK}  # here\n  ) ! identity sleep-time=${{US}}" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "fakesrc num-buffers=20 ! identity sleep-time=9000 ! identity sleep-time=9000 ! fakesink",  # no video
+        f"{VIDEO} ! {WORK} ! fakesink",
+        f"( {VIDEO} ! {WORK} ) ! {WORK} ! fakesink",  # bins of the user stay
+    ],
+)
+def test_nothing_is_cut_without_need(launch: Callable[..., Result], text: str) -> None:
+    """The description runs as it is written."""
+    done = launch("--processes", "auto", "-e", text)
+    assert done.exit_code == 0, done.stderr
+    assert "note: --processes auto: one process is best" in done.stderr
+
+
+def test_a_failure_while_measuring_ends_the_command(launch: Callable[..., Result]) -> None:
+    """Exit code 1, and the error once."""
+    done = launch("--processes", "auto", f"{VIDEO} ! identity error-after=3 ! fakesink")
+    assert done.exit_code == 1
+    assert done.stderr.count("error: ") == 1
+
+
+def test_no_element_writes_while_measuring(tmp_path: Path) -> None:
+    """Also not one that is no sink."""
+    graph = build(f"{VIDEO} ! stitch name=s location={tmp_path / 'mosaic.png'} ! fakesink", {})
+    processes.leave_out_sinks(graph)
+    assert graph.element("s").location is None
