@@ -187,7 +187,7 @@ class Queue(Element):
             self._finish_flush(event)
         else:
             with self.lock:
-                if self._refusal is not None and not self.is_flushing:
+                if self._refusal not in (None, Flushing):  # during a flush events are kept
                     return
                 if isinstance(event, EosEvent) and self.flush_on_eos:
                     self.count_drop("dropped at EOS", self.pending.drop_frames())

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from streamkit import Caps, DiscontinuityEvent, ElementFailure, EndOfStream, Event, Frame, Pipeline, Sink
+from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.registry import make_element
 from streamkit.elements.queue import Queue
@@ -263,6 +264,25 @@ def test_the_reason_of_downstream_is_raised_at_every_later_push(
     assert element.current_level_buffers == 0
     with pytest.raises(later):
         fill(element, [frame(2)])
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_no_event_is_lost_at_the_edges_of_a_flush(monkeypatch: pytest.MonkeyPatch, begins: bool) -> None:
+    """Caps that arrive between two steps of the flush are those of the frames that follow."""
+    element = queue()
+    if not begins:
+        element.flush(begins=True)
+    flush = Element.flush
+    caps = CapsEvent(ANYTHING)
+
+    def overtaken(self: Element, *, begins: bool) -> None:
+        element.receive_event(element.pads["sink"], caps)
+        flush(self, begins=begins)
+        element.receive_event(element.pads["sink"], caps)
+
+    monkeypatch.setattr(Element, "flush", overtaken)
+    element.flush(begins=begins)
+    assert list(element.pending.items) == [caps, caps]
 
 
 def test_a_blocked_push_is_woken_when_downstream_ends() -> None:
