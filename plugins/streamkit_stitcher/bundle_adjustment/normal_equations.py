@@ -5,9 +5,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import scipy.linalg.lapack
-import scipy.sparse
-import scipy.sparse.linalg
+import scipy
 
 from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, Layout

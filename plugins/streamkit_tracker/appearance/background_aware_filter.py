@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from streamkit_tracker.appearance.frame_crops import Float32Array
 from streamkit_tracker.appearance.region_features import GRID
@@ -44,7 +44,7 @@ class BackgroundAwareFilter:
         cells = np.arange(GRID) - GRID // 2
         width = PEAK_WIDTH * GRID * math.sqrt(extent[0] * extent[1])
         peak = np.exp(-0.5 * (cells[:, None] ** 2 + cells[None] ** 2) / width**2)
-        self._wanted = fft.rfft2(np.fft.ifftshift(peak).astype(np.float32)).conj()
+        self._wanted = scipy.fft.rfft2(np.fft.ifftshift(peak).astype(np.float32)).conj()
         along, across = (np.abs(cells) <= max(GRID * share / 2, 1.0) for share in extent.tolist())
         self._costs = np.where(across[:, None] & along[None], WITHIN, OUTSIDE).astype(np.float32)
         self._sample = spectra * self._scaling
@@ -54,7 +54,7 @@ class BackgroundAwareFilter:
     def respond(self, spectra: ComplexArray) -> Float32Array:
         """Response float32[grid, grid] to a region; no shift is in the middle, cell grid // 2."""
         total = self._scaling * np.sum(self._weights.conj() * spectra, axis=0)
-        return np.fft.fftshift(fft.irfft2(total, s=(GRID, GRID)))
+        return np.fft.fftshift(scipy.fft.irfft2(total, s=(GRID, GRID)))
 
     def learn(self, spectra: ComplexArray, share: float) -> None:
         """Learns a region with the target in its middle, as far as `share` says, above 0 to 1."""
@@ -77,8 +77,8 @@ class BackgroundAwareFilter:
             right = goal + near * previous + tie * (confined - dual)
             shared = np.sum(sample.conj() * right, axis=0) / (energy + tie + near)
             free = (right - sample * shared) * (np.float32(1) / (tie + near))
-            weights = fft.irfft2(free + dual, s=(GRID, GRID)) * (tie / (self._costs + tie))
-            confined = fft.rfft2(weights)
+            weights = scipy.fft.irfft2(free + dual, s=(GRID, GRID)) * (tie / (self._costs + tie))
+            confined = scipy.fft.rfft2(weights)
             dual += free - confined
             penalty = min(penalty * PENALTY_STEP, LAST_PENALTY)
         self._weights = confined

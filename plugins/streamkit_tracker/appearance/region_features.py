@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY, Float32Array
@@ -72,7 +72,7 @@ class RegionFeatures:
         pairs = zip(self._components, channels, strict=True)
         features = np.concatenate([product(components, each) for components, each in pairs])
         features -= features.mean(axis=1, keepdims=True)
-        return Region(window, side, fft.rfft2(features.reshape(-1, GRID, GRID) * self._hann), bins)
+        return Region(window, side, scipy.fft.rfft2(features.reshape(-1, GRID, GRID) * self._hann), bins)
 
     def _side(self, window: FloatArray) -> float:
         return self._padding * math.sqrt(window[LENGTH] * window[WIDTH])

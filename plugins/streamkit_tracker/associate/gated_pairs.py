@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.feature_template import unit_rows
@@ -107,7 +107,7 @@ def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
     Args:
         costs: float64[t, d].
     """
-    rows, columns = linear_sum_assignment(np.fmin(costs, FORBIDDEN))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.fmin(costs, FORBIDDEN))
     allowed = np.isfinite(costs[rows, columns])
     return rows[allowed], columns[allowed]
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from streamkit_tracker.window_geometry import FloatArray
 
@@ -52,7 +52,7 @@ def overlaps(first: FloatArray, second: FloatArray) -> FloatArray:
 
 def best_pairs(scores: FloatArray) -> list[tuple[int, int]]:
     """The pairs (row, column) of the greatest total score, without those that score nothing."""
-    rows, columns = linear_sum_assignment(scores, maximize=True)
+    rows, columns = scipy.optimize.linear_sum_assignment(scores, maximize=True)
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
     return [pair for pair in pairs if scores[pair] > EPSILON]
 

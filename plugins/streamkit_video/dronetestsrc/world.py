@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from streamkit.geometry.homography import normalised, project
 from streamkit.settings import setting
@@ -169,7 +169,7 @@ class SensorNoise:
     """
 
     def __init__(self, sigma: float, seed: int) -> None:
-        quantiles = ndtri((np.arange(256) + 0.5) / 256.0)
+        quantiles = scipy.special.ndtri((np.arange(256) + 0.5) / 256.0)
         levels = np.rint(sigma * quantiles / quantiles.std())
         self._sigma = sigma
         self._levels = (128 + levels.clip(-128, 127)).astype(np.uint8)
