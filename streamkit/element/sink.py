@@ -29,7 +29,7 @@ class Sink(Element):
     In a paused pipeline a sink holds the first frame that arrives: it has prerolled.
 
     Attributes:
-        position_ns: timestamp of the last frame rendered with `sync`, or None.
+        position_ns: timestamp of the last frame rendered with `sync` or `throttle-time`, or None.
         waited_ns: time spent waiting for frames to be due, ns; not counted as work.
     """
 
@@ -89,8 +89,7 @@ class Sink(Element):
             return self.render
 
         def receive(frame: Frame) -> None:
-            if frame.pts is not None and not pad.segment.holds(frame.pts, frame.duration):
-                self.count_drop("outside the segment")
+            if self.clip(frame, pad):
                 return
             if not self.timing.running.is_set():
                 self._hold(frame)
@@ -100,6 +99,13 @@ class Sink(Element):
                 self.render(frame)
 
         return receive
+
+    def clip(self, frame: Frame, pad: Pad) -> bool:
+        """Drops and counts a frame that is outside the pad's segment; whether it did."""
+        if frame.pts is None or pad.segment.holds(frame.pts, frame.duration):
+            return False
+        self.count_drop("outside the segment")
+        return True
 
     def _render_in_time(self, frame: Frame, running_time_ns: int) -> None:
         if not self._is_throttled(running_time_ns) and self._wait_for_time(frame, running_time_ns):
@@ -165,8 +171,9 @@ class Sink(Element):
         """Handles caps, gaps and EOS; reports EOS once everything is drained."""
         with self.guarded():
             if isinstance(event, CapsEvent):
-                if (event.caps & pad.template.caps & self.query_caps(pad)).is_empty and pad.peer is not None:
-                    raise pad.peer.refusal(event.caps, pad.template.caps & self.query_caps(pad))
+                accepted = pad.template.caps & self.query_caps(pad)
+                if (event.caps & accepted).is_empty and pad.peer is not None:
+                    raise pad.peer.refusal(event.caps, accepted)
                 self.configure(event.caps)
             elif isinstance(event, GapEvent):
                 self._hold(None)

@@ -104,7 +104,7 @@ class AppSink(PlainSink):
         """Queues the frame; waits, or drops the oldest, if full."""
         with self.changed:
             self.check_open()
-            if self.is_outside(frame):
+            if self.clip(frame, self.pads["sink"]):
                 return
             self.wait_for(self._has_room, POLL_S)
             self.note(frame)

@@ -6,6 +6,7 @@ from typing import Any
 
 from typing_extensions import override
 
+from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import INT, Choice
 from streamkit.elements.frame_report import Callbacks, report_frame
@@ -74,6 +75,10 @@ class FakeSink(PlainSink):
             raise StateError(f"state-error={self.state_error}: fails at this state change on purpose")
 
     @override
+    def clip(self, frame: Frame, pad: Pad) -> bool:
+        return self.drop_out_of_segment and super().clip(frame, pad)
+
+    @override
     def preroll(self, frame: Frame | None) -> None:
         if frame is not None and self.signal_handoffs:
             self.on_preroll_handoff.emit(frame, self.pads["sink"])
@@ -84,7 +89,7 @@ class FakeSink(PlainSink):
         limit = self.num_buffers
         if 0 <= limit <= self.count:
             raise EndOfStream(self.name)
-        if self.drop_out_of_segment and self.is_outside(frame):
+        if self.clip(frame, self.pads["sink"]):
             return
         self.note(frame)
         report_frame(self, "chain", self.pads["sink"], frame, frame, self.pads["sink"])

@@ -6,18 +6,17 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT
 from streamkit.element.sink import Sink
-from streamkit.flow.events import EndOfStream, Event, Segment, SegmentEvent
+from streamkit.flow.events import EndOfStream
 from streamkit.flow.frame import Frame
 
 
 class PlainSink(Sink):
-    """State and checks that fakesink and appsink share: counters, the last frame, the segment, EOS.
+    """State and checks that fakesink and appsink share: counters, the last frame, EOS.
 
-    `render` of a subclass calls `check_open`, `is_outside` and `note`.
+    `render` of a subclass calls `check_open`, `clip` and `note`.
 
     Attributes:
         count: frames rendered since the start.
@@ -32,7 +31,6 @@ class PlainSink(Sink):
         self.count = 0
         self.last_frame: Frame | None = None
         self._has_ended = False
-        self._clip: Segment | None = None
         super().__init__(name, **properties)
 
     def _stats(self) -> str:
@@ -44,27 +42,11 @@ class PlainSink(Sink):
         self.count = 0
         self.last_frame = None
         self._has_ended = False
-        self._clip = None
 
     @override
     def property_changed(self, name: str) -> None:
         if not self.enable_last_sample:
             self.last_frame = None
-
-    def receive_event(self, pad: Pad, event: Event) -> None:
-        """Stores the segment for clipping, then handles the event as any sink."""
-        if isinstance(event, SegmentEvent):
-            segment = event.segment
-            self._clip = segment if segment.start_ns or segment.stop_ns is not None else None
-        super().receive_event(pad, event)
-
-    def is_outside(self, frame: Frame) -> bool:
-        """Whether a frame is outside the segment; counts it as dropped if so."""
-        clip = self._clip
-        if clip is None or frame.pts is None or clip.holds(frame.pts, frame.duration):
-            return False
-        self.count_drop("outside the segment")
-        return True
 
     def note(self, frame: Frame) -> None:
         """Counts a frame that is rendered, and keeps it as the last one."""
@@ -85,4 +67,3 @@ class PlainSink(Sink):
         """A flush lets the sink accept frames again."""
         super().flush(begins=begins)
         self._has_ended = False
-        self._clip = None

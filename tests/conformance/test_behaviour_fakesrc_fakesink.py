@@ -285,9 +285,10 @@ def test_a_sink_shows_its_frames() -> None:
     assert fed.sink.stats == "application/x-sink-stats, rendered=1, dropped=0"
 
 
-def test_frames_outside_may_be_kept() -> None:
+@pytest.mark.parametrize("sync", [False, True])
+def test_frames_outside_may_be_kept(sync: bool) -> None:
     """drop-out-of-segment=false: they are taken while the pipeline plays."""
-    fed = Fed(drop_out_of_segment=False)
+    fed = Fed(drop_out_of_segment=False, sync=sync)
     fed.send(SegmentEvent(Segment(SECOND, 5 * SECOND)))
     fed.push(frame(pts=0))
     assert fed.sink.count == 1
