@@ -51,5 +51,6 @@ class DetectionSrc(Transform):
                 areas=(boxes[:, 2:] - boxes[:, :2]).prod(axis=1),
                 scores=self._table.relative_scores[rows],
                 labels=("object",) * len(rows),
+                are_objects=True,
             )
         )

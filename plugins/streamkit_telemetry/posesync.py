@@ -65,12 +65,17 @@ class PoseSync(Combine):
     offset_s: float = Property(
         0.0, min=-MAX_OFFSET_S, max=MAX_OFFSET_S, unit="s", doc="Added to the telemetry's times."
     )
-    wait_ms: int = Property(200, min=0, unit="ms", doc="Longest time a live frame waits for telemetry.")
+    wait_ms: int = Property(
+        200,
+        min=0,
+        unit="ms",
+        doc="Largest age, since its arrival, of a live frame that still waits for telemetry.",
+    )
 
     def start(self) -> None:
         """Opens the telemetry file, if any; it is read as far as the frames have come."""
         self._samples = SampleBuffer(round(self.max_gap_s * SECOND_NS))
-        self._decoder = TelemetryReader()
+        self._pad_reader = TelemetryReader()
         self._held: deque[Frame] = deque()
         self._epoch = 0
         self._counts = {"frames": 0, "paired": 0, "stale": 0, "without": 0}
@@ -137,16 +142,16 @@ class PoseSync(Combine):
     def combine(self, pad_name: str, frame: Frame) -> Iterator[Frame]:
         """Adds telemetry or queues a frame; yields the frames that need not wait."""
         if frame.epoch != self._epoch:
-            yield from self._released(is_end=True)
+            yield from self._release(is_end=True)
             self._epoch = frame.epoch
             self._forget()
         if pad_name == "telemetry":
-            for sample in self._decoder.packet(frame.data, frame.caps.name, frame.pts):
+            for sample in self._pad_reader.packet(frame.data, frame.caps.name, frame.pts):
                 self._add(sample)
-            self._warn_of_damage(self._decoder)
+            self._warn_of_damage(self._pad_reader)
         else:
             self._held.append(frame)
-        yield from self._released()
+        yield from self._release()
 
     def receive_event(self, pad: Any, event: Event) -> None:
         """Events of the telemetry pad end here; after its EOS frames do not wait."""
@@ -156,7 +161,7 @@ class PoseSync(Combine):
             super().receive_event(pad, event)
         elif isinstance(event, EosEvent):
             with self._lock:
-                for sample in self._decoder.finish():
+                for sample in self._pad_reader.finish():
                     self._add(sample)
                 self._telemetry_has_ended = True
             self._push_all(is_end=False)
@@ -164,9 +169,9 @@ class PoseSync(Combine):
 
     def drain(self) -> Iterator[Frame]:
         """The last frames, with the poses there are; the counts are posted."""
-        yield from self._released(is_end=True)
-        counts, described = self._decoder.counts(), self._decoder.describe()
-        self._warn_of_damage(self._decoder, at_end=True)
+        yield from self._release(is_end=True)
+        counts, described = self._pad_reader.counts(), self._pad_reader.describe()
+        self._warn_of_damage(self._pad_reader, at_end=True)
         if self._file is not None:
             self._warn_of_damage(self._file.reader, at_end=True)
             counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
@@ -193,12 +198,12 @@ class PoseSync(Combine):
 
     def _push_all(self, *, is_end: bool) -> None:
         with self._lock:
-            for frame in self._released(is_end=is_end):
+            for frame in self._release(is_end=is_end):
                 self._push(frame, self.pads["sink"])
 
-    def _released(self, *, is_end: bool = False) -> Iterator[Frame]:
+    def _release(self, *, is_end: bool = False) -> Iterator[Frame]:
         while self._held and (is_end or self._is_due(self._held[0])):
-            yield self._paired(self._held.popleft())
+            yield self._with_pose(self._held.popleft())
 
     def _is_due(self, frame: Frame) -> bool:
         if self._telemetry_has_ended or len(self._held) > HELD_LIMIT or frame.pts is None:
@@ -209,7 +214,7 @@ class PoseSync(Combine):
         waited_ns = self.clock_ns() - frame.arrival_ns
         return self._is_live and waited_ns > self.wait_ms * 1_000_000
 
-    def _paired(self, frame: Frame) -> Frame:
+    def _with_pose(self, frame: Frame) -> Frame:
         self._counts["frames"] += 1
         found = None
         if frame.pts is not None:

@@ -190,7 +190,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
         chroma=_chroma(frame),
         centroids=centroids,
         boxes=np.asarray(detections.boxes).reshape(-1, 4),
-        are_objects=bool(detections.labels),
+        are_objects=detections.are_objects,
         features=features.vectors if paired and features is not None else None,
         features_version=0 if space is None else space.version,
         space=space,

@@ -97,7 +97,7 @@ class ZenohSink(Connection, Sink):
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         if pad.name in (FRAME, MOSAIC, VIDEO):
-            return lambda frame: self._publish_image(pad.name, frame)
+            return lambda frame: self._publish_media(pad.name, frame)
         return super().receiver(pad)
 
     @override
@@ -107,12 +107,10 @@ class ZenohSink(Connection, Sink):
         if not self._has_waited:
             self._wait_for_receivers(publication)
         self._tally.note(frame)
-        dropped = publication.records.submit(frame, self.stopping)
-        if dropped:
-            publication.records.count_lost(dropped, "queue full")
-            self.count_drop("tracks: queue full", dropped)
+        publication.records.submit(frame, self.stopping)
         if self._publishes_frames and frame.caps.name != TRACKS_CAPS.name:
-            self._publish_image(FRAME, frame)
+            self._publish_media(FRAME, frame)
+        self._count_drops(publication)
 
     @override
     def drain(self) -> None:
@@ -130,7 +128,7 @@ class ZenohSink(Connection, Sink):
     def stop(self) -> None:
         self._close(STOP_LIMIT_S)
 
-    def _publish_image(self, stream: str, frame: Frame) -> None:
+    def _publish_media(self, stream: str, frame: Frame) -> None:
         if self._publication is not None:
             self._publication.media[stream].submit(frame, self.clock_ns())
 
@@ -164,8 +162,13 @@ class ZenohSink(Connection, Sink):
         if needs_tracks and (text := self._tally.shortfall()):
             self.post_warning(f"key={settings.key}: {text}", "shortfall")
         is_closed = publication.close(limit_s, cancelled)
-        for stream, reason, count in publication.drops():
-            counted = self.drops[f"{stream}: {reason}"]
-            self.count_drop(f"{stream}: {reason}", count - counted)
+        self._count_drops(publication)
         if not is_closed:
             self.post_warning("a receiver takes nothing: the last records may be lost to it")
+
+    def _count_drops(self, publication: Publication) -> None:
+        """Counts what the senders, in their own threads, have dropped since the last call."""
+        for stream, reason, count in publication.drops():
+            place = f"{stream}: {reason}"
+            if count > self.drops[place]:
+                self.count_drop(place, count - self.drops[place])

@@ -54,18 +54,19 @@ class CapsReader:
         text: caps, or one structure.
         make_caps: makes nested caps from structures, or from None for `ANY`.
         depth: nesting depth of the text in other caps.
+        members: list members read so far, in the texts around this one.
     """
 
-    def __init__(self, text: str, make_caps: CapsMaker, depth: int = 0) -> None:
+    def __init__(self, text: str, make_caps: CapsMaker, depth: int = 0, members: int = 0) -> None:
         self.text = text
         self.make_caps = make_caps
         self.depth = depth
         self.position = 0
-        self.members = 0
+        self.members = members
         if len(text) > TEXT_LIMIT:
             raise CapsSyntax(f"caps text of {len(text)} characters: at most {TEXT_LIMIT} are read")
 
-    def fail(self, rule: str, *, start: int | None = None, hint: str = "") -> CapsSyntax:
+    def error(self, rule: str, *, start: int | None = None, hint: str = "") -> CapsSyntax:
         """The error at the current position, or for the text from `start` up to it."""
         place = self.position if start is None else start
         shown = self.text if len(self.text) <= SHOWN_LENGTH else f"{self.text[:SHOWN_LENGTH]}..."
@@ -83,19 +84,19 @@ class CapsReader:
         match = pattern.match(self.text, self.position)
         if match is None:
             found = self.text[self.position : self.position + 12] or "the end"
-            raise self.fail(f"expected {what}, got {found!r}")
+            raise self.error(f"expected {what}, got {found!r}")
         self.position = match.end()
         return match.group()
 
     def accept(self, mark: str) -> bool:
-        """Reads a punctuation mark if it is next."""
+        """Reads a punctuation mark, one character, if it is next."""
         self.skip_blanks()
         if self.text.startswith(mark, self.position):
             self.position += 1
             return True
         return False
 
-    def at(self, marks: str) -> bool:
+    def is_before(self, marks: str) -> bool:
         """Whether the text ends, or one of the marks is next."""
         self.skip_blanks()
         return self.position >= len(self.text) or self.text[self.position] in marks
@@ -106,29 +107,29 @@ class CapsReader:
         while True:
             found.append(self.structure())
             if len(found) > STRUCTURE_LIMIT:
-                raise self.fail(f"caps have at most {STRUCTURE_LIMIT} structures")
+                raise self.error(f"caps have at most {STRUCTURE_LIMIT} structures")
             more = self.accept(";")
-            if self.ended(closing):
+            if self.accept_end(closing):
                 return tuple(found)
             if not more:
-                raise self.fail("expected ',' or ';' between fields and structures")
+                raise self.error("expected ',' or ';' between fields and structures")
 
     def only_structure(self, closing: str = "") -> Structure:
         """One structure up to the closing mark or the end."""
         found = self.structure()
         self.accept(";")
-        if not self.ended(closing):
-            raise self.fail(f"expected {closing or 'the end'!r} after the structure {found.name!r}")
+        if not self.accept_end(closing):
+            raise self.error(f"expected {closing or 'the end'!r} after the structure {found.name!r}")
         return found
 
     def only_value(self) -> Value:
         """One value up to the end."""
         found = self.value(None)
-        if not self.ended(""):
-            raise self.fail("expected the end after the value")
+        if not self.accept_end(""):
+            raise self.error("expected the end after the value")
         return found
 
-    def ended(self, closing: str) -> bool:
+    def accept_end(self, closing: str) -> bool:
         """Reads the closing mark if it is next; without a mark, whether the text ends."""
         if closing:
             return self.accept(closing)
@@ -142,19 +143,19 @@ class CapsReader:
         if self.text.startswith('"', start):
             name = UNESCAPED.sub(r"\1", self.take(QUOTED, "a closing quote")[1:-1])
             if not NAME.fullmatch(name):
-                raise self.fail(f"{name!r} is no media type such as video/x-raw", start=start)
+                raise self.error(f"{name!r} is no media type such as video/x-raw", start=start)
         else:
             name = self.take(NAME, "a media type such as video/x-raw")
         if name in WORDS:
-            raise self.fail(f"{name} must be alone, without fields and other structures", start=start)
+            raise self.error(f"{name} must be alone, without fields and other structures", start=start)
         features = self.features() if self.text.startswith("(", self.position) else ()
         fields: dict[str, Value] = {}
         while self.accept(","):
-            if self.at(";]"):
+            if self.is_before(";]"):
                 break
             field = self.take(FIELD, "a field name")
             if not self.accept("="):
-                raise self.fail(f"expected '=' after the field {field!r}")
+                raise self.error(f"expected '=' after the field {field!r}")
             fields[field] = self.value(None)
         return Structure(name, fields, features)
 
@@ -167,10 +168,10 @@ class CapsReader:
         while self.accept(","):
             names.append(self.take(FEATURE, "a caps feature such as memory:DMABuf"))
         if not self.accept(")"):
-            raise self.fail("expected ')' after the caps features")
+            raise self.error("expected ')' after the caps features")
         found = tuple(dict.fromkeys(names))
         if "ANY" in found and len(found) > 1:
-            raise self.fail("the feature ANY must be alone")
+            raise self.error("the feature ANY must be alone")
         return () if found == (SYSTEM_MEMORY,) else found
 
     def value(self, kind: str | None) -> Value:
@@ -187,7 +188,7 @@ class CapsReader:
         self.position += 1
         self.depth += 1
         if self.depth > DEPTH_LIMIT:
-            raise self.fail(f"values nest at most {DEPTH_LIMIT} deep")
+            raise self.error(f"values nest at most {DEPTH_LIMIT} deep")
         try:
             if mark == "{":
                 return ValueList(self.items(kind, "}"))
@@ -215,9 +216,9 @@ class CapsReader:
             near = difflib.get_close_matches(name, TYPES, 1)
             known = f"no type {name!r}; types are {', '.join(sorted(set(TYPES.values())))}"
             hint = f"did you mean {near[0]!r}?" if near else ""
-            raise self.fail(known, start=self.position - len(name), hint=hint)
+            raise self.error(known, start=self.position - len(name), hint=hint)
         if not self.accept(")"):
-            raise self.fail("expected ')' after the type name")
+            raise self.error("expected ')' after the type name")
         return TYPES[name]
 
     def items(self, kind: str | None, closing: str) -> tuple[Value, ...]:
@@ -228,12 +229,14 @@ class CapsReader:
             found.append(self.value(kind))
             if not self.accept(","):
                 if not self.accept(closing):
-                    raise self.fail(f"expected ',' or '{closing}'")
+                    raise self.error(f"expected ',' or '{closing}'")
                 break
         if any(type(item) not in SCALARS for item in found):
             self.members += len(found)
             if self.members > MEMBER_LIMIT:
-                raise self.fail(f"lists that hold more than plain values have at most {MEMBER_LIMIT} members")
+                raise self.error(
+                    f"lists that hold more than plain values have at most {MEMBER_LIMIT} members"
+                )
         return tuple(found)
 
     def range(self, kind: str | None, start: int) -> Range[Any]:
@@ -242,13 +245,13 @@ class CapsReader:
         while self.accept(","):
             parts.append(self.value(kind))
         if not self.accept("]"):
-            raise self.fail("expected ',' or ']'")
+            raise self.error("expected ',' or ']'")
         if len(parts) not in (2, 3):
-            raise self.fail(f"a range has two ends and at most a step, got {len(parts)} values", start=start)
+            raise self.error(f"a range has two ends and at most a step, got {len(parts)} values", start=start)
         try:
             return make_range(parts)
         except (ValueError, TypeError) as error:
-            raise self.fail(str(error), start=start) from None
+            raise self.error(str(error), start=start) from None
 
     def nested(self, kind: str | None) -> NestedStructure | NestedCaps:
         """A structure or caps after the opening bracket."""
@@ -279,23 +282,25 @@ class CapsReader:
             value = READERS[kind](raw)
         if value is None:
             kind = kind or ("string" if raw[0] == '"' else "fraction" if "/" in raw else "double")
-            raise self.fail(f"{raw!r} is no value of type {kind}", start=start)
+            raise self.error(f"{raw!r} is no value of type {kind}", start=start)
         return value
 
     def nested_text(self, kind: str, raw: str, start: int) -> NestedStructure | NestedCaps:
         """A structure or caps written as a string or a bare name."""
         if self.depth >= DEPTH_LIMIT:
-            raise self.fail(f"values nest at most {DEPTH_LIMIT} deep", start=start)
+            raise self.error(f"values nest at most {DEPTH_LIMIT} deep", start=start)
         text = read_string(raw)
         if text is None:
-            raise self.fail(f"{raw!r} is no string", start=start)
+            raise self.error(f"{raw!r} is no string", start=start)
         if kind == "GstCaps" and text in WORDS:
             return self.make_caps(None if text == "ANY" else ())
-        reader = CapsReader(text, self.make_caps, self.depth + 1)
+        reader = CapsReader(text, self.make_caps, self.depth + 1, self.members)
         try:
-            return reader.only_structure() if kind == "structure" else self.make_caps(reader.structures())
+            found = reader.only_structure() if kind == "structure" else self.make_caps(reader.structures())
         except CapsSyntax as error:
-            raise self.fail(f"no {kind}: {error.rule}", start=start, hint=error.hint) from None
+            raise self.error(f"no {kind}: {error.rule}", start=start, hint=error.hint) from None
+        self.members = reader.members
+        return found
 
 
 def make_range(parts: list[Value]) -> Range[Any]:

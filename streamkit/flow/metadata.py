@@ -65,8 +65,9 @@ class Detections:
         boxes: float64[n, 4], x0 y0 x1 y1 px.
         areas: float64[n], px.
         scores: float64[n], 0 to 1.
-        labels: n class names, as a detector of objects gives them: each box is one whole object. Empty where
-            boxes are regions of motion, which may show a part of a target, or several.
+        labels: n class names, "" where unknown; or none at all.
+        are_objects: whether each box is one whole object, as a detector of objects gives them; else boxes are
+            regions of motion, which may show a part of a target, or several.
     """
 
     centroids: FloatArray
@@ -74,6 +75,7 @@ class Detections:
     areas: FloatArray
     scores: FloatArray
     labels: tuple[str, ...] = ()
+    are_objects: bool = False
 
     def __len__(self) -> int:
         return len(self.centroids)

@@ -57,14 +57,16 @@ class RecordFile:
                 try:
                     record = decode_record(line)
                 except StreamError as error:
-                    if not line.endswith(b"\n") and not file.read(1) and newest is not None:
+                    is_last = not line.endswith(b"\n") and not file.read(1)
+                    if is_last and newest is not None:
                         self.is_cut_off = True
                         return
                     remedy = "give a .jsonl file that tracksink wrote"
                     raise StreamError(f"{self.path}:{number}: {error}; {remedy}") from None
-                place = record.epoch, record.seq
-                run += newest is not None and place <= newest
-                newest = place
+                order = record.epoch, record.seq
+                if newest is not None and order <= newest:
+                    run += 1
+                newest = order
                 yield run, record, line.strip()
 
 
@@ -90,14 +92,15 @@ def read_tracks(path: str | Path) -> NDArray[Any]:
     return np.array(rows, list(COLUMNS.items()))
 
 
+# In the order of COLUMNS.
 def _row(run: int, record: TrackRecord, target: TargetRecord) -> tuple[object, ...]:
     geo, nan = target.geo, float("nan")
-    place = (
+    ground = (
         (nan, nan, nan) if geo is None else (geo.lat, geo.lon, nan if geo.error_m is None else geo.error_m)
     )
     speed = (nan if target.vx is None else target.vx, nan if target.vy is None else target.vy)
     pts_ns = NO_TIME if record.pts_ns is None else record.pts_ns
     return (
         run, record.epoch, record.seq, pts_ns, target.id, target.state.value, target.x, target.y,
-        target.length, target.width, target.angle, *speed, target.score, target.age_ns, *place,
+        target.length, target.width, target.angle, *speed, target.score, target.age_ns, *ground,
     )  # fmt: skip

@@ -83,9 +83,9 @@ class Decode(Transform):
         self._framerate: Fraction | None = None
         self._rotation = self._epoch = 0
         self._marks = FrameMarks()
-        self._numbers = AscendingNumbers()
+        self._sequence_numbers = AscendingNumbers()
         self._inherent_delay = InherentDelay()
-        self._frame_numbers: FrameNumbers | None = None
+        self._h264_frame_numbers: FrameNumbers | None = None
         self._next_pts = 0
         self._packets = self._frames_decoded = 0
         self._reported: set[str] = set()
@@ -131,13 +131,15 @@ class Decode(Transform):
         if not data.nbytes:
             self._drop_packet(frame, "empty packet")
             return held
-        if self._frame_numbers is not None and self._frame_numbers.lacks_reference(data, is_keyframe):
+        if self._h264_frame_numbers is not None and self._h264_frame_numbers.lacks_reference(
+            data, is_keyframe
+        ):
             frame = frame.replace(flags=frame.flags | CORRUPT)
         if self.skip is not Skip.NONE and self._is_skipped(frame):
             self._drop_packet(frame, f"skip={self.skip}")
             return held
         self._packets += 1
-        self._numbers.put(frame.seq)
+        self._sequence_numbers.put(frame.seq)
         try:
             decoded = self._decoder.decode(frame.data, frame, is_keyframe)
         except FFmpegError as error:
@@ -165,8 +167,6 @@ class Decode(Transform):
         """Frees the decoder."""
         self._decoder = None
 
-    # Inside.
-
     def _begin(self, frame: Frame) -> None:
         try:
             parameters = self._parameters = caps_parameters(frame.caps)
@@ -188,8 +188,8 @@ class Decode(Transform):
         self._rotation = rotation if isinstance(rotation, int) else 0
         self._coded_caps, self._epoch = frame.caps, frame.epoch
         self._next_pts = 0
-        self._numbers = AscendingNumbers()
-        self._frame_numbers = FrameNumbers(parameters.extradata) if parameters.codec == "h264" else None
+        self._sequence_numbers = AscendingNumbers()
+        self._h264_frame_numbers = FrameNumbers(parameters.extradata) if parameters.codec == "h264" else None
 
     def _threading(self) -> Threading:
         if self.threads_type is ThreadsType.AUTO:
@@ -243,7 +243,7 @@ class Decode(Transform):
         self._first_error = self._first_error or reason
         text = f"undecodable packet: {reason}"
         if frame is not None:
-            self._numbers.discard(frame.seq)
+            self._sequence_numbers.discard(frame.seq)
             self._drop_packet(frame, text, is_damage=True)
         else:
             self.count_drop(text)
@@ -256,7 +256,7 @@ class Decode(Transform):
         self._frames_decoded += len(decoded)
         frames = []
         for video_frame, origin in decoded:
-            number = self._numbers.take(origin.seq)
+            number = self._sequence_numbers.take(origin.seq)
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._reason_to_hide(origin) if origin.metadata else None

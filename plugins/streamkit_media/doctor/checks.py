@@ -50,6 +50,8 @@ def _format_check(seen: Seen, transport: str) -> Check:
 
 def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
     facts = asdict(decoded)
+    if not decoded.packets and decoded.error:
+        return Check("decoding", Verdict.BAD, decoded.error, facts)
     if not decoded.frames:
         why = f": {decoded.error}" if decoded.error else ""
         text = f"none of {decoded.packets} packets decodes{why}; the video is damaged, encrypted or cut short"

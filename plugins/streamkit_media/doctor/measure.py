@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
+from av.video.frame import VideoFrame
 
 from streamkit import SECOND_NS, Frame, FrameFlags
 from streamkit_media.codecs import caps_parameters
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.videodecoder import VideoDecoder
 
-SETTLE = 15  # the first packets come in one go while FFmpeg looks at the stream
+SETTLING_PACKETS = 15  # the first packets come in one go while FFmpeg looks at the stream
+FEWEST_TRANSITS = 15
 JITTER_GAIN = 16
-LIMIT_S = 5.0
+DECODING_LIMIT_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +75,8 @@ def measure(packets: Sequence[PacketFacts]) -> Measured:
     steps = [b - a for a, b in pairwise(times) if b > a]
     middle = statistics.median(steps) if steps else 0
     length = times[-1] - times[0] if steps else 0
-    keys = [packet.pts for packet in packets if packet.is_keyframe and packet.pts is not None]
-    distances = [b - a for a, b in pairwise(keys)]
+    keyframe_times = [packet.pts for packet in packets if packet.is_keyframe and packet.pts is not None]
+    distances = [b - a for a, b in pairwise(keyframe_times)]
     variable = sum(abs(step - middle) > 0.1 * middle for step in steps) > 0.1 * len(steps)
     missing = 0 if variable else sum(max(0, round(step / middle) - 1) for step in steps)
     return Measured(
@@ -81,8 +84,8 @@ def measure(packets: Sequence[PacketFacts]) -> Measured:
         len(steps) * SECOND_NS / length if length else None,
         sum(packet.size for packet in packets) * 8 * SECOND_NS / length if length else None,
         max(distances) / SECOND_NS if distances else None,
-        len(keys),
-        _jitter_ms(packets[SETTLE:]),
+        len(keyframe_times),
+        _jitter_ms(packets[SETTLING_PACKETS:]),
         missing,
         variable,
     )
@@ -90,7 +93,7 @@ def measure(packets: Sequence[PacketFacts]) -> Measured:
 
 def _jitter_ms(packets: Sequence[PacketFacts]) -> float | None:
     transits = [packet.arrival_ns - packet.pts for packet in packets if packet.pts is not None]
-    if len(transits) < SETTLE:
+    if len(transits) < FEWEST_TRANSITS:
         return None
     jitter = 0.0
     for before, after in pairwise(transits):
@@ -121,27 +124,33 @@ class Decoded:
 
 def try_decoding(frames: Sequence[Frame]) -> Decoded:
     """Decodes packets from the first key frame on, for a few seconds at most."""
-    keys = (at for at, frame in enumerate(frames) if frame.flags & FrameFlags.KEYFRAME)
-    frames = frames[next(keys, 0) :]
+    first = next((index for index, frame in enumerate(frames) if frame.flags & FrameFlags.KEYFRAME), 0)
+    frames = frames[first:]
     if not frames:
         return Decoded(0, 0, 0, None, "", None)
     try:
         decoder: VideoDecoder[Frame] = VideoDecoder(caps_parameters(frames[0].caps))
     except (KeyError, UnknownCodecError) as cause:
-        return Decoded(len(frames), 0, 0, None, f"no decoder in this FFmpeg: {cause}", None)
+        return Decoded(0, 0, 0, None, f"no decoder in this FFmpeg: {cause}", None)
     packets, damaged, error = 0, 0, ""
     sizes: list[tuple[int, int]] = []
     began = time.monotonic()
-    for frame in (*frames, None):
-        if frame is not None and time.monotonic() - began > LIMIT_S:
-            continue
+
+    def take(decoding: Callable[[], list[tuple[VideoFrame, Frame]]]) -> None:
+        nonlocal damaged, error
         try:
-            packets += frame is not None
-            for decoded, _ in decoder.flush() if frame is None else decoder.decode(frame.data, frame):
+            for decoded, _ in decoding():
                 damaged += decoded.is_corrupt
                 sizes.append((decoded.width, decoded.height))
         except FFmpegError as cause:
             error = error or reason_of(cause)
+
+    for frame in frames:
+        if time.monotonic() - began > DECODING_LIMIT_S:
+            break
+        packets += 1
+        take(partial(decoder.decode, frame.data, frame))
+    take(decoder.flush)
     elapsed_s = time.monotonic() - began
     rate = len(sizes) / elapsed_s if sizes and elapsed_s else None
     return Decoded(packets, len(sizes), damaged, rate, error, sizes[0] if sizes else None)

@@ -165,7 +165,7 @@ class FileSrc(Source):
         self._add_pads()
         while True:
             with container:
-                yield from self._round(container)
+                yield from self._play_once(container)
             if not self.loop or self._end <= self._offset:
                 return
             self._offset = self._end
@@ -221,11 +221,11 @@ class FileSrc(Source):
 
     # One round through the file.
 
-    def _round(self, container: InputContainer) -> Iterator[Frame | tuple[str, Frame]]:
+    def _play_once(self, container: InputContainer) -> Iterator[Frame | tuple[str, Frame]]:
         """The frames of the linked pads; an error where none is shown, a warning where some are."""
         wanted = {kind for kind in self._kinds if self._is_linked(kind.value)}
-        is_plain = self._is_linked("src") or not wanted
-        streams = streams_of(container, wanted | ({StreamKind.VIDEO} if is_plain else set()))
+        uses_src_pad = self._is_linked("src") or not wanted
+        streams = streams_of(container, wanted | ({StreamKind.VIDEO} if uses_src_pad else set()))
         where, count, shown = self._where, 0, 0
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
@@ -236,7 +236,7 @@ class FileSrc(Source):
                 shown += frame.get(DecodeOnly) is None
                 if kind in wanted:
                     yield kind.value, frame
-                if kind is StreamKind.VIDEO and is_plain:
+                if kind is StreamKind.VIDEO and uses_src_pad:
                     yield frame
         except StreamError as error:
             if self.stopping.is_set():

@@ -8,11 +8,13 @@ from typing import Annotated
 
 import typer
 
-from streamkit_tracker.evaluation.boxes import LEAST_OVERLAP, without_distractors
+from streamkit import SHOWN_STATES, RecordFile, StreamError
+from streamkit_tracker.evaluation.boxes import LEAST_OVERLAP, Labelled, without_distractors
 from streamkit_tracker.evaluation.hota import score_hota
 from streamkit_tracker.evaluation.identities import score_identities
 from streamkit_tracker.evaluation.one_pass import one_pass
 from streamkit_tracker.evaluation.readers import (
+    Rows,
     frames_of,
     frames_with_boxes,
     is_one_target,
@@ -20,7 +22,9 @@ from streamkit_tracker.evaluation.readers import (
     read_boxes,
     read_classes,
     read_identities,
-    read_tracks,
+    read_tracked_boxes,
+    sides,
+    tracked_by_frame,
 )
 
 
@@ -38,14 +42,18 @@ def trackeval(
         ),
     ],
     overlap: Annotated[
-        float, typer.Option(min=0.01, max=1.0, help="Overlap from which a track matches a truth.")
-    ] = 0.5,
+        float, typer.Option(min=0.01, max=1.0, help="For MOTA and IDF1: the overlap that makes a match.")
+    ] = LEAST_OVERLAP,
     first_pixel: Annotated[
         float, typer.Option(help="Number of the first pixel in the truth: 1 as published, or 0.")
     ] = 1.0,
     frames: Annotated[
         str | None,
         typer.Option(help="FIRST:LAST, from 1; without it, from the truth's first frame to its last."),
+    ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option(min=1, help="Of JSON lines with several runs; without it, the last."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -54,13 +62,13 @@ def trackeval(
     Truth with classes (MOT16 and later) is scored for pedestrians; tracks of distractors are left out.
     """
     try:
-        wanted = None if frames is None else frame_range(frames)
+        limits = None if frames is None else frame_range(frames)
     except ValueError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from error
     try:
-        scores = score_files(tracks, truth, overlap, first_pixel, wanted)
-    except (ValueError, UnicodeDecodeError) as error:
+        scores = score_files(tracks, truth, overlap, first_pixel, limits, run)
+    except (ValueError, StreamError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
     if as_json:
@@ -85,47 +93,78 @@ def frame_range(text: str) -> tuple[int, int]:
     return first, last
 
 
+def read_run(tracks: Path, number: int | None = None) -> list[Labelled]:
+    """The tracks of one run for each frame from 1; tells on the standard error output which of several it is.
+
+    Args:
+        tracks: JSON lines from tracksink.
+        number: of the run, from 1; None is the last.
+
+    Raises:
+        ValueError: there is no such run.
+        StreamError: a line is no track record.
+    """
+    runs: list[Rows] = [{}]
+    records = RecordFile(tracks)
+    for run, record in records:
+        if run > len(runs):
+            runs.append({})
+        boxes = [(target.id, sides(target.bbox)) for target in record.tracks if target.state in SHOWN_STATES]
+        runs[-1].setdefault(record.seq + 1, []).extend(boxes)
+    if number is not None and number > len(runs):
+        raise ValueError(f"{tracks}: no run {number}, it has {len(runs)}")
+    chosen = number or len(runs)
+    if number is None and len(runs) > 1:
+        typer.echo(f"note: {tracks} has {len(runs)} runs, this is run {chosen}; see --run", err=True)
+    if records.is_cut_off:
+        typer.echo(f"note: the last line of {tracks} is only half written and left out", err=True)
+    return tracked_by_frame(tracks, runs[chosen - 1])
+
+
 def score_files(
     tracks: Path,
     truth: Path,
     overlap: float = LEAST_OVERLAP,
     first_pixel: float = 1.0,
     frames: tuple[int, int] | None = None,
-) -> dict[str, float]:
+    run: int | None = None,
+) -> dict[str, float | int]:
     """The scores of a file of tracks by their names; see `trackeval`.
 
     Raises:
         ValueError: a file is not what it should be.
+        StreamError: a line is no track record.
     """
-    found = read_tracks(tracks)
+    is_table = tracks.suffix in (".txt", ".csv")
+    found = read_tracked_boxes(tracks) if is_table else read_run(tracks, run)
     if is_one_target(truth):
         boxes = read_boxes(truth, first_pixel)
         first, last = frames or (1, len(boxes))
-        single = one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last])
+        scores = one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last])
         return {
-            "success": single.success,
-            "precision": single.precision,
-            "centre_error": single.centre_error,
-            "frames": single.frames,
+            "success": scores.success,
+            "precision": scores.precision,
+            "centre_error": scores.centre_error,
+            "frames": scores.frames,
         }
-    true = read_identities(truth, first_pixel)
-    first, last = frames or frames_with_boxes(true)
-    true, found = frames_of(true, first, last), frames_of(found, first, last)
-    if frames and not any(len(boxes.ids) for boxes in true):
+    targets = read_identities(truth, first_pixel)
+    first, last = frames or frames_with_boxes(targets)
+    targets, found = frames_of(targets, first, last), frames_of(found, first, last)
+    if frames and not any(len(boxes.ids) for boxes in targets):
         raise ValueError(f"--frames {first}:{last}: the truth has no box there; name frames that it covers")
     if classes := read_classes(truth, first_pixel):
         found = without_distractors(found, frames_of(classes, first, last))
-    many, higher_order = score_identities(true, found, overlap), score_hota(true, found)
+    identities, higher_order = score_identities(targets, found, overlap), score_hota(targets, found)
     return {
         "hota": higher_order.hota,
         "detection_accuracy": higher_order.detection,
         "association_accuracy": higher_order.association,
-        "mota": many.mota,
-        "idf1": many.idf1,
-        "switches": many.switches,
-        "misses": many.misses,
-        "false_alarms": many.false_alarms,
-        "truths": many.truths,
-        "overlap": many.overlap,
-        "frames": len(true),
+        "mota": identities.mota,
+        "idf1": identities.idf1,
+        "switches": identities.switches,
+        "misses": identities.misses,
+        "false_alarms": identities.false_alarms,
+        "truths": identities.truths,
+        "overlap": identities.overlap,
+        "frames": len(targets),
     }

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import csv
-import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +18,25 @@ MOT_USED = 6  # column that says whether a ground truth box counts
 MOT_CLASS, MOT_CLASS_COLUMNS = 7, 9  # of the layout from MOT16 on
 CORNER = 0.5  # a box begins half a pixel before the centre of its first pixel
 
-Rows = dict[int, list[tuple[int, list[float]]]]
+Rows = dict[int, list[tuple[int, list[float]]]]  # id and box, by the number of the frame
 
 
-def read_tracks(path: Path) -> list[Labelled]:
-    """Tracks for each frame from 1, as `tracksink` writes them: JSON lines, MOT Challenge text (.txt) or CSV.
+def read_tracked_boxes(path: Path) -> list[Labelled]:
+    """Tracks for each frame from 1, as `tracksink` writes them: MOT Challenge text (.txt) or CSV.
 
     Raises:
         ValueError: a line is none of them, or a frame has the same id twice.
     """
-    if path.suffix == ".txt":
-        found = _by_frame(_mot_rows(path, 1.0))
-    else:
-        found = _by_frame(_csv_rows(path) if path.suffix == ".csv" else _json_rows(path))
+    return tracked_by_frame(path, _mot_rows(path, 1.0) if path.suffix == ".txt" else _csv_rows(path))
+
+
+def tracked_by_frame(path: Path, rows: Rows) -> list[Labelled]:
+    """Tracks for each frame from 1, of the rows of a file.
+
+    Raises:
+        ValueError: a frame has the same id twice.
+    """
+    found = _by_frame(rows)
     for number, frame in enumerate(found, 1):
         ids, counts = np.unique(frame.ids, return_counts=True)
         if (counts > 1).any():
@@ -154,29 +159,12 @@ def _mot_row(place: str, numbers: list[float], first_pixel: float) -> tuple[int,
     return int(numbers[0]), int(numbers[1]), [left - shift, top - shift, width, height]
 
 
-def _json_rows(path: Path) -> Rows:
-    rows: Rows = {}
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        for number, line in enumerate(lines, 1):
-            try:
-                record = json.loads(line)
-                found = [
-                    (int(track["id"]), _sides(track["bbox"]))
-                    for track in record["tracks"]
-                    if track["state"] in SHOWN
-                ]
-                rows.setdefault(int(record["seq"]) + 1, []).extend(found)
-            except (ValueError, KeyError, TypeError) as error:
-                raise ValueError(f"{path}:{number}: not a record of tracks as tracksink writes it") from error
-    return rows
-
-
 def _csv_rows(path: Path) -> Rows:
     rows: Rows = {}
     with path.open(encoding="utf-8", errors="replace", newline="") as lines:
         for number, row in enumerate(csv.DictReader(lines), 2):
             try:
-                box = _sides([float(row[name]) for name in ("x0", "y0", "x1", "y1")])
+                box = sides([float(row[name]) for name in ("x0", "y0", "x1", "y1")])
                 if row["state"] in SHOWN:
                     rows.setdefault(int(row["seq"]) + 1, []).append((int(row["id"]), box))
             except (ValueError, KeyError, TypeError) as error:
@@ -184,7 +172,8 @@ def _csv_rows(path: Path) -> Rows:
     return rows
 
 
-def _sides(corners: list[float]) -> list[float]:
+def sides(corners: Sequence[float]) -> list[float]:
+    """Left, top, width and height of a box given by left, top, right and bottom."""
     left, top, right, bottom = corners
     return [left, top, right - left, bottom - top]
 

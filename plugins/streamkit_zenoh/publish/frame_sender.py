@@ -133,5 +133,5 @@ class FrameSender(MediaSender):
         image_format = settings.mosaic_format
         if self.stream.name != MOSAIC:
             image_format, image = settings.frame_format, scaled_to_width(image, settings.frame_width)
-        header = frame_header(frame, settings.key, self.utc_ns(), self.stream.drops.total(), image.shape)
+        header = frame_header(frame, settings.key, self.utc_ns(), self.stream.dropped, image.shape)
         return encode_image(image, image_format, settings.picture_quality), stamp.attachment(header)

@@ -42,7 +42,6 @@ class NumberedStream:
         name: of the stream.
         key: where it publishes.
         has_subscriber: whether there is a subscriber.
-        drops: messages not delivered, by reason.
     """
 
     def __init__(
@@ -59,7 +58,7 @@ class NumberedStream:
         self.key = f"{root}/{name}"
         self.encoding = zenoh.Encoding(content_type)
         self.has_subscriber = False
-        self.drops: Counter[str] = Counter()
+        self._drops: Counter[str] = Counter()
         self._run = run
         self._cut_off_s = cut_off_s
         self._next_number = self._settled_number = 0
@@ -119,7 +118,7 @@ class NumberedStream:
     def count_drop(self, reason: str, count: int) -> None:
         """Counts stamped messages that were not sent."""
         with self._lock:
-            self.drops[reason] += count
+            self._drops[reason] += count
 
     def add_receiver(self, name: str) -> None:
         """Stores the first number that a receiver is sent, whose subscription is known from now on."""
@@ -140,10 +139,16 @@ class NumberedStream:
             first_number=None if receiver is None else self._first_numbers.get(receiver),
         )
 
+    @property
+    def dropped(self) -> int:
+        """Number of messages not delivered."""
+        with self._lock:
+            return self._drops.total()
+
     def drop_counts(self) -> list[DropCount]:
         """Messages not delivered, by reason."""
         with self._lock:
-            drops = dict(self.drops)
+            drops = dict(self._drops)
         return [DropCount(stream=self.name, reason=reason, count=count) for reason, count in drops.items()]
 
     def close(self) -> None:

@@ -151,7 +151,7 @@ class Publication:
 
     def _give_way(self, reason: KeyInUse) -> None:
         """Ends this publisher at its next frame."""
-        self.records.fault = ResourceError(str(reason))
+        self.records.end_with(ResourceError(str(reason)))
         self._failed(reason)
 
     def _receiver_appeared(self, token: str) -> None:

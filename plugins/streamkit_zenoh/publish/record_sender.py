@@ -42,7 +42,6 @@ class RecordSender:
         publish_status: called in the thread once a second, and before the first record.
 
     Attributes:
-        fault: why a record could not be made; ends the stream.
         age_ms: from capture to publishing, of the last record sent.
         targets: number of targets in the last record sent.
         frames: frames received.
@@ -60,7 +59,7 @@ class RecordSender:
         failed: Callable[[Exception], None],
         publish_status: Callable[[], None],
     ) -> None:
-        self.fault: Exception | None = None
+        self._fault: Exception | None = None
         self.age_ms: float | None = None
         self.targets = 0
         self.frames = 0
@@ -88,31 +87,37 @@ class RecordSender:
             "zenoh records", self._not_sent, capacity=settings.max_queue, periodic=publish_status
         )
 
-    def submit(self, frame: Frame, cancelled: threading.Event) -> int:
-        """Queues a frame if there is a subscriber; returns how many were dropped from the queue.
+    def submit(self, frame: Frame, cancelled: threading.Event) -> None:
+        """Queues a frame if there is a subscriber; a full queue drops the oldest, after `patience_s`.
 
         Raises:
             ValueError: a track of an earlier frame is not finite.
             StreamError: the data of an earlier frame with record caps is no record.
+            ResourceError: another publisher has taken the key.
         """
-        if self.fault is not None:
-            self.raise_fault()
+        self.raise_fault()
         self.frames += 1
         self._last = item = Outgoing(without_pixels(frame), self._stream.stamp(), self._utc_ns())
         if not (self._stream.has_subscriber or self._has_track_subscriber):
             self._last_settled = item
             self._stream.settle(item.stamp)
-            return 0
-        return self.executor.submit_dropping(lambda: self._send(item), self._settings.patience_s, cancelled)
+            return
+        patience_s = self._settings.patience_s
+        if dropped := self.executor.submit_dropping(lambda: self._send(item), patience_s, cancelled):
+            self.count_lost(dropped, "queue full")
 
     @property
     def last_frame(self) -> Frame | None:
         """The last frame received, without pixels."""
         return None if self._last is None else self._last.frame
 
+    def end_with(self, fault: Exception) -> None:
+        """Ends the stream: the next frame raises this, or what was given before it."""
+        self._fault = self._fault or fault
+
     def raise_fault(self) -> None:
-        """Raises why a record could not be made, once."""
-        fault, self.fault = self.fault, None
+        """Raises why the stream must end, once: a record that could not be made, or a key that was taken."""
+        fault, self._fault = self._fault, None
         if fault is not None:
             raise fault
 
@@ -150,7 +155,7 @@ class RecordSender:
             record = self._record(item, self._utc_ns())
             payload = self._payload(item, record)
         except (ValueError, StreamError) as error:
-            self.fault = self.fault or error
+            self.end_with(error)
             return
         attachment = item.stamp.attachment()
         if not self._has_begun:

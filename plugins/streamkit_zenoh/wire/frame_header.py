@@ -70,6 +70,7 @@ class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         duration_ns: of the frame.
         motion: its registration.
         detections: None without a detector.
+        are_objects: whether each detection is one whole object: see `streamkit.Detections`.
         pose: the fields of `streamkit.Pose`.
     """
 
@@ -81,6 +82,7 @@ class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     duration_ns: int | None = None
     motion: MotionRecord | None = None
     detections: tuple[DetectionRecord, ...] | None = None
+    are_objects: bool = False
     pose: dict[str, Any] | None = None
 
 
@@ -100,6 +102,7 @@ def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, sha
         duration_ns=frame.duration,
         motion=None if registration is None else _motion(registration),
         detections=None if detections is None else _detections(detections),
+        are_objects=detections is not None and detections.are_objects,
         pose=None if pose is None else msgspec.to_builtins(pose),
     )
     return _ENCODER.encode(header)
@@ -145,7 +148,7 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
     if header.motion is not None:
         items.append(registration_of(header.motion))
     if header.detections is not None:
-        items.append(_as_detections(header.detections))
+        items.append(_as_detections(header.detections, header.are_objects))
     if header.pose is not None:
         items.append(msgspec.convert(header.pose, Pose))
     return scale_metadata(frame.attach(*items), scaling, scaling) if items else frame
@@ -174,7 +177,7 @@ def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
     )
 
 
-def _as_detections(rows: tuple[DetectionRecord, ...]) -> Detections:
+def _as_detections(rows: tuple[DetectionRecord, ...], are_objects: bool) -> Detections:
     labels = tuple(row.label or "" for row in rows)
     return Detections(
         centroids=np.array([row.centroid for row in rows], dtype=np.float64).reshape(-1, 2),
@@ -182,4 +185,5 @@ def _as_detections(rows: tuple[DetectionRecord, ...]) -> Detections:
         areas=np.array([row.area for row in rows], dtype=np.float64),
         scores=np.array([row.score for row in rows], dtype=np.float64),
         labels=labels if any(labels) else (),
+        are_objects=are_objects,
     )

@@ -1,5 +1,6 @@
 """The element, by hand and in real pipelines."""
 
+import dataclasses
 import re
 from types import ModuleType
 
@@ -20,6 +21,7 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
+from streamkit_tracker.element import observe
 
 
 def frame_of(seen, index: int, **changes) -> Frame:
@@ -43,6 +45,17 @@ def flight(scenes: ModuleType, frames: int = 25):
     """One car under a moving camera, every frame of it detected."""
     car = scenes.Car((120, 120), (80, 30), scenes.car_texture(np.random.default_rng(1)))
     return list(scenes.Flight([car], frames=frames, seed=1, miss=0.0, false_alarms=0))
+
+
+def test_labels_do_not_make_regions_of_motion_objects(scenes: ModuleType) -> None:
+    """A recogniser may label what framediff found; only the detector's own word makes them objects."""
+    frame = frame_of(flight(scenes, frames=1)[0], 0)
+    found = frame.get(Detections)
+    assert found is not None
+    labelled = frame.attach(dataclasses.replace(found, labels=("car",) * len(found)))
+    objects = frame.attach(dataclasses.replace(found, are_objects=True))
+    assert not observe(labelled, None).are_objects
+    assert observe(objects, None).are_objects
 
 
 def tracks_of(frames: list[Frame]):

@@ -198,6 +198,15 @@ def test_later_records_hold_the_number_of_drops(open_test_session: Opener, key: 
         assert [record.dropped for record in subscriber.records()] == [0, 3]
 
 
+def test_drops_of_every_stream_are_counted_while_the_pipeline_plays(key: str) -> None:
+    """Those of the senders' threads, too: statistics show them at once and not only at the end."""
+    with Harness("zenohsink", key=key, frame_rate=5.0) as harness:
+        harness.element._publication.media["frame"].count_lost(2, "replaced by a newer one")
+        harness.element._publication.records.count_lost(1, "not sent")
+        harness.push(_frame(0))
+        assert harness.element.drops == {"frame: replaced by a newer one": 2, "tracks: not sent": 1}
+
+
 def _many_tracks(count: int) -> Tracks:
     covariance = np.eye(2)
     return Tracks(

@@ -206,6 +206,11 @@ def test_an_unknown_type_gets_a_suggestion() -> None:
             "a/b, f={" + "[ 1, 2 ]," * 600 + "}",
             "lists that hold more than plain values have at most 256 members",
         ),
+        (
+            "a/b, "
+            + ", ".join(f'{name}=(structure)"s, f={{ {"[ 1, 2 ]," * 199}[ 1, 2 ] }}"' for name in "fg"),
+            "no structure: lists that hold more than plain values have at most 256 members",
+        ),
         ("a/b, f=" + "[s, f=" * 30, "values nest at most 16 deep"),
         ("a/b, f=" + "{ <" * 30, "values nest at most 16 deep"),
     ],

