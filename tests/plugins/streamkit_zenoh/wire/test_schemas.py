@@ -17,7 +17,8 @@ FIELDS = {
     "DetectionRecord": "centroid bbox area score label?",
     "DropCount": "stream reason count",
     "FrameHeader": (
-        "schema record format picture_width picture_height duration_ns? motion? detections? are_objects? pose?"
+        "schema record format picture_width picture_height duration_ns? motion? detections? are_objects? "
+        "pose?"
     ),
     "GeoRecord": "lat lon error_m?",
     "LiveProperty": "element factory property type value? choices? minimum? maximum? unit? doc?",
