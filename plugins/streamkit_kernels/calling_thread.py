@@ -19,24 +19,25 @@ FEWEST_ROWS = 8
 Real = TypeVar("Real", np.float32, np.float64)
 
 
-def product(left: NDArray[Real], right: NDArray[Real], out: NDArray[Real] | None = None) -> NDArray[Real]:
+def product(left: NDArray[Real], right: NDArray[Real]) -> NDArray[Real]:
     """The product left @ right in blocks too small for BLAS to use other threads.
 
     Args:
         left: float32 or float64[..., n, p].
         right: of the same type[..., p, k], its leading axes broadcast against those of `left`.
-        out: of the same type[..., n, k] to write to, or None for a new array.
+
+    Returns:
+        Of the same type[..., n, k].
     """
     count, inner, columns = left.shape[-2], left.shape[-1], right.shape[-1]
-    if out is None:
-        lead: tuple[int, ...] = ()
-        if not left.ndim == right.ndim == 2:
-            lead = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
-        out = np.empty((*lead, count, columns), left.dtype)
+    lead: tuple[int, ...] = ()
+    if not left.ndim == right.ndim == 2:
+        lead = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
+    out = np.empty((*lead, count, columns), left.dtype)
     depth = LARGEST_PRODUCT // max(count * columns, 1)
     if depth >= inner:
-        whole: NDArray[Real] = np.matmul(left, right, out=out)
-        return whole
+        np.matmul(left, right, out=out)
+        return out
     block = max(1, LARGEST_PRODUCT // max(inner * columns, 1))
     if depth >= SHORTEST_SUM and block < FEWEST_ROWS:
         # Long sums over few columns: splitting the sum reads `right` once, splitting rows once per block.

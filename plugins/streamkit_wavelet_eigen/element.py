@@ -35,15 +35,21 @@ from streamkit_wavelet_eigen.recipe import PRESETS
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import cut_windows, parse_window, rotated_boxes
 
-# Kind, ids int64[n] and rotated boxes float64[n, 5] of the targets of a frame, as in TargetFeatures.
-Targets = tuple[str, NDArray[np.int64], NDArray[np.float64]]
-
 
 class TargetSource(StrEnum):
     """What windows are cut around."""
 
     DETECTIONS = "detections"
     TRACKS = "tracks"
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Targets:
+    """What windows are cut around in a frame; see `TargetFeatures`."""
+
+    kind: str
+    ids: NDArray[np.int64]
+    boxes: NDArray[np.float64]
 
 
 class Preset(StrEnum):
@@ -140,8 +146,7 @@ class WaveletEigen(Transform):
         return frame if space is None else frame.attach_as(FeatureSpace, space)
 
     def _with_features(self, frame: Frame, targets: Targets, appearance: AppearanceModel) -> Frame:
-        kind, ids, boxes = targets
-        windows = cut_windows(luma(frame), boxes, appearance.settings.recipe.patch, self.margin)
+        windows = cut_windows(luma(frame), targets.boxes, appearance.settings.recipe.patch, self.margin)
         self._counts.update(
             windows=len(windows.flat),
             flat=int(np.count_nonzero(windows.flat)),
@@ -159,12 +164,12 @@ class WaveletEigen(Transform):
             names = zip(matches.labels, margins >= self.min_margin, strict=True)
             labels = tuple(name if is_certain else "" for name, is_certain in names)
         details = TargetFeatures(
-            kind, ids, boxes, appearance.space.version,
+            targets.kind, targets.ids, targets.boxes, appearance.space.version,
             windows.flat, windows.clipped, windows.tiny,
             projection.errors, projection.energy, labels, distances, margins,
         )  # fmt: skip
         detections = frame.get(Detections)
-        if labels and kind == "detections" and detections is not None:
+        if labels and targets.kind == TargetSource.DETECTIONS and detections is not None:
             frame = frame.attach(dataclasses.replace(detections, labels=labels))
         return frame.attach(Features(projection.vectors), details)
 
@@ -196,19 +201,19 @@ class WaveletEigen(Transform):
     def _targets_of(self, frame: Frame) -> Targets | None:
         """The fixed window, or the frame's tracks or detections; None without any."""
         if self._window is not None:
-            return "window", np.zeros(1, np.int64), self._window
+            return Targets("window", np.zeros(1, np.int64), self._window)
         if self.targets is TargetSource.TRACKS:
             tracks = frame.get(Tracks)
             if tracks is None or not tracks.tracks:
                 return None
             rows = [(one.x, one.y, one.length, one.width, one.angle) for one in tracks.tracks]
             ids = np.array([one.id for one in tracks.tracks], np.int64)
-            return "tracks", ids, np.array(rows, np.float64)
+            return Targets(TargetSource.TRACKS.value, ids, np.array(rows, np.float64))
         detections = frame.get(Detections)
         if detections is None or not len(detections):
             return None
         boxes = rotated_boxes(detections.centroids, detections.boxes)
-        return "detections", np.arange(len(boxes)), boxes
+        return Targets(TargetSource.DETECTIONS.value, np.arange(len(boxes)), boxes)
 
     def _save(self) -> None:
         appearance = self._appearance

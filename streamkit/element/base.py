@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from streamkit.flow.frame import Frame
 
 log = logging.getLogger("streamkit")
-AT_WORK, IDLE = b"10"
+AT_WORK, IDLE = ord("1"), ord("0")
 POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
 
 

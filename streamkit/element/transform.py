@@ -107,9 +107,9 @@ class Transform(Element):
         with self.calling("drain"):
             for item in self.drain():
                 if isinstance(item, tuple):
-                    self.push_aside(*item)
+                    self.push_to_side_pad(*item)
                 else:
-                    self.src_pad.push(self.with_src_caps(item))
+                    self.src_pad.push(self.announce_src_caps(item))
         for pad in list(self.src_pads()):
             pad.is_eos = True
 
@@ -118,7 +118,7 @@ class Transform(Element):
         main = self.src_pad
         return [pad for pad in self.src_pads() if pad is not main and pad.peer is not None]
 
-    def push_aside(self, name: str, frame: Frame) -> None:
+    def push_to_side_pad(self, name: str, frame: Frame) -> None:
         """Sends a frame through another src pad, after its caps if they are new.
 
         The frame is lost if the pad is not linked or its branch has ended.
@@ -154,7 +154,7 @@ class Transform(Element):
         with self.guarded():
             self.configure(sink_caps, src_caps)
 
-    def with_src_caps(self, frame: Frame) -> Frame:
+    def announce_src_caps(self, frame: Frame) -> Frame:
         """Sends the caps of an output frame if they changed; returns the frame with the src pad's caps."""
         pad = self.pads["src"]
         caps = frame.caps

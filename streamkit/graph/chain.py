@@ -33,12 +33,14 @@ class Stage:
         src_pad: the pad `src` of a transform, else None.
         call: called with each frame; returns the output of a transform.
         is_terminal: whether the chain ends here.
-        swallowed: frames for which a transform did not return exactly one frame.
+        not_passed_on: frames for which a transform returned none or several; its own src pads push several.
         busy_ns: time spent in `call`, and in iterating over its result, ns.
         newest_ns: arrival time of the newest frame, or 0.
     """
 
-    __slots__ = ("busy_ns", "call", "element", "is_terminal", "newest_ns", "sink", "src_pad", "swallowed")
+    __slots__ = (
+        "busy_ns", "call", "element", "is_terminal", "newest_ns", "not_passed_on", "sink", "src_pad",
+    )  # fmt: skip
 
     def __init__(self, sink: Pad) -> None:
         self.element: Any = sink.element
@@ -47,11 +49,14 @@ class Stage:
         self.is_terminal = transform is None
         self.src_pad: Any = transform.src_pad if transform else None
         self.call: Callable[[Frame], Any] = transform.transform if transform else sink.element.receiver(sink)
-        self.swallowed = self.busy_ns = self.newest_ns = 0
+        self.not_passed_on = self.busy_ns = self.newest_ns = 0
 
 
 class Chain:
     """The elements downstream of a src pad, up to the first one that is not a transform.
+
+    A transform that returns several frames pushes them by its own src pads, each with a chain of its own: the
+    elements behind it are then in two chains, and each frame goes through one of them.
 
     Attributes:
         src: the pad that pushes into the chain.
@@ -92,6 +97,7 @@ class Chain:
         try:
             for stage in self._called:
                 element = stage.element
+                # Element.enter and leave, and isinstance, written out: this runs for every element and frame.
                 element.activity = ("frame", before, frame)
                 element.at_work[0] = AT_WORK
                 if stage.is_terminal and frame.pts.__class__ not in PLAIN_TIMES:
@@ -111,7 +117,7 @@ class Chain:
                     check_layout(result)
                     frame = result
                     if frame.caps is not stage.src_pad.caps:
-                        frame = stage.element.with_src_caps(frame)
+                        frame = stage.element.announce_src_caps(frame)
             if stage is None or not stage.is_terminal:
                 self._end.not_linked(frame)
         except (FlowStop, ElementFailure, NotNegotiated):
@@ -136,7 +142,7 @@ class Chain:
         count = self.frames
         for stage in self.stages:
             rows.append((stage, count))
-            count -= stage.swallowed
+            count -= stage.not_passed_on
         return rows
 
     @property
@@ -146,7 +152,7 @@ class Chain:
 
     def _push_each(self, stage: Stage, results: Any) -> None:
         """Pushes the frames of a transform that returned None or several to its own src pads."""
-        stage.swallowed += 1
+        stage.not_passed_on += 1
         if results is None:
             return
         element, kind = stage.element, type(results).__name__
@@ -160,9 +166,9 @@ class Chain:
                 )
             check_layout(frame)
             if name in ("", "src"):
-                element.src_pad.push(element.with_src_caps(frame))
+                element.src_pad.push(element.announce_src_caps(frame))
             else:
-                element.push_aside(name, frame)
+                element.push_to_side_pad(name, frame)
             element.enter("frame", time.perf_counter_ns(), frame)
 
 

@@ -19,6 +19,7 @@ from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
 from streamkit.graph.chain import Chain, RetiredChainTotals
 from streamkit.graph.graph import Graph
+from streamkit.graph.streaming import Streaming
 from streamkit.handoff.frame_queue import FrameQueue
 from streamkit.masking import mask_secrets
 
@@ -168,7 +169,7 @@ class _ChainTotals:
             self.frames[stage.sink] += count
             self.busy_ns[element] += stage.busy_ns
             if isinstance(element, Transform):
-                self._count_output(element.src_pad, count - stage.swallowed)
+                self._count_output(element.src_pad, count - stage.not_passed_on)
         self._update_newest(chain.src.element, newest_ns)
 
     def _count_output(self, pad: Pad, count: int) -> None:
@@ -183,7 +184,7 @@ class _ChainTotals:
         if isinstance(owner, Source):
             made_ns = 0 if owner.is_live else behind[0].upstream_ns
             self.busy_ns[owner] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
-        elif not isinstance(owner, Transform) and not hasattr(owner, "stream"):  # without its own thread
+        elif not isinstance(owner, Transform) and not isinstance(owner, Streaming):  # without its own thread
             called_ns = self._retired.busy_ns[owner]
             self.busy_ns[owner] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
 

@@ -20,19 +20,22 @@ REFUSALS = {
     "broken_subtitles": "of which times or position cannot be read",
 }
 ENOUGH_FRAMES = 10  # to speak of a rate
+NO_TIMES = "a bare stream has no times"
 
 
-def stream_checks(seen: Seen, *, is_live: bool, transport: str) -> list[Check]:
-    """All checks of a stream that gave packets."""
+def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = False) -> list[Check]:
+    """All checks of a stream that gave packets; an RTSP server sends the times of capture."""
     found = measure(seen.packets)
     decoded = try_decoding(seen.kept)
     checks = [_format_check(seen, transport), _decoding_check(decoded, found.rate if is_live else None)]
     if found.packets == 1 and not is_live:
-        return [*checks, _check("length", False, "one frame"), _telemetry_check(seen)]
+        return [*checks, _check("length", False, "one frame"), _telemetry_check(seen, is_live=False)]
     checks += [_rate_check(seen, found), _keyframe_check(found, is_live)]
     if is_live:
-        checks += [_jitter_check(found), _clock_check(seen)]
-    return [*checks, _loss_check(found), _telemetry_check(seen)]
+        checks.append(_jitter_check(found))
+    if is_rtsp:
+        checks.append(_clock_check(seen))
+    return [*checks, _loss_check(found), _telemetry_check(seen, is_live=is_live)]
 
 
 def _check(name: str, is_good: bool, text: str, facts: dict[str, Any] | None = None) -> Check:
@@ -74,6 +77,8 @@ def _rate_check(seen: Seen, found: Measured) -> Check:
     rate = seen.kept[0].caps.get("framerate")
     declared = float(rate) if isinstance(rate, int | Fraction) else None
     facts = {"declared": declared, "measured": found.rate, "bit_rate": found.bit_rate}
+    if not found.has_times:
+        return _check("frame rate", False, f"{NO_TIMES}; decode gives them at {declared or 25:g}/s", facts)
     if found.rate is None:
         return _check("frame rate", False, "too few frames to measure it", facts)
     text = f"{found.rate:.2f}/s measured"
@@ -88,7 +93,9 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
     interval = found.keyframe_interval_s
     facts = {"interval_s": interval, "seen": found.keyframes}
     is_good = not is_live or (interval is not None and interval <= LONG_KEYFRAME_INTERVAL_S)
-    if not found.keyframes and not is_live:
+    if found.keyframes and not found.has_times:
+        is_good, text = True, f"{found.keyframes} in {found.packets} packets"
+    elif not found.keyframes and not is_live:
         is_good, text = False, f"none in {found.packets} packets: nothing can be decoded whole"
     elif interval is None:
         text = (
@@ -112,6 +119,8 @@ def _jitter_check(found: Measured) -> Check:
 def _loss_check(found: Measured) -> Check:
     share = f"{found.missing} of {found.packets + found.missing} frames are missing"
     text = share if found.missing else f"none of {found.packets} frames is missing"
+    if not found.has_times:
+        return _check("loss", True, f"{found.packets} frames; without times a missing one is not seen")
     return _check("loss", not found.missing, text, {"missing": found.missing, "received": found.packets})
 
 
@@ -122,7 +131,7 @@ def _clock_check(seen: Seen) -> Check:
     return _check("clock", is_good, reports if is_good else arrival, dict(seen.origins))
 
 
-def _telemetry_check(seen: Seen) -> Check:
+def _telemetry_check(seen: Seen, *, is_live: bool) -> Check:
     pad, counts = seen.best_telemetry
     if photograph := seen.photograph:
         latitude, longitude = photograph.pose[:2]
@@ -140,5 +149,6 @@ def _telemetry_check(seen: Seen) -> Check:
         text = f"{counts['skipped_bytes']} bytes of KLV, but no packet of ST 0601 or EG 0104"
     else:
         text = "none inside"
-        text += "; posesync location=FILE.SRT reads it from a file" if len(seen.packets) > 1 else ""
+        is_video = not is_live and len(seen.packets) > 1
+        text += "; posesync location=FILE.SRT reads it from a file" if is_video else ""
     return _check("telemetry", bool(counts["poses"]) and not refused, text, counts)

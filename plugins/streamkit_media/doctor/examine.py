@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
@@ -52,13 +53,13 @@ def _examine_live(
     where = mask_secrets(location)
     report_step(f"connecting to {where}, {timeout_s:g} s at most")
     scheme = location.partition("://")[0].lower()
-    factory, properties = "livesrc", {"location": location, "reconnect": "never", "timeout_s": timeout_s}
-    checks = list[Check]()
-    if scheme in RTSP_SCHEMES:
-        factory, properties["transport"] = "rtspsrc", transport
+    is_rtsp, checks = scheme in RTSP_SCHEMES, list[Check]()
+    properties: dict[str, Any] = {"reconnect": "never", "timeout_s": timeout_s}
+    if is_rtsp:
+        factory, properties = "rtspsrc", {**properties, "location": location, "transport": transport}
         checks = _reach(location, timeout_s)
     else:
-        transport = scheme
+        factory, properties, transport = "livesrc", {**properties, "uri": location}, scheme
     if any(check.verdict is Verdict.BAD for check in checks):
         return _reported(where, checks)
     report_step(f"watching {where} for {seconds:g} s")
@@ -66,7 +67,7 @@ def _examine_live(
     if not seen.packets:
         checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
         return _reported(where, checks)
-    checks += stream_checks(seen, is_live=True, transport=transport)
+    checks += stream_checks(seen, is_live=True, transport=transport, is_rtsp=is_rtsp)
     return _reported(where, checks, _live_line(location, properties, seen))
 
 
@@ -138,24 +139,47 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         return _telemetry_file(location, checks, seen.error)
     checks += stream_checks(seen, is_live=False, transport="")
     if len(seen.packets) == 1:
-        return _reported(where, checks, _photograph_line(location))
+        return _reported(where, checks, _one_frame_line(location, seen))
     pose, klv = _pose_parts(seen)
+    if not pose and (sidecar := telemetry_beside(location)) is not None:
+        checks[-1] = Check(
+            "telemetry", Verdict.GOOD, f"none inside; {sidecar.name} beside it has the positions"
+        )
+        pose = f" ! posesync location={in_description(str(sidecar))}"
     source = f"filesrc name=s location={mask_secrets(in_description(location))}"
     tracks = f"tracksink location=tracks.jsonl if-exists=fail{klv}"
     return _reported(where, checks, f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! {tracks}"')
 
 
-def _photograph_line(location: str) -> str:
-    """A mosaic of the photographs that follow the one of a number; without a number, the frame alone."""
+def telemetry_beside(location: str) -> Path | None:
+    """The subtitle file with DJI telemetry that has the video's name, as the drone stores it."""
+    if is_network(location):
+        return None
+    path = local_path(location)
+    for suffix in (".SRT", ".srt"):
+        with suppress(OSError, ValueError), closing(TelemetryFile(path.with_suffix(suffix))) as file:
+            if file.next() is not None:
+                return path.with_suffix(suffix)
+    return None
+
+
+def _one_frame_line(location: str, seen: Seen) -> str:
+    """A mosaic of a photograph and those with the next numbers; without them, the frame alone."""
     path = local_path(location)
     number = re.search(r"\d{2,}(?!.*\d)", path.stem)
-    if is_network(location) or number is None or "%" in location:
+    is_photograph = seen.kept[0].caps.name.startswith("image/") and not is_network(location)
+    if not is_photograph or number is None or "%" in location or not _has_next(path, number):
         shown = mask_secrets(in_description(location))
         return f'streamkit launch "filesrc location={shown} ! decode ! fakesink"'
     digits = number.group()
     name = f"{path.stem[: number.start()]}%0{len(digits)}d{path.stem[number.end() :]}{path.suffix}"
     source = f"multifilesrc location={in_description(str(path.with_name(name)))} start-index={int(digits)}"
     return f'streamkit launch "{source} ! decode ! stitch location=mosaic-%d.png ! fakesink"'
+
+
+def _has_next(path: Path, number: re.Match[str]) -> bool:
+    following = f"{int(number.group()) + 1:0{len(number.group())}d}"
+    return path.with_stem(f"{path.stem[: number.start()]}{following}{path.stem[number.end() :]}").exists()
 
 
 def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:

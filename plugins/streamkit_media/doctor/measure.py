@@ -50,7 +50,8 @@ class Measured:
         rate: frames per second, by the times of the packets.
         bit_rate: bit/s.
         keyframe_interval_s: longest time from key frame to key frame.
-        keyframes: seen.
+        keyframes: seen, with a time or without.
+        has_times: whether packets have times; a bare stream has none.
         jitter_ms: how unevenly packets arrive, as RFC 3550 counts it.
         missing: frames that the times say should be there.
         is_variable: whether the distances of frames vary by more than a tenth.
@@ -61,6 +62,7 @@ class Measured:
     bit_rate: float | None
     keyframe_interval_s: float | None
     keyframes: int
+    has_times: bool
     jitter_ms: float | None
     missing: int
     is_variable: bool
@@ -84,7 +86,8 @@ def measure(packets: Sequence[PacketFacts]) -> Measured:
         len(steps) * SECOND_NS / length if length else None,
         sum(packet.size for packet in packets) * 8 * SECOND_NS / length if length else None,
         max(distances) / SECOND_NS if distances else None,
-        len(keyframe_times),
+        sum(packet.is_keyframe for packet in packets),
+        bool(times),
         _jitter_ms(packets[SETTLING_PACKETS:]),
         missing,
         variable,

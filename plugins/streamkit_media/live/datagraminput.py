@@ -85,7 +85,7 @@ class DatagramInput:
             Silence: nothing has come within the limit.
         """
         if self._failure is not None:
-            raise self._failure  # FFmpeg reads on after an error
+            return b""  # FFmpeg reads on after an error, and PyAV has kept the first to raise it
         try:
             held = self._held or self._next()
         except Silence as failure:

@@ -212,3 +212,40 @@ def test_a_frame_without_a_number(streamkit_data: Path) -> None:
     report = examine(str(streamkit_data / "mosaic" / "aerial_cc0.jpg"), 1, 5, "tcp")
     assert verdicts(report)["telemetry"] == "note"
     assert report.pipeline.endswith('aerial_cc0.jpg ! decode ! fakesink"')
+
+
+def test_a_video_of_one_frame_is_no_photograph(make_video: Callable[..., Path]) -> None:
+    """Even with a number in its name it gets no line that counts on from it."""
+    video = make_video("DJI_0420.mp4", count=1)
+    assert examine(str(video), 1, 5, "tcp").pipeline.endswith('DJI_0420.mp4 ! decode ! fakesink"')
+
+
+def test_a_bare_stream(streamkit_data: Path) -> None:
+    """It has key frames and no times."""
+    path = streamkit_data / "odd_media" / "corpus" / "h264" / "MIDR_MW_D.264"
+    checks = {check.name: check for check in examine(str(path), 1, 5, "tcp").checks}
+    assert "no times" in checks["frame rate"].text
+    assert checks["key frames"].facts["seen"] == 2
+    assert (checks["key frames"].verdict, checks["loss"].facts) == (Verdict.GOOD, {})
+
+
+def test_telemetry_beside_the_video(small_video: Path, streamkit_data: Path, tmp_path: Path) -> None:
+    """The subtitle file of the same name is found and used."""
+    video = tmp_path / "DJI_0001.mp4"
+    video.write_bytes(small_video.read_bytes())
+    good = streamkit_data / "telemetry" / "dji" / "mavic_pro.SRT"
+    video.with_suffix(".SRT").write_bytes(good.read_bytes())
+    report = examine(str(video), 1, 5, "tcp")
+    assert verdicts(report)["telemetry"] == "good"
+    assert f"posesync location={video.with_suffix('.SRT')} !" in report.pipeline
+
+
+def test_a_silent_port_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    """Neither PyAV's own traces nor warnings about our own properties."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+    report = examine(f"udp://127.0.0.1:{port}", 1, 0.3, "tcp")
+    assert verdicts(report) == {"stream": "bad"}
+    assert "no video within 0.3 s" in report.as_text()
+    assert capfd.readouterr() == ("", "")
