@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import socket
+import struct
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
 from typing import Any
@@ -133,10 +135,13 @@ class ViewServer:
             self._abort(websocket)
 
     def _abort(self, websocket: WebSocket) -> None:
-        """Drops the connection: a close would wait for the page to read what is under way."""
+        """Resets the connection: a close, and the kernel too, would wait for the page to read."""
         client = None if websocket.client is None else tuple(websocket.client)
         for connection in list(self._server.server_state.connections):
             if getattr(connection, "client", None) == client and connection.transport is not None:
+                resetting = struct.pack("ii", 1, 0)  # on, and no time for what is under way
+                socket_of_page = connection.transport.get_extra_info("socket")
+                socket_of_page.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, resetting)
                 connection.transport.abort()
 
 
