@@ -1,5 +1,7 @@
 """The public names and their homes; `__init__.py` reads them from here, so that each is written once."""
 
+from streamkit.cli.display import JsonDisplay as JsonDisplay
+from streamkit.cli.run import Run as Run
 from streamkit.element.base import Element as Element
 from streamkit.element.branching import Combine as Combine
 from streamkit.element.branching import Split as Split
@@ -84,5 +86,7 @@ from streamkit.reader import SourceChoice as SourceChoice
 from streamkit.reader import VideoReader as VideoReader
 from streamkit.reader import choose_source as choose_source
 from streamkit.reader import open as open
+from streamkit.service.endpoint import MetricsEndpoint as MetricsEndpoint
+from streamkit.service.monitor import Monitor as Monitor
 
 __all__: list[str]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -14,12 +16,13 @@ NAMESPACE = "streamkit"
 
 
 @contextmanager
-def connected(address: str | None, *, cores: int | None = None) -> Iterator[None]:
+def connected(address: str | None, *, cores: int | None = None, wait_s: float = 0.0) -> Iterator[None]:
     """Context with a connection to Ray: the one there is, a cluster's, or a local one that ends with it.
 
     Args:
         address: HOST:PORT of a cluster, "auto" for the one on this machine, None for a Ray of this process.
         cores: of a local Ray; None is all.
+        wait_s: how long to wait for a cluster that starts, s.
 
     Raises:
         ResourceError: Ray is missing, or the cluster does not answer.
@@ -34,6 +37,9 @@ def connected(address: str | None, *, cores: int | None = None) -> Iterator[None
     if ray.is_initialized():
         yield
         return
+    deadline_s = time.monotonic() + wait_s
+    while address is not None and not _listens(address) and time.monotonic() < deadline_s:
+        time.sleep(0.1)
     try:
         if address is None:
             ray.init(
@@ -48,6 +54,16 @@ def connected(address: str | None, *, cores: int | None = None) -> Iterator[None
         yield
     finally:
         ray.shutdown()
+
+
+def _listens(address: str) -> bool:
+    """Whether something takes connections at HOST:PORT."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=1.0).close()
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def cluster_cores() -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from itertools import accumulate
 
@@ -16,7 +15,6 @@ from prometheus_client.core import (
 
 from streamkit.graph.statistics import ElementStatistics
 from streamkit.service.monitor import AGE_BOUNDS_S, Monitor
-from streamkit.service.supervisor import RESTARTS_VARIABLE
 
 ELEMENT = ("element", "factory")
 RESULTS = "Things an element has made, such as confirmed tracks or files."
@@ -35,7 +33,7 @@ class PipelineCollector:
         yield _gauge("pipeline_healthy", "1 if /healthz says so.", not self._monitor.sickness())
         yield _gauge("pipeline_ready", "1 if /readyz says so.", not self._monitor.missing())
         restarts = CounterMetricFamily("streamkit_pipeline_restarts", "Restarts by a supervisor.")
-        restarts.add_metric((), float(os.environ.get(RESTARTS_VARIABLE) or 0))
+        restarts.add_metric((), self._monitor.pipeline_restarts)
         yield restarts
         yield from _elements(rows)
         yield from _queues(rows)

@@ -13,6 +13,7 @@ from contextlib import suppress
 from streamkit.flow.messages import Message
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.queries import State
+from streamkit.service.supervisor import RESTARTS_VARIABLE
 
 SILENCE_LIMIT_S = 10.0  # without a beat of the main loop, which has five a second
 AGE_BOUNDS_S = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
@@ -24,6 +25,7 @@ class Monitor:
 
     Attributes:
         pipeline: the pipeline.
+        pipeline_restarts: of the whole pipeline, by what supervises it.
         reconnects: connections made again, by element.
         restarts: processes of bins started again, by element.
         samples_ages: whether `beat` samples the age of the newest frame at each sink.
@@ -32,7 +34,7 @@ class Monitor:
 
     Args:
         pipeline: the pipeline.
-        variables: environment with systemd's `NOTIFY_SOCKET` and `WATCHDOG_USEC`.
+        variables: environment with systemd's `NOTIFY_SOCKET` and `WATCHDOG_USEC`, and the number of restarts.
         now_s: the clock.
     """
 
@@ -43,6 +45,7 @@ class Monitor:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.pipeline = pipeline
+        self.pipeline_restarts = int(variables.get(RESTARTS_VARIABLE) or 0)
         self.reconnects: Counter[str] = Counter()
         self.restarts: Counter[str] = Counter()
         self.samples_ages = False

@@ -17,7 +17,7 @@ BINARY = Path(sys.executable).with_name("streamkit")
 LIMIT_S = 60.0  # of a command, on an idle machine
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(300)
 def test_the_page_can_be_followed(tmp_path: Path) -> None:
     """A listing that opens with `# NAME` is a file; every call of streamkit ends with code 0."""
     ran = 0

@@ -1,0 +1,142 @@
+"""`streamkit fleet`: runs many feeds on Ray, on one machine or a cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from streamkit import StreamkitError
+from streamkit.masking import presentable
+
+START_LIMIT_S = 60.0  # of a Ray that `up` has just started
+
+fleet = typer.Typer(help="Runs many feeds on Ray, on one machine or a cluster.", no_args_is_help=True)
+
+TableArgument = Annotated[Path, typer.Argument(help="The table of feeds.", exists=True, dir_okay=False)]
+AddressOption = Annotated[
+    str | None,
+    typer.Option(envvar="RAY_ADDRESS", help="HOST:PORT of a Ray cluster; else this machine's."),
+]
+
+WaitOption = Annotated[float, typer.Option(min=0.0, help="How long to wait until all feeds are ready, s.")]
+
+
+@contextmanager
+def _connected(address: str | None) -> Iterator[None]:
+    """Context with the connection to the fleet; turns errors into exit code 1."""
+    try:
+        from streamkit_fleet import local_ray
+        from streamkit_fleet.cluster import connected
+
+        local = None if address else local_ray.known()
+        if not address and local is None:
+            raise typer.BadParameter("no fleet runs on this machine; start one with `streamkit fleet up`")
+        if local is not None:
+            local_ray.use_token()
+        with connected(address or (local.address if local else None), wait_s=START_LIMIT_S if local else 0.0):
+            yield
+    except StreamkitError as error:
+        typer.echo(f"error: {presentable(str(error))}", err=True)
+        raise typer.Exit(1) from None
+
+
+@fleet.command()
+def up(
+    table: TableArgument,
+    address: AddressOption = None,
+    cores: Annotated[int | None, typer.Option(min=1, help="Of this machine; by default all.")] = None,
+    wait_s: WaitOption = 30.0,
+) -> None:
+    """Starts the feeds of a table; without --address on a Ray of this machine, started if there is none."""
+    if not address:
+        from streamkit_fleet import local_ray
+
+        try:
+            if local_ray.known() is None:
+                local_ray.start(cores)
+        except StreamkitError as error:
+            typer.echo(f"error: {presentable(str(error))}", err=True)
+            raise typer.Exit(1) from None
+    apply(table, address, wait_s)
+
+
+@fleet.command()
+def apply(table: TableArgument, address: AddressOption = None, wait_s: WaitOption = 30.0) -> None:
+    """Starts, stops and replaces feeds until what runs is what the table says; others go on undisturbed."""
+    with _connected(address):
+        from streamkit_fleet import control
+        from streamkit_fleet.feeds import read_feeds
+
+        for name, what in sorted(control.apply(read_feeds(table)).items()):
+            typer.echo(f"{what:9} {name}")
+        for line in control.wait_ready(wait_s):
+            typer.echo(f"note: {presentable(line)}", err=True)
+
+
+@fleet.command()
+def status(
+    address: AddressOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each feed.")] = False,
+) -> None:
+    """Lists the feeds: state, machine, frames, drops, restarts. Exit code 1 if one is not ready."""
+    with _connected(address):
+        import msgspec
+        from rich.console import Console
+        from rich.table import Table
+
+        from streamkit_fleet import control
+
+        found = control.statuses()
+    if as_json:
+        for row in found:
+            typer.echo(msgspec.json.encode(row).decode())
+    else:
+        columns = ("feed", "state", "node", "frames", "dropped", "restarts", "metrics", "missing")
+        grid = Table(*columns, box=None)
+        for row in found:
+            counts = (row.frames, row.dropped, row.restarts)
+            grid.add_row(row.name, row.state, row.node[:8], *map(str, counts), row.metrics, row.reason)
+        Console(width=None if os.isatty(1) else 200).print(grid)
+    raise typer.Exit(int(not all(row.ready or row.state == "ended" for row in found)))
+
+
+@fleet.command()
+def logs(name: Annotated[str, typer.Argument(help="Of the feed.")], address: AddressOption = None) -> None:
+    """Prints the newest lines of a feed's process."""
+    with _connected(address):
+        from streamkit_fleet import control
+
+        for line in control.logs(name):
+            typer.echo(line)
+
+
+@fleet.command()
+def drain(
+    node: Annotated[str, typer.Argument(help="The beginning of its id, as status shows it.")],
+    table: TableArgument,
+    address: AddressOption = None,
+) -> None:
+    """Moves the feeds of a machine to others, before it is switched off."""
+    with _connected(address):
+        from streamkit_fleet import control
+        from streamkit_fleet.feeds import read_feeds
+
+        for name in control.drain(node, read_feeds(table)):
+            typer.echo(f"moved     {name}")
+
+
+@fleet.command()
+def down(address: AddressOption = None) -> None:
+    """Ends every feed, and the Ray that `up` has started."""
+    with _connected(address):
+        from streamkit_fleet import control, local_ray
+
+        control.stop(control.running())
+    local = None if address else local_ray.known()
+    if local is not None:
+        local_ray.end(local)

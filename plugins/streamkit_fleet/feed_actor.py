@@ -1,0 +1,154 @@
+"""FeedActor: runs the pipeline of a feed in a process that Ray places and restarts."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+
+import msgspec
+import ray
+from typing_extensions import override
+
+from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, Run, StreamkitError
+from streamkit.masking import mask_secrets, presentable
+from streamkit_fleet.feeds import FeedSpec
+
+LOG_LINES = 1000
+FIRST_DELAY_S, LONGEST_DELAY_S = 1.0, 60.0
+SOUND_S = 60.0  # a run that lasted so long makes the next delay the first one again
+STOP_LIMIT_S = 15.0
+
+
+class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """How a feed is.
+
+    Attributes:
+        state: starting, playing, waiting (to start again), ended, failed; restarting if it does not answer.
+        ready: whether it is of use; `reason` says what is missing.
+        restarts: of the pipeline in this process.
+        frames, dropped: since the pipeline started.
+        metrics: HOST:PORT, or "".
+        digest: of the feed's entry in the table.
+    """
+
+    name: str
+    state: str
+    ready: bool = False
+    reason: str = ""
+    node: str = ""
+    pid: int = 0
+    restarts: int = 0
+    frames: int = 0
+    dropped: int = 0
+    metrics: str = ""
+    digest: str = ""
+
+
+class FeedLog(JsonDisplay):
+    """Keeps the newest lines; they also go to stderr, which Ray keeps in a file."""
+
+    kept: deque[str]
+
+    @override
+    def print_line(self, line: str) -> None:
+        self.kept.append(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {presentable(line)}")
+        super().print_line(line)
+
+
+class FeedActor:
+    """A feed: as `launch -e --metrics`, again with back-off when the pipeline fails.
+
+    Args:
+        name: of the feed.
+        feed: its entry in the table.
+    """
+
+    def __init__(self, name: str, feed: FeedSpec) -> None:
+        self._name, self._feed = name, feed
+        self._state, self._reason = "starting", ""
+        self._restarts = 0
+        self._lines: deque[str] = deque(maxlen=LOG_LINES)
+        self._stopping = threading.Event()
+        self._monitor: Monitor | None = None
+        self._run: Run | None = None
+        self._metrics = ""
+        self._thread = threading.Thread(target=self._serve, name=f"streamkit:feed:{name}", daemon=True)
+        self._thread.start()
+
+    # Called through Ray.
+
+    def status(self) -> FeedStatus:
+        """How it is now."""
+        reason, rows = self._reason, []
+        if self._state == "playing" and self._monitor is not None:
+            reason, rows = self._monitor.missing(), self._monitor.pipeline.statistics()
+        return FeedStatus(
+            name=self._name,
+            state=self._state,
+            ready=self._state == "playing" and not reason,
+            reason=reason,
+            node=ray.get_runtime_context().get_node_id(),
+            pid=os.getpid(),
+            restarts=self._restarts,
+            frames=max((row.frames_in for row in rows), default=0),
+            dropped=sum(sum(row.dropped.values()) for row in rows),
+            metrics=self._metrics,
+            digest=self._feed.digest,
+        )
+
+    def logs(self) -> list[str]:
+        """The newest lines of this process."""
+        return list(self._lines)
+
+    def stop(self) -> None:
+        """Ends the stream, so that files are completed, and waits for it."""
+        self._stopping.set()
+        if self._run is not None:
+            self._run.interrupt()
+        self._thread.join(STOP_LIMIT_S)
+
+    # The thread.
+
+    def _serve(self) -> None:
+        """Runs the pipeline until it ends, is stopped, or cannot be built."""
+        delay_s = FIRST_DELAY_S
+        while not self._stopping.is_set():
+            began_s = time.monotonic()
+            try:
+                code = self._play()
+            except StreamkitError as error:
+                self._state, self._reason = "failed", presentable(mask_secrets(str(error)))
+                self._lines.append(self._reason)
+                return
+            if code == 0:
+                break
+            if time.monotonic() - began_s >= SOUND_S:
+                delay_s = FIRST_DELAY_S
+            self._state, self._reason = "waiting", self._lines[-1] if self._lines else ""
+            self._restarts += 1
+            self._stopping.wait(delay_s)
+            delay_s = min(LONGEST_DELAY_S, 2 * delay_s)
+        self._state, self._reason = "ended", ""
+
+    def _play(self) -> int:
+        """Runs it once, as `launch` does; returns the exit code.
+
+        Raises:
+            StreamkitError: it cannot be built, or its metrics cannot be served.
+        """
+        pipeline = Pipeline.parse(self._feed.text, self._feed.variables())
+        self._monitor = monitor = Monitor(pipeline, {})
+        monitor.pipeline_restarts = self._restarts
+        log = FeedLog(pipeline)
+        log.kept = self._lines
+        self._run = run = Run(
+            pipeline, log, eos_on_shutdown=True, verbose=False, quiet=False, monitor=monitor
+        )
+        self._state = "playing"
+        if not self._feed.metrics:
+            return run.run()
+        with MetricsEndpoint(monitor, self._feed.metrics) as endpoint:
+            self._metrics = endpoint.address
+            return run.run()

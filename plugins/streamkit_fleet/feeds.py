@@ -1,0 +1,108 @@
+"""The table of feeds: fleet.toml."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from streamkit import Pipeline, ResourceError, StreamkitError
+
+SCHEMES = ("env:", "file:")
+
+
+class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A feed: a pipeline, its variables, and what it needs of a machine.
+
+    Attributes:
+        file: the description's file, from the folder of the table; or
+        text: the description itself.
+        set: values of its variables.
+        secrets: values of its variables by reference: "env:NAME" or "file:PATH", read where the feed runs.
+        cores, gpus: that Ray reserves for it.
+        memory_mb: that Ray reserves for it, MB; 0 is none.
+        tags: custom resources of the machines it may run on, as of `ray start --resources`.
+        max_restarts: by Ray, of a process that died; -1 is no limit.
+        metrics: HOST:PORT of its metrics; port 0 takes a free one; "" is none.
+    """
+
+    file: str = ""
+    text: str = ""
+    set: dict[str, str | int | float] = {}
+    secrets: dict[str, str] = {}
+    cores: float = 1.0
+    gpus: float = 0.0
+    memory_mb: int = 0
+    tags: list[str] = []
+    max_restarts: int = -1
+    metrics: str = "127.0.0.1:0"
+
+    @property
+    def digest(self) -> str:
+        """Changes if anything of the feed does."""
+        return hashlib.sha256(msgspec.json.encode(self, order="sorted")).hexdigest()
+
+    def variables(self) -> dict[str, str]:
+        """The values of the variables, with the secrets that this machine has.
+
+        Raises:
+            ResourceError: a secret is not there; names the reference, never the value.
+        """
+        return self.plain_variables() | {key: resolve(reference) for key, reference in self.secrets.items()}
+
+    def plain_variables(self) -> dict[str, str]:
+        """The values of the variables that are no secrets."""
+        return {name: str(value) for name, value in self.set.items()}
+
+
+def resolve(reference: str) -> str:
+    """The value of "env:NAME" or "file:PATH".
+
+    Raises:
+        ResourceError: it is not there.
+    """
+    kind, _, name = reference.partition(":")
+    try:
+        return os.environ[name] if kind == "env" else Path(name).read_text("utf-8").strip()
+    except (KeyError, OSError) as error:
+        raise ResourceError(f"the secret {reference} is not there ({type(error).__name__})") from None
+
+
+def read_feeds(path: Path) -> dict[str, FeedSpec]:
+    """The feeds of a table by name, each with the defaults and the text of its description.
+
+    Raises:
+        ResourceError: the table or a description cannot be read or is invalid; names file and feed.
+    """
+    try:
+        table = tomllib.loads(path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ResourceError(f"cannot read the feeds of {path}: {error}") from error
+    if unknown := sorted(table.keys() - {"defaults", "feeds"}):
+        raise ResourceError(f"{path}: has [defaults] and [feeds.NAME] only, got {unknown[0]!r}")
+    if not table.get("feeds"):
+        raise ResourceError(f"{path}: has no feed; write [feeds.NAME]")
+    return {name: _feed(path, name, table.get("defaults", {}), row) for name, row in table["feeds"].items()}
+
+
+def _feed(path: Path, name: str, defaults: dict[str, Any], row: dict[str, Any]) -> FeedSpec:
+    merged = {**defaults, **row}
+    for key in ("set", "secrets"):
+        merged[key] = {**defaults.get(key, {}), **row.get(key, {})}
+    if "text" in row:
+        merged.pop("file", None)
+    try:
+        feed = msgspec.convert(merged, FeedSpec)
+        text = feed.text or (path.parent / feed.file).read_text("utf-8")
+        feed = msgspec.structs.replace(feed, file="", text=text)
+        Pipeline.parse(text, {**dict.fromkeys(feed.secrets, "x"), **feed.plain_variables()})
+    except (msgspec.ValidationError, OSError, StreamkitError) as error:
+        raise ResourceError(f"{path}: feed {name}: {error}") from error
+    for reference in feed.secrets.values():
+        if not reference.startswith(SCHEMES):
+            raise ResourceError(f"{path}: feed {name}: a secret is a reference, env:NAME or file:PATH")
+    return feed

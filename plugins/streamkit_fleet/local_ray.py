@@ -1,0 +1,114 @@
+"""A Ray of one machine that outlives the command that started it."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import msgspec
+
+from streamkit import ResourceError
+from streamkit.output.file import OutputFile
+
+END_LIMIT_S = 30.0
+
+
+class LocalRay(msgspec.Struct, frozen=True):
+    """Address and process of the local Ray, as kept in a file."""
+
+    address: str
+    pid: int
+
+
+def _record() -> Path:
+    base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(base) / "streamkit" / "fleet.json"
+
+
+def _token() -> Path:
+    return _record().with_name("ray.token")
+
+
+def use_token() -> None:
+    """Makes Ray in this process, and what it starts, ask for and show the token of the local Ray.
+
+    Ray listens on the machine's address: without a token, whoever reaches it could run programs here.
+    """
+    os.environ["RAY_AUTH_MODE"] = "token"
+    os.environ["RAY_AUTH_TOKEN_PATH"] = str(_token())
+
+
+def known() -> LocalRay | None:
+    """The local Ray that runs, or None."""
+    try:
+        found = msgspec.json.decode(_record().read_bytes(), type=LocalRay)
+    except (OSError, msgspec.DecodeError):
+        return None
+    return found if _is_running(found) else None
+
+
+def _is_running(local: LocalRay) -> bool:
+    """Whether its process is still that Ray and not another with its number."""
+    try:
+        return local.address.rpartition(":")[2].encode() in Path(f"/proc/{local.pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def start(cores: int | None = None) -> LocalRay:
+    """Starts Ray, protected by a new token; `cluster.connected` waits for it.
+
+    Raises:
+        ResourceError: it cannot be started.
+    """
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    record = _record()
+    options = ["--head", "--block", f"--port={port}", "--include-dashboard=false", "--disable-usage-stats"]
+    options += [f"--num-cpus={cores}"] if cores else []
+    try:
+        record.parent.mkdir(parents=True, exist_ok=True)
+        token = os.open(_token(), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with open(token, "w", encoding="ascii") as file_of_token:
+            file_of_token.write(secrets.token_hex(32))
+        use_token()
+        with (record.parent / "ray.log").open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "ray.scripts.scripts", "start", *options],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+            )  # fmt: skip
+        local = LocalRay(f"127.0.0.1:{port}", process.pid)
+        file = OutputFile(record, is_whole=True)
+        try:
+            file.write(msgspec.json.encode(local))
+            file.finish()
+        finally:
+            file.discard()
+    except OSError as error:
+        raise ResourceError(f"Ray cannot be started: {error}") from error
+    process.returncode = 0  # it goes on without this process, which is no reason to warn
+    return local
+
+
+def end(local: LocalRay) -> None:
+    """Ends the local Ray and all its processes.
+
+    Raises:
+        ResourceError: it did not end in time.
+    """
+    deadline_s = time.monotonic() + END_LIMIT_S
+    if _is_running(local):
+        os.kill(local.pid, signal.SIGTERM)
+    while _is_running(local):
+        if time.monotonic() > deadline_s:
+            raise ResourceError(f"Ray (process {local.pid}) has not ended within {END_LIMIT_S:g} s")
+        time.sleep(0.1)
+    for file in (_record(), _token()):
+        file.unlink(missing_ok=True)

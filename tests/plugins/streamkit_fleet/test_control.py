@@ -1,0 +1,138 @@
+"""Feeds on a cluster of two nodes: placed, replaced, restarted, moved, ended."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from ray.cluster_utils import Cluster
+
+from streamkit import ResourceError
+from streamkit_fleet import control
+from streamkit_fleet.cluster import connected
+from streamkit_fleet.feed_actor import FeedStatus
+from streamkit_fleet.feeds import FeedSpec
+from tests.slowness import patience
+
+SMALL = {"object_store_memory": 80_000_000, "include_dashboard": False}
+LIVE = "videotestsrc is-live=true ! video/x-raw, width=32, height=32 ! fakesink name=${name}"
+SECRET = "never-shown"
+
+
+@dataclass
+class Nodes:
+    """The cluster; `second` is the node with the tag site-b."""
+
+    cluster: Any
+    second: Any
+
+
+@pytest.fixture(scope="module")
+def nodes() -> Iterator[Nodes]:
+    """A head and a second node."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FEED_SECRET", SECRET)
+        patch.setenv("RAY_health_check_period_ms", "500")
+        patch.setenv("RAY_health_check_failure_threshold", "3")
+        cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, **SMALL})
+        try:
+            second = cluster.add_node(num_cpus=1, resources={"site-b": 1}, object_store_memory=80_000_000)
+            with connected(cluster.address):
+                yield Nodes(cluster, second)
+        finally:
+            cluster.shutdown()
+
+
+def feed(name: str, **settings: Any) -> FeedSpec:
+    """A live feed of a few pixels."""
+    return FeedSpec(text=LIVE, set={"name": name}, cores=0.2, **settings)
+
+
+def wait_for(is_so: Callable[[dict[str, FeedStatus]], bool]) -> dict[str, FeedStatus]:
+    """The feeds' status, once it is as expected."""
+    deadline_s = time.monotonic() + patience(50)
+    while True:
+        found = {status.name: status for status in control.statuses(limit_s=5.0)}
+        if is_so(found):
+            return found
+        assert time.monotonic() < deadline_s, found
+        time.sleep(0.1)
+
+
+def all_ready(found: dict[str, FeedStatus]) -> bool:
+    """Whether every feed plays."""
+    return bool(found) and all(status.ready for status in found.values())
+
+
+@pytest.mark.timeout(240)
+def test_the_life_of_a_fleet(nodes: Nodes) -> None:
+    """Started, changed, killed, moved and ended, each without harm to the others."""
+    second = nodes.second.node_id
+    table = {
+        "gate": feed("gate", secrets={"pass": "env:FEED_SECRET"}),
+        "roof": feed("roof", tags=["site-b"]),
+        "yard": feed("yard"),
+    }
+    assert control.apply(table) == dict.fromkeys(table, "started")
+    before = wait_for(all_ready)
+    assert before["roof"].node == second
+    with urllib.request.urlopen(f"http://{before['gate'].metrics}/readyz", timeout=patience(10)) as answer:
+        assert answer.read() == b"ok\n"
+    assert SECRET not in repr(before)
+    assert SECRET not in repr(control.logs("gate"))
+
+    table = {"gate": table["gate"], "roof": table["roof"], "door": feed("door")}
+    changed = {**table, "roof": feed("roof")}
+    done = {"gate": "unchanged", "roof": "replaced", "yard": "stopped", "door": "started"}
+    assert control.apply(changed) == done
+    after = wait_for(lambda found: all_ready(found) and set(found) == set(table))
+    assert after["gate"].pid == before["gate"].pid
+
+    os.kill(after["gate"].pid, signal.SIGKILL)
+    again = wait_for(lambda found: all_ready(found) and found["gate"].pid != after["gate"].pid)
+    assert again["door"].pid == after["door"].pid
+
+    here = again["gate"].node
+    assert "gate" in control.drain(here[:12], changed)
+    assert here not in {status.node for status in wait_for(all_ready).values()}
+
+    with pytest.raises(ResourceError, match="no single node begins with 'zz'"):
+        control.drain("zz", changed)
+    with pytest.raises(ResourceError, match="no feed 'attic' runs; there are door, gate, roof"):
+        control.logs("attic")
+    control.stop(changed)
+    wait_for(lambda found: not found)
+
+
+@pytest.mark.timeout(240)
+def test_a_dead_node_loses_no_feed(nodes: Nodes) -> None:
+    """Ray notices, and starts its feeds where there is room; one that needs that node waits and says so."""
+    third = nodes.cluster.add_node(num_cpus=1, resources={"site-c": 1}, object_store_memory=80_000_000)
+    control.apply({"gate": feed("gate", tags=["site-c"]), "roof": feed("roof")})
+    before = wait_for(all_ready)
+    assert before["gate"].node == third.node_id
+    fresh = nodes.cluster.add_node(num_cpus=1, resources={"site-c": 1}, object_store_memory=80_000_000)
+    nodes.cluster.remove_node(third, allow_graceful=False)
+    after = wait_for(lambda found: all_ready(found) and found["gate"].node == fresh.node_id)
+    assert after["roof"].pid == before["roof"].pid
+    control.stop(["gate", "roof"])
+    assert control.statuses() == []
+
+
+@pytest.mark.timeout(240)
+def test_a_pipeline_that_fails_is_started_again_and_a_missing_secret_is_said(nodes: Nodes) -> None:
+    """The reason is the failure; the log keeps it."""
+    broken = FeedSpec(text="fakesrc ! identity error-after=5 name=bad ! fakesink", cores=0.2, metrics="")
+    control.apply({"broken": broken, "locked": feed("locked", secrets={"pass": "env:NOT_SET_ANYWHERE"})})
+    found = wait_for(lambda found: len(found) == 2 and found["broken"].restarts > 0)
+    assert "bad" in found["broken"].reason
+    assert any("error-after=5" in line for line in control.logs("broken"))
+    assert (found["locked"].state, found["locked"].ready) == ("failed", False)
+    assert "the secret env:NOT_SET_ANYWHERE is not there" in found["locked"].reason
+    control.stop(["broken", "locked"])

@@ -1,0 +1,78 @@
+"""The table of feeds."""
+
+from pathlib import Path
+
+import pytest
+
+from streamkit import ResourceError
+from streamkit_fleet.feeds import FeedSpec, read_feeds, resolve
+
+TABLE = """
+[defaults]
+file = "camera.pipe"
+cores = 0.5
+set = { pattern = "smpte", rate = 25 }
+
+[feeds.gate]
+set = { pattern = "snow" }
+secrets = { name = "env:GATE_NAME" }
+
+[feeds.roof]
+text = "fakesrc ! fakesink"
+tags = ["site-a"]
+"""
+
+
+def write(folder: Path, table: str) -> Path:
+    """The table and the description that it names."""
+    (folder / "camera.pipe").write_text("videotestsrc pattern=${pattern} name=${name:-x} ! fakesink")
+    path = folder / "fleet.toml"
+    path.write_text(table)
+    return path
+
+
+def test_a_feed_has_the_defaults_and_its_own(tmp_path: Path) -> None:
+    """Variables are merged one by one, text takes the place of a file, and a file is read at once."""
+    feeds = read_feeds(write(tmp_path, TABLE))
+    gate, roof = feeds["gate"], feeds["roof"]
+    assert gate.set == {"pattern": "snow", "rate": 25}
+    assert (gate.file, gate.text[:12], gate.cores) == ("", "videotestsrc", 0.5)
+    assert roof.text == "fakesrc ! fakesink"
+    assert (roof.set["pattern"], roof.tags) == ("smpte", ["site-a"])
+
+
+def test_a_digest_changes_with_the_feed_and_its_description(tmp_path: Path) -> None:
+    """Other feeds keep theirs."""
+    before = read_feeds(write(tmp_path, TABLE))
+    path = write(tmp_path, TABLE.replace("snow", "ball"))
+    after = read_feeds(path)
+    assert {name for name in before if before[name].digest != after[name].digest} == {"gate"}
+
+
+def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the environment or a file; a missing one is named by its reference."""
+    (tmp_path / "token").write_text("from-file\n")
+    monkeypatch.setenv("GATE_NAME", "from-environment")
+    feed = FeedSpec(set={"n": 1}, secrets={"a": "env:GATE_NAME", "b": f"file:{tmp_path / 'token'}"})
+    assert feed.variables() == {"n": "1", "a": "from-environment", "b": "from-file"}
+    with pytest.raises(ResourceError, match="secret env:NOTHING is not there"):
+        resolve("env:NOTHING")
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("", "has no feed"),
+        ("[other]\n[feeds.a]", r"\[defaults\] and \[feeds.NAME\] only, got 'other'"),
+        ("[feeds.a]\ntext='fakesrc ! nothing'", "feed a: .*nothing"),
+        ("[feeds.a]\ncolour=1", "feed a: .*colour"),
+        ("[feeds.a]\nfile='gone.pipe'", "feed a: .*gone.pipe"),
+        ("[feeds.a]\ntext='fakesrc ! fakesink'\nsecrets={p='hunter2'}", "a secret is a reference"),
+        ("[feeds", "cannot read the feeds"),
+    ],
+)
+def test_a_bad_table_is_refused(tmp_path: Path, table: str, message: str) -> None:
+    """The error names the file, the feed and the rule, and never a value given as a secret."""
+    with pytest.raises(ResourceError, match=message) as failure:
+        read_feeds(write(tmp_path, table))
+    assert "hunter2" not in str(failure.value)
