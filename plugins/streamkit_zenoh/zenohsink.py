@@ -29,6 +29,7 @@ from streamkit_zenoh.publish.rivals import KeyInUse
 from streamkit_zenoh.publish.settings import InvalidQos, PublicationSettings
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import MissingLibrary
+from streamkit_zenoh.wire.status import ElementDrop, ElementStatus
 from streamkit_zenoh.wire.video_header import VIDEO_CAPS
 
 # At EOS zenoh is given time to deliver the last records; at a stop it is not.
@@ -88,7 +89,7 @@ class ZenohSink(Connection, Sink):
         try:
             self._publication = Publication(
                 session, root, settings, streams, self.clock.utc_ns, self._failed, self.stopping,
-                lambda: () if self.host is None else self.host.elements(),
+                lambda: () if self.host is None else self.host.elements(), self._element_statuses,
             )  # fmt: skip
         except (InvalidQos, MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
@@ -146,6 +147,22 @@ class ZenohSink(Connection, Sink):
             )
         publication.tracks.has_subscriber = True
         self._has_waited = True
+
+    def _element_statuses(self) -> tuple[ElementStatus, ...]:
+        if self.host is None:
+            return ()
+        return tuple(
+            ElementStatus(
+                name=f"{row.parent}/{row.element}" if row.parent else row.element,
+                busy_ns=row.busy_ns if row.queue is None else 0,
+                drops=tuple(
+                    ElementDrop(reason=reason, count=count)
+                    for reason, count in row.dropped.items()
+                    if row.element != self.name  # the status has its own by stream
+                ),
+            )
+            for row in self.host.statistics(self.clock_ns())
+        )
 
     def _failed(self, error: Exception) -> None:
         if not self._has_warned and not self.stopping.is_set():

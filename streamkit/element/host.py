@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
@@ -10,11 +10,38 @@ if TYPE_CHECKING:
     from streamkit.element.pad import Pad
 
 
+class ElementCounters(Protocol):
+    """What elements see of the counters of an element: the start of `Pipeline.statistics`."""
+
+    @property
+    def element(self) -> str:
+        """Its name."""
+
+    @property
+    def parent(self) -> str:
+        """Name of the enclosing bin, or ""."""
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Frames not delivered, by reason."""
+
+    @property
+    def busy_ns(self) -> int:
+        """Working time, ns."""
+
+    @property
+    def queue(self) -> object | None:
+        """Levels of an element that holds frames; None of another."""
+
+
 class Host(Protocol):
     """The running graph, as elements see it."""
 
     def elements(self) -> Sequence[Element]:
         """All elements of the graph, in textual order."""
+
+    def statistics(self, now_ns: int) -> Sequence[ElementCounters]:
+        """Counters of the elements, in textual order; those in other processes have none."""
 
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a pad that was added while the graph streams."""

@@ -21,7 +21,7 @@ from streamkit.graph.playback import Playback
 from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
 from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
-from streamkit.graph.statistics import ElementStatistics, ProcessStatistics, collect_statistics
+from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0
@@ -307,8 +307,7 @@ class Pipeline:
     # Internal.
 
     def _own_statistics(self) -> list[ElementStatistics]:
-        playback, now_ns = self._playback, self.clock.monotonic_ns()
-        return collect_statistics(self.graph, playback.chains, playback.retired, self.bus.counts, now_ns)
+        return self._playback.statistics(self.clock.monotonic_ns())
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._post)

@@ -21,6 +21,7 @@ from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_fram
 from streamkit.graph.graph import Graph, upstream, walk
 from streamkit.graph.link import RAW_VIDEO, DelayedLink
 from streamkit.graph.negotiate import remember_caps
+from streamkit.graph.statistics import ElementStatistics, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming import Streaming, StreamingThread
 from streamkit.graph.watchdog import Watchdog
@@ -63,8 +64,6 @@ class Playback:
         self._is_stopping = False
         self.cpu_began_ns = 0
         self.is_over_elsewhere: Callable[[], bool] = lambda: True
-
-    # Start and stop.
 
     @property
     def is_live(self) -> bool:
@@ -201,6 +200,10 @@ class Playback:
     def elements(self) -> Sequence[Element]:
         """All elements of the graph, in textual order."""
         return tuple(self._graph.elements)
+
+    def statistics(self, now_ns: int) -> list[ElementStatistics]:
+        """Counters of the elements, in textual order; those in other processes have none."""
+        return collect_statistics(self._graph, self.chains, self.retired, self._bus.counts, now_ns)
 
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a new pad, and composes the chain behind it."""

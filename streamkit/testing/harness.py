@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from streamkit.element.base import Element
+from streamkit.element.host import ElementCounters
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.registry import make_element
 from streamkit.element.sink import Sink
@@ -165,6 +166,10 @@ class Harness:
     def elements(self) -> Sequence[Element]:
         """The element alone."""
         return (self.element,)
+
+    def statistics(self, now_ns: int) -> Sequence[ElementCounters]:
+        """Nothing: only pipelines count."""
+        return ()
 
     def pad_added(self, pad: Pad) -> None:
         """Connects a new pad."""

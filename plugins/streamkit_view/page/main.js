@@ -6,6 +6,7 @@ import { EarthMap } from "./earth.js";
 import { Followed } from "./followed.js";
 import { GeoFit } from "./geo.js";
 import { project } from "./geometry.js";
+import { dropsOf, ElementLoad } from "./load.js";
 import { GroundMap } from "./map.js";
 import { drawBox, drawTracks, fitCanvas } from "./overlay.js";
 import { place, showFeeds, showFigures, showNote, showState, showTracks } from "./panel.js";
@@ -23,6 +24,7 @@ const picture = document.getElementById("video");
 const overlay = document.getElementById("overlay");
 const geo = new GeoFit();
 const series = new Series(document.getElementById("series"));
+const load = new ElementLoad();
 const followed = new Followed();
 const map = new GroundMap(document.getElementById("map"), document.getElementById("ground"), {
   geo, chosen: (id) => follow(id), changed: () => { page.needsDrawing = true; },
@@ -47,6 +49,7 @@ function resetFeed() {
   map.clear();
   earth.clear();
   series.clear();
+  load.clear();
   geo.clear();
   control.clear();
   timeline.clear();
@@ -111,6 +114,7 @@ function takeState(feed, state) {
   if (page.run !== null && run !== undefined && run !== page.run) page.trails.clear();
   page.run = run ?? page.run;
   control.note(state.status);
+  load.note(state.status);
   timeline.limit(state.history_s);
 }
 
@@ -246,8 +250,7 @@ function refresh() {
 
 // What happened since the last sample, a second ago.
 function sample(state) {
-  const { drops = [] } = state?.status ?? {};
-  const counts = [...drops.map((drop) => drop.count), ...Object.values(state?.lost ?? {}), page.skipped];
+  const counts = [...dropsOf(state?.status).map((drop) => drop.count), ...Object.values(state?.lost ?? {}), page.skipped];
   const lost = counts.reduce((sum, count) => sum + count, 0);
   const before = page.lost ?? lost;
   page.lost = lost;
@@ -255,6 +258,7 @@ function sample(state) {
     age: page.frames ? [page.ageMs, medianDelay()].find(isPlausible) ?? null : null,
     rate: page.rate,
     lost: Math.max(0, lost - before),
+    busiest: load.shares[0] ?? null,
     targets: page.newest?.tracks.filter((track) => track.state === "confirmed").length ?? null,
     registration: page.frames ? page.newest?.registration?.status : undefined,
     epoch: page.newest?.epoch,
@@ -271,7 +275,6 @@ function medianDelay() {
 
 function figures(state) {
   const status = state?.status;
-  const drops = (status?.drops ?? []).filter((drop) => drop.count);
   const lost = Object.entries(state?.lost ?? {}).filter(([, count]) => count);
   const size = page.shown ? `${page.shown.width} × ${page.shown.height}` : "none";
   const registration = page.newest?.registration;
@@ -287,7 +290,10 @@ function figures(state) {
     ["skipped here", String(page.skipped)],
     ["lost on the way", lost.map(([name, count]) => `${name} ${count}`).join(", ") || "0"],
   ];
-  for (const drop of drops.slice(0, 4)) rows.push([`dropped: ${drop.stream}, ${drop.reason}`, String(drop.count)]);
+  for (const { place: where, reason, count } of dropsOf(status).slice(0, 4)) {
+    rows.push([`dropped: ${where}, ${reason}`, String(count)]);
+  }
+  for (const { name, share } of load.shares.slice(0, 4)) rows.push([`busy: ${name}`, `${(100 * share).toFixed(0)} %`]);
   return rows;
 }
 

@@ -1,4 +1,4 @@
-// The last two minutes, one sample a second: strips of age, frame rate, losses, targets and registration.
+// The last two minutes, one sample a second: strips of age, frame rate, losses, work, targets and registration.
 
 import { fitCanvas } from "./overlay.js";
 
@@ -9,6 +9,7 @@ const STRIPS = [
   { name: "age", unit: "ms", least: 50, value: (sample) => sample.age },
   { name: "frame rate", unit: "/s", least: 5, value: (sample) => sample.rate },
   { name: "dropped, lost, skipped", unit: "", least: 1, value: (sample) => sample.lost },
+  { name: "busiest element", unit: "%", least: 100, value: ({ busiest }) => busiest && 100 * busiest.share },
   { name: "targets", unit: "", least: 5, value: (sample) => sample.targets },
 ];
 const STATES = { ok: "--good", still: "--good", weak: "--warn", cut: "--bad", lost: "--bad" };

@@ -22,7 +22,7 @@ from streamkit_zenoh.wire.encodings import Codec
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.schemas import schema_files, schema_index
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.wire.status import STATUS_SCHEMA, ElementStatus, StatusRecord
 from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA
 
 JOIN_LIMIT_S = 1.0
@@ -40,6 +40,7 @@ class Publication:
         failed: called with what went wrong, from any thread.
         cancelled: ends a wait for another publisher at the key.
         elements: gives the elements that can be controlled.
+        statuses: gives what the elements have done so far.
 
     Attributes:
         tracks: stream of the records.
@@ -63,7 +64,9 @@ class Publication:
         failed: Callable[[Exception], None],
         cancelled: threading.Event,
         elements: Callable[[], Sequence[Element]],
+        statuses: Callable[[], tuple[ElementStatus, ...]],
     ) -> None:
+        self._statuses = statuses
         self._qos = settings.qos()
         codec = Codec(TrackRecord, TRACKS_SCHEMA, settings.encoding)
         self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
@@ -213,6 +216,7 @@ class Publication:
             drops=tuple(drop for stream in self._streams() for drop in stream.drop_counts()),
             control=self._control is not None,
             changes=() if self._control is None else self._control.changes(),
+            elements=self._statuses(),
         )
 
 

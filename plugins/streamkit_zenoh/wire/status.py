@@ -49,6 +49,27 @@ class PropertyChange(msgspec.Struct, frozen=True, kw_only=True):
     value: str
 
 
+class ElementDrop(msgspec.Struct, frozen=True, kw_only=True):
+    """Frames that an element dropped."""
+
+    reason: str
+    count: int
+
+
+class ElementStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One element of the publisher's pipeline, since streaming began.
+
+    Attributes:
+        name: behind that of its bin.
+        busy_ns: working time; 0 of a queue.
+        drops: frames that it dropped, by reason.
+    """
+
+    name: str
+    busy_ns: int
+    drops: tuple[ElementDrop, ...]
+
+
 class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """State and counters of a publisher; unknown values are left out.
 
@@ -68,6 +89,7 @@ class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
         drops: messages it dropped, by stream and reason.
         control: whether live properties can be set at KEY/control.
         changes: properties that were set there, each with its last value.
+        elements: of the pipeline, but for those in processes of their own.
     """
 
     schema: Literal["streamkit.status/1"]
@@ -85,3 +107,4 @@ class StatusRecord(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     drops: tuple[DropCount, ...]
     control: bool = False
     changes: tuple[PropertyChange, ...] = ()
+    elements: tuple[ElementStatus, ...] = ()

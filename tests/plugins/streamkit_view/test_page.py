@@ -24,7 +24,7 @@ from streamkit import Pipeline
 from streamkit_video import TrueTargets
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
-from streamkit_zenoh.wire.status import DropCount, StatusRecord
+from streamkit_zenoh.wire.status import DropCount, ElementDrop, ElementStatus, StatusRecord
 from tests.slowness import patience
 
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
@@ -305,6 +305,7 @@ def test_text_from_the_network_stays_text(
     status = StatusRecord(
         schema="streamkit.status/1", source=SCRIPT, state="playing", run=1, published_ns=1, uptime_s=1.0,
         frames=1, tracks=0, streams=(), drops=(DropCount(stream=SCRIPT, reason=SCRIPT, count=7),),
+        elements=(ElementStatus(name=SCRIPT, busy_ns=1, drops=(ElementDrop(reason=SCRIPT, count=8),)),),
     )  # fmt: skip
     session = open_session(SessionSettings())
     try:
@@ -314,7 +315,7 @@ def test_text_from_the_network_stays_text(
 
         def is_shown() -> bool:
             publishing.put(msgspec.json.encode(status))
-            return SCRIPT in text(browser, "figures")
+            return text(browser, "figures").count(f"dropped: {SCRIPT}, {SCRIPT}") == 2
 
         wait_for(is_shown)
         assert browser.execute_script("return window.hacked === undefined")

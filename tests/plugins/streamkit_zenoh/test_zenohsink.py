@@ -292,6 +292,36 @@ def test_queries_are_answered_with_the_last_messages(
     assert (status.state, status.frames, status.seq, status.source) == ("playing", 3, 2, key)
 
 
+def test_the_status_has_the_work_and_the_drops_of_each_element(
+    open_test_session: Opener, key: str, endpoint: str
+) -> None:
+    """As the statistics of the pipeline; a queue does no work, whatever upstream waits for it."""
+    text = (
+        "videotestsrc is-live=true ! valve name=shut drop=true ! fakesink "
+        "videotestsrc is-live=true ! queue name=q ! identity name=slow sleep-time=2000 "
+        f"! zenohsink key={key} listen={endpoint}"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        wait, session = threading.Event(), open_test_session(connect=endpoint)
+        for _ in range(600):
+            sample = _asked(session, f"{key}/status")[f"{key}/status"]
+            status = Codec(StatusRecord, "streamkit.status/1", Encoding("json")).decode(
+                sample.payload.to_bytes()
+            )
+            found = {element.name: element for element in status.elements}
+            if status.frames > 5 and found["shut"].drops:
+                break
+            wait.wait(0.05)
+        rows = {row.element: row for row in pipeline.statistics()}
+    assert list(found) == list(rows)
+    assert 5 * 2_000_000 < found["slow"].busy_ns <= rows["slow"].busy_ns
+    assert found["q"].busy_ns == 0
+    ((reason, count),) = rows["shut"].dropped.items()
+    assert found["shut"].drops[0].reason == reason
+    assert 0 < found["shut"].drops[0].count <= count
+
+
 def test_status_comes_once_a_second_and_at_the_end(
     open_test_session: Opener, key: str, endpoint: str
 ) -> None:

@@ -16,6 +16,8 @@ FIELDS = {
     "ControlRequest": "element property value",
     "DetectionRecord": "centroid bbox area score label?",
     "DropCount": "stream reason count",
+    "ElementDrop": "reason count",
+    "ElementStatus": "name busy_ns drops",
     "FrameHeader": (
         "schema record format picture_width picture_height duration_ns? motion? detections? are_objects? "
         "pose?"
@@ -29,7 +31,7 @@ FIELDS = {
     "ProvenanceRecord": "predicted? detection? shared? similarity? learnt? cause?",
     "RegistrationRecord": "reference to_reference? status matches? inliers? rmse? corner_std?",
     "StatusRecord": "schema source state run published_ns uptime_s frames seq? epoch? tracks age_ms? streams "
-    "drops control? changes?",
+    "drops control? changes? elements?",
     "StreamStatus": "name run settled_number published bytes has_subscriber next_number? first_number?",
     "TargetRecord": "id state x y length width angle bbox vx? vy? position_covariance? score age_ns geo? "
     "provenance?",
