@@ -210,6 +210,23 @@ def test_the_time_line_goes_back_and_returns(
         wait_for(lambda: text(browser, "back-text") == "live" and newest_s() - shown_s() < 2)
 
 
+@pytest.mark.timeout(180)
+def test_a_slow_page_says_how_many_frames_it_skipped(
+    browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]
+) -> None:
+    """One that takes ten packets a second of 25 goes on at keyframes."""
+    browser.get(start_view(key).url)
+    with publisher(key):
+        wait_for(lambda: browser.execute_script("return streamkit.page.video"))
+        browser.execute_script(
+            "const { player } = streamkit; const push = player.push.bind(player);"
+            "player.push = async (...packet) => {"
+            "  await new Promise((done) => setTimeout(done, 100)); return push(...packet); };"
+        )
+        wait_for(lambda: "frames skipped by this page" in text(browser, "note"))
+        assert browser.execute_script("return streamkit.page.skipped") >= 10
+
+
 @pytest.mark.timeout(240)
 def test_a_drawn_box_becomes_a_track_and_a_refused_value_is_told(
     browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]

@@ -82,6 +82,31 @@ def test_a_slow_page_goes_on_at_a_keyframe_and_hears_how_many_it_missed(group: i
     assert expected == count + 1
 
 
+def test_a_page_that_is_late_goes_on_at_the_next_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two seconds late it skips what waits, though that is little; one that keeps up skips nothing."""
+    now = [0.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    slow, fast = Viewer(), Viewer()
+    sent: list[Message] = []
+    for number in range(260):
+        now[0] = number * 0.04
+        slow.offer(packet(number, is_keyframe=number % 25 == 0))
+        fast.offer(packet(number, is_keyframe=number % 25 == 0))
+        fast.confirm(number)
+        taken = fast.next()
+        assert taken is not None
+        assert taken.data == packet(number).data
+        slow.confirm(number // 5)  # it takes one of five
+        while (message := slow.next()) is not None:
+            sent.append(message)
+    kinds = [message.kind for message in sent]
+    assert kinds.count(SKIPPED) == 1
+    at = kinds.index(SKIPPED)
+    skipped = json.loads(sent[at].data)["body"]["frames"]
+    assert skipped > 20
+    assert sent[at + 1] == packet(at + skipped, is_keyframe=True)
+
+
 def test_of_pictures_and_states_only_the_newest_waits() -> None:
     """Records are kept for the frames that wait with them."""
     viewer = Viewer()
