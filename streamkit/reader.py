@@ -166,6 +166,11 @@ def open(
         reading = f"{choice.element} name={SOURCE} ! decode ! queue max-size-buffers=4"
         head = f"{reading} leaky=downstream" if choice.is_live else reading
     else:
+        if not isinstance(source, Iterable):
+            raise TypeError(
+                f"open takes a file, a URL or an iterable of images, got {source!r}; "
+                "give a camera by its URL, such as rtsp://camera/stream; docs/live-sources.md says how"
+            )
         location, items = "", _frames(source, framerate)
         head = f"appsrc name={SOURCE} max-buffers=4 emit-signals=false ! videoconvert"
     middle = f"\n{description}\n!" if description.strip() else ""

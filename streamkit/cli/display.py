@@ -113,7 +113,8 @@ class Progress(Display):
         since_s = now.elapsed_s if is_last else now.elapsed_s - self._frames_s
         rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
         self._frames, self._frames_s = frames, now.elapsed_s
-        where = self._position(None if is_last else now.elapsed_s)
+        is_whole = is_last and self.pipeline.ended.is_set() and self.pipeline.error is None
+        where = "" if is_whole else self._position(None if is_last else now.elapsed_s)
         words = [f"{now.elapsed_s:7.1f} s{where}  {frames} frames  {rate:.1f}/s"]
         if dropped:
             words.append(f"{dropped} dropped")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import importlib.util
 import keyword
 import re
 import sys
@@ -76,6 +77,11 @@ def check_free_name(name: str) -> None:
     package = name.replace("-", "_")
     if keyword.iskeyword(package) or package in sys.stdlib_module_names or package in ("streamkit", "tests"):
         fail_usage(f"{package!r} is a name of Python's or streamkit's own; take another, such as 'my-{name}'")
+    if importlib.util.find_spec(package) is not None:
+        fail_usage(
+            f"there is a package {package!r} in this environment, which the new one would hide; "
+            f"take another name, such as 'my-{name}'"
+        )
     from streamkit.element.registry import installed_elements
 
     taken = installed_elements().get(element_name(name))

@@ -19,7 +19,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         schema: name and version of the format.
         elapsed_s: since the run began, s.
-        frames: of video, most that any pad had; without video, of anything.
+        frames: that arrived at a sink, most of any; of video if there is some, else of anything.
         dropped: frames not delivered, over all elements.
         results: what elements have made, by name; `tracks` are those that were confirmed.
         files: number of the files written, by location, which is a pattern where there are several.
@@ -38,7 +38,8 @@ def summarise(statistics: RunStatistics) -> RunSummary:
     results: Counter[str] = Counter()
     for row in statistics.elements:
         results.update({name: count for name, count in row.results.items() if name != "files"})
-    pads = [pad for row in statistics.elements for pad in row.pads]
+    sinks = [row for row in statistics.elements if all(pad.direction == "sink" for pad in row.pads)]
+    pads = [pad for row in sinks for pad in row.pads]
     video = [pad.frames for pad in pads if (pad.caps or "").startswith("video/")]
     return RunSummary(
         elapsed_s=statistics.elapsed_s,

@@ -115,8 +115,14 @@ class AppSrc(Source):
         Raises:
             StateError: the queue stayed full for `timeout_s`, or `end` was called.
             ElementFailure: the pipeline has failed.
+            TypeError: an array without caps.
         """
         if not isinstance(item, Event | Frame):
+            if self.caps in (None, ANY) and hasattr(item, "__array_interface__"):
+                raise TypeError(
+                    f"{self.name}: an array needs caps, which say its pixel format: set caps=, or push "
+                    "Frame(array, raw_video_caps(format, width, height))"
+                )
             item = Frame(item, self.caps or ANY, **fields)
         with self.changed:
             self._check_open()

@@ -26,7 +26,10 @@ FIELDS = (
 
 
 def misspelt_fields(caps: Caps) -> list[str]:
-    """A line for each field of raw video that it does not have, and whose name is like one that it has."""
+    """A line for each field of raw video that it does not have, and whose name is like one that it has.
+
+    A whole number for the frame rate counts as misspelt, too: it is a fraction, and fits no other caps.
+    """
     unknown = [
         (name, did_you_mean(name, FIELDS))
         for structure in caps.structures
@@ -34,7 +37,11 @@ def misspelt_fields(caps: Caps) -> list[str]:
         for name in structure.fields
         if name not in FIELDS
     ]
-    return [f"video/x-raw has no field {name}; {hint}" for name, hint in unknown if hint]
+    rates = [structure.fields.get("framerate") for structure in caps.structures]
+    whole = [rate for rate in rates if type(rate) is int]
+    return [f"video/x-raw has no field {name}; {hint}" for name, hint in unknown if hint] + [
+        f"framerate is a fraction; write framerate={rate}/1" for rate in whole
+    ]
 
 
 def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fraction | None = None) -> Caps:

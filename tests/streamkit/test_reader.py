@@ -102,6 +102,14 @@ def test_a_pipeline_that_ends_first_ends_the_loop() -> None:
     assert next(source, None) is not None
 
 
+def test_a_number_of_a_camera_is_refused_at_once() -> None:
+    """As OpenCV takes it."""
+    with pytest.raises(
+        TypeError, match="open takes a file, a URL or an iterable of images, got 0; give a cam"
+    ):
+        streamkit.open(0)
+
+
 def test_a_missing_file_fails_at_once() -> None:
     """The error is that of every pipeline."""
     with pytest.raises(

@@ -12,6 +12,7 @@ from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
 from streamkit_tracks.report.run_data import Run, TargetPath, collect_run
 
 MOST_CROPS = 60
+PAGE_SUFFIXES = (".html", ".htm")
 
 
 def report(
@@ -27,6 +28,8 @@ def report(
     ] = None,
 ) -> None:
     """Writes a page about a finished run: map, time line of the targets, age, registration, pictures."""
+    if output.suffix.lower() not in PAGE_SUFFIXES:
+        _fail(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
     try:
         found, number, count = read_run(file, run)
         if count > 1 and run is None:
@@ -48,8 +51,10 @@ def read_run(file: Path, wanted: int | None) -> tuple[Run, int, int]:
         StreamError: a line is no track record.
     """
     count = max((number for number, _ in RecordFile(file)), default=0)
+    if not count:
+        _fail(f"{file}: no record in it")
     number = wanted or count
-    if not 0 < number <= count:
+    if number > count:
         _fail(f"{file}: no run {number}, it has {count}")
     return collect_run(record for of, record in RecordFile(file) if of == number), number, count
 
@@ -65,6 +70,7 @@ def write_page(run: Run, title: str, output: Path, frame: bytes, crops: dict[int
     from streamkit_tracks.report.page import build_page
 
     page = build_page(run, title, draw_figures(run), frame, crops)
+    output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(page, encoding="utf-8")
 
 
@@ -109,6 +115,6 @@ def take_pictures(run: Run, video: Path) -> tuple[bytes, dict[int, bytes]]:
     return picture, crops
 
 
-def _fail(text: str) -> NoReturn:
+def _fail(text: str, code: int = 1) -> NoReturn:
     typer.echo(f"error: {text}", err=True)
-    raise typer.Exit(1)
+    raise typer.Exit(code)

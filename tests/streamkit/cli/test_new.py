@@ -55,6 +55,7 @@ def test_the_package_is_complete(folder: Path, kind: str) -> None:
         ("json", "'json' is a name of Python's or streamkit's own; take another, such as 'my-json'"),
         ("class", "'class' is a name of Python's or streamkit's own"),
         ("streamkit", "'streamkit' is a name of Python's or streamkit's own"),
+        ("numpy", "there is a package 'numpy' in this environment, which the new one would hide"),
         (
             "video-test-src",
             "there is an element 'videotestsrc' already, of streamkit 0.1.0; take another name",

@@ -58,3 +58,10 @@ def test_frames_are_those_of_the_video(launch: Callable[..., Result]) -> None:
     text = "videotestsrc num-buffers=4 ! fakesink  fakesrc num-buffers=9 ! fakesink"
     assert json.loads(launch("--summary=json", text).stdout)["frames"] == 4
     assert json.loads(launch("--summary=json", "fakesrc num-buffers=9 ! fakesink").stdout)["frames"] == 9
+
+
+def test_frames_are_those_that_arrived_at_a_sink(launch: Callable[..., Result]) -> None:
+    """Not those that a source read or an element dropped on the way."""
+    text = "videotestsrc num-buffers=9 ! identity drop-probability=1 ! fakesink"
+    found = json.loads(launch("--summary=json", text).stdout)
+    assert (found["frames"], found["dropped"]) == (0, 9)

@@ -3,9 +3,10 @@
 import contextlib
 import threading
 
+import numpy as np
 import pytest
 
-from streamkit import Caps, Frame, NotNegotiated, Pipeline
+from streamkit import Caps, Frame, NotNegotiated, Pipeline, raw_video_caps
 from streamkit.errors import ElementFailure, StateError
 
 ANYTHING = Caps("a/b")
@@ -127,3 +128,13 @@ def test_data_that_the_filter_refuses_is_an_error() -> None:
         assert message is not None
         assert isinstance(message.error, NotNegotiated)
         assert "disagree on x" in message.text
+
+
+def test_an_array_without_caps_is_refused() -> None:
+    """Its pixel format is unknown; bytes without caps may be anything and pass."""
+    pipeline = Pipeline.parse("appsrc name=in ! fakesink")
+    with pytest.raises(TypeError, match=r"in: an array needs caps.*raw_video_caps"):
+        pipeline["in"].push(np.zeros((4, 4), np.uint8))
+    pipeline["in"].push(b"bytes")
+    pipeline["in"].caps = raw_video_caps("GRAY8", 4, 4)
+    pipeline["in"].push(np.zeros((4, 4), np.uint8))

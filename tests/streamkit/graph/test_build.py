@@ -313,6 +313,8 @@ def test_a_misspelt_field_of_a_filter_is_noted() -> None:
     """It would restrict nothing; fields that are like none of raw video's are the user's own."""
     graph = build("fakesrc ! video/x-raw, widht=320, scene=3 ! fakesink", {})
     assert graph.warnings == [("unknown-field", 'video/x-raw has no field widht; did you mean "width"?')]
+    graph = build("fakesrc ! video/x-raw, framerate=25 ! fakesink", {})
+    assert graph.warnings == [("unknown-field", "framerate is a fraction; write framerate=25/1")]
 
 
 def test_a_misspelt_attribute_is_refused_before_the_start() -> None:

@@ -75,6 +75,19 @@ def test_what_does_not_belong_together_is_an_error(run: tuple[Path, Path], tmp_p
     assert "the tracks are of frames of 320 x 240 px; give their own video" in done.stderr
     done = report(records, "--run", 3, "-o", tmp_path / "x.html")
     assert (done.returncode, "no run 3, it has 1" in done.stderr) == (1, True)
-    done = report(records, "-o", tmp_path / "nowhere" / "x.html")
-    assert (done.returncode, "No such file or directory" in done.stderr) == (1, True)
+    done = report(records, "-o", tmp_path / "x.pdf")
+    assert (done.returncode, "must end in .html" in done.stderr) == (2, True)
     assert list(tmp_path.iterdir()) == []
+    empty = tmp_path / "empty.jsonl"
+    empty.touch()
+    assert "empty.jsonl: no record in it" in report(empty, "-o", tmp_path / "x.html").stderr
+    done = report(records, "-o", empty / "x.html")
+    assert (done.returncode, "empty.jsonl" in done.stderr) == (1, True)
+    assert list(tmp_path.iterdir()) == [empty]
+
+
+def test_missing_folders_are_made(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """As for every other output."""
+    page = tmp_path / "new" / "page.html"
+    assert report(run[0], "-o", page).returncode == 0
+    assert page.exists()
