@@ -11,7 +11,7 @@ from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, R
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import LEAST_SHARPNESS, Evidence
 from streamkit_tracker.update.expectations import SearchRows
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
 
 PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
 PEAK_SIDES_STD = 0.004
@@ -34,7 +34,7 @@ def find_response(
     unmoved: FloatArray,
     frames_unseen: int,
 ) -> Response | None:
-    """The best response around a prediction, or None where none is credible.
+    """The best response around a prediction, or None where none is credible, or in the picture.
 
     Args:
         discriminator: of this target.
@@ -60,7 +60,9 @@ def find_response(
         other = discriminator.respond(sampler, window)
         if evidence.drop(other.peak, other.sharpness) < evidence.drop(best.peak, best.sharpness) - GAIN:
             best = other
-    if not evidence.is_credible(best.peak, best.sharpness, frames_unseen=frames_unseen):
+    # beyond the picture the region repeats its edge: a peak there says nothing, least of all that it has left
+    is_shown = visible_fraction(np.array([[*best.position, 1.0, 1.0, 0.0]]), sampler.shape)[0] > 0
+    if not is_shown or not evidence.is_credible(best.peak, best.sharpness, frames_unseen=frames_unseen):
         return None
     grown = discriminator.growth(sampler, best.window)
     return replace(best, sides=(best.sides[0] * grown, best.sides[1] * grown))

@@ -101,3 +101,14 @@ def test_a_target_that_the_camera_follows_is_found_where_it_was(scenes: ModuleTy
     response = found(scenes, drawn, drawn, drawn + np.array([110.0, 0, 0, 0, 0]), drawn)
     assert response is not None
     assert math.dist(response.position, drawn[:2]) < 1.0
+
+
+@pytest.mark.parametrize(("x", "is_found"), [(3.0, True), (-3.0, False), (323.0, False)])
+def test_a_peak_beyond_the_picture_is_no_response(
+    scenes: ModuleType, monkeypatch: pytest.MonkeyPatch, x: float, is_found: bool
+):
+    """However sharp: the region only repeats the picture's edge there."""
+    drawn = np.array([150.0, 120, 40, 34, 0.0])
+    peak = Response((x, 120.0), (40.0, 34.0), 0.0, 0.8, 20.0)
+    monkeypatch.setattr(CorrelationFilter, "respond", lambda *_: peak)
+    assert (found(scenes, drawn, drawn, drawn) is not None) == is_found
