@@ -1,0 +1,156 @@
+"""compositor: several videos side by side."""
+
+from __future__ import annotations
+
+import threading
+from collections import defaultdict, deque
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from typing_extensions import override
+
+from streamkit import (
+    Caps,
+    Combine,
+    Direction,
+    EndOfStream,
+    EosEvent,
+    Event,
+    Flushing,
+    Frame,
+    Pad,
+    PadTemplate,
+    Presence,
+    StreamError,
+    raw_video_caps,
+)
+
+ByteArray = NDArray[np.uint8]
+BGR = "video/x-raw, format=BGR"
+HELD_LIMIT = 8  # frames of an input that wait for those of the others
+POLL_S = 0.1
+
+
+class Compositor(Combine):
+    """Puts videos side by side, in the order in which they are linked, aligned at the top.
+
+    There is one frame for each of the first input, with its times and metadata. Every other input shows its
+    newest frame up to that time; one that has not begun is black. An input waits for the others, so put a
+    `queue` before each that comes from a `tee`. The stream ends with the first input.
+
+    Example:
+        compositor name=c ! fakesink  videotestsrc num-buffers=5 ! c.  videotestsrc num-buffers=5 ! c.
+    """
+
+    src = BGR
+    templates = (PadTemplate("sink_%u", Direction.SINK, Caps(BGR), Presence.REQUEST),)
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        super().__init__(name, **properties)
+        self._changed = threading.Condition(self._lock)
+        self.start()
+
+    @override
+    def start(self) -> None:
+        self._held: defaultdict[Pad, deque[tuple[int, Frame]]] = defaultdict(deque)  # with running times, ns
+        self._shown: dict[Pad, ByteArray] = {}
+        self._caps: Caps | None = None
+
+    @override
+    def query_caps(self, pad: Pad) -> Caps:
+        return Caps(BGR)
+
+    @override
+    def combine(self, pad_name: str, frame: Frame) -> Iterator[Frame]:
+        pad = self.pads[pad_name]
+        if frame.pts is None:
+            raise StreamError(f"{pad.path}: frames are composed by time, this one has no pts; see its source")
+        held = self._held[pad]
+        with self.waiting():
+            while len(held) >= HELD_LIMIT and not self._is_over():
+                if self.stopping.is_set() or self.is_flushing:
+                    raise Flushing(self.name)
+                self._changed.wait(POLL_S)
+        if self._is_over():
+            raise EndOfStream(self.name)
+        held.append((pad.segment.running_time_ns(frame.pts), frame))
+        yield from self._composed()
+
+    @override
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        if isinstance(event, EosEvent):
+            with self._lock:
+                pad.is_eos = True
+                for frame in self._composed():
+                    self._push(frame, self._main)
+                self._changed.notify_all()
+        super().receive_event(pad, event)
+
+    @override
+    def switched(self, pad: Pad) -> None:
+        super().switched(self._main)
+
+    @override
+    def flush(self, *, begins: bool) -> None:
+        super().flush(begins=begins)
+        with self._lock:
+            self.count_drop("flushed", sum(len(held) for held in self._held.values()))
+            self._held.clear()
+            self._changed.notify_all()
+
+    @property
+    def _main(self) -> Pad:
+        """The input whose frames are those of the output."""
+        return next(self.sink_pads())
+
+    def _is_over(self) -> bool:
+        return self._main.is_eos and not self._held[self._main]
+
+    def _composed(self) -> Iterator[Frame]:
+        """The frames for which every input has what it shows; called with the lock."""
+        main, *others = self.sink_pads()
+        waiting = self._held[main]
+        while waiting and all(self._has_reached(pad, waiting[0][0]) for pad in others):
+            time_ns, frame = waiting.popleft()
+            images = [
+                frame.data,
+                *(image for pad in others if (image := self._image(pad, time_ns)) is not None),
+            ]
+            self._changed.notify_all()
+            data = side_by_side(images)
+            yield frame.replace(data=data, caps=self._row_caps(data, frame.caps))
+
+    def _has_reached(self, pad: Pad, time_ns: int) -> bool:
+        held = self._held[pad]
+        return pad.is_eos or bool(held and held[-1][0] >= time_ns)
+
+    def _image(self, pad: Pad, time_ns: int) -> ByteArray | None:
+        """What an input shows at a running time, ns; None for one that has ended before its first frame."""
+        held = self._held[pad]
+        while held and held[0][0] <= time_ns:
+            self._shown[pad] = held.popleft()[1].data
+        if pad in self._shown:
+            return self._shown[pad]
+        return np.zeros(held[0][1].data.shape, np.uint8) if held else None
+
+    def _row_caps(self, data: ByteArray, main: Caps) -> Caps:
+        rate = main.get("framerate")
+        height, width = data.shape[:2]
+        found = raw_video_caps("BGR", width, height, rate if isinstance(rate, Fraction) else None)
+        if self._caps is None or self._caps != found:
+            self._caps = found
+        return self._caps
+
+
+def side_by_side(images: list[ByteArray]) -> ByteArray:
+    """Images uint8[h, w, 3] in a row, aligned at the top; black below those that are lower."""
+    height, width = max(image.shape[0] for image in images), sum(image.shape[1] for image in images)
+    row = np.zeros((height, width, 3), np.uint8)
+    left = 0
+    for image in images:
+        row[: image.shape[0], left : left + image.shape[1]] = image
+        left += image.shape[1]
+    return row
