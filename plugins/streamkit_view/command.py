@@ -64,7 +64,7 @@ def view(
     if any(map(is_run, sources)) != bool(video):
         _fail("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
     for text in filter(None, [*sources, video]):
-        if reason := unplayable(text):
+        if reason := unplayable(text, with_records=text == video):
             _fail(reason)
     try:
         base = None if basemap is None else read_basemap(basemap)

@@ -11,10 +11,11 @@ from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from streamkit import ElementFailure, Pipeline, choose_source, mask_secrets
+from streamkit import ANY, ElementFailure, Pipeline, choose_source, mask_secrets
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
+PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
 COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
 
 
@@ -33,22 +34,44 @@ def pipeline_for(location: str) -> tuple[str, str]:
     if is_run(location):
         return "run.pipe", "tracksrc location"
     source = choose_source(location)
-    return "camera.pipe" if source.is_live else "file.pipe", f"{source.element} {source.property}"
+    name = "camera.pipe" if source.is_live else "file.pipe"
+    if Path(location).is_file() and media_type_of(location) not in PAGE_CODECS:
+        name = "images.pipe"
+    return name, f"{source.element} {source.property}"
 
 
-def unplayable(location: str) -> str:
-    """Why a file cannot be played; "" where it can, and for a URL, which is opened with the page."""
+def unplayable(location: str, *, with_records: bool = False) -> str:
+    """Why a file cannot be played; "" where it can, and for a URL, which is opened with the page.
+
+    Args:
+        location: file or URL.
+        with_records: whether it is the video of a finished run, of which the page gets the packets.
+    """
     if "://" in location:
         return ""
-    element = pipeline_for(location)[1].split()[0]
-    pipeline = Pipeline.parse(f"{element} name=file ! fakesink")
-    pipeline["file"].location = location
     try:
-        with pipeline:
-            pipeline.ready()
+        media_type = media_type_of(location)
     except ElementFailure as error:
         return str(error.cause)
+    if with_records and media_type not in PAGE_CODECS:
+        remedy = f"filesrc location={location} ! decode ! videofilesink location=flight.mp4"
+        return f"{location}: browsers decode no {media_type}; convert it: streamkit launch '{remedy}'"
     return ""
+
+
+def media_type_of(file: str) -> str:
+    """The media type of a file's video, such as video/x-h264, or of its records.
+
+    Raises:
+        ElementFailure: the file cannot be played; `cause` says why.
+    """
+    element = "tracksrc" if is_run(file) else choose_source(file).element
+    pipeline = Pipeline.parse(f"{element} name=file ! fakesink")
+    pipeline["file"].location = file
+    with pipeline:
+        pipeline.ready()
+        caps = pipeline["file"].negotiate(ANY)
+    return "" if caps is None else str(caps.name)
 
 
 class Playback:

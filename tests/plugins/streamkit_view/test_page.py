@@ -155,6 +155,19 @@ def test_a_finished_run_is_shown_with_its_video(
     assert [track["x"] for track in json.loads(line)["tracks"]] == [track["x"] for track in shown["tracks"]]
 
 
+@pytest.mark.timeout(120)
+def test_a_video_that_browsers_do_not_decode_is_shown_in_images(
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], streamkit_data: Path
+) -> None:
+    """MPEG-4 part 2 in an AVI: the picture is there, and moves."""
+    browser.get(start_view(str(streamkit_data / "video" / "pets09_s2l1.avi")).url)
+    wait_for(lambda: text(browser, "state") == "playing", 100)
+    wait_for(lambda: canvas(browser, "video").shape[:2] == (576, 768))
+    first = canvas(browser, "video")[:, :, :3].astype(int)
+    assert first.std() > 20
+    wait_for(lambda: np.abs(canvas(browser, "video")[:, :, :3] - first).mean() > 1)
+
+
 @pytest.mark.timeout(180)
 def test_loss_and_return_are_shown(
     browser: Chrome, start_view: Callable[..., Any], key: str, wait_for: Callable[..., Any]

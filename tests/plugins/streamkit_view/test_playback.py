@@ -59,6 +59,16 @@ def test_a_file_that_cannot_be_played_is_known_before(tmp_path: Path, streamkit_
     assert unplayable("rtsp://nowhere.invalid/live") == ""
 
 
+def test_a_codec_that_browsers_do_not_have_is_shown_in_images(streamkit_data: Path) -> None:
+    """Another one than H.264 and H.265; as the video of a finished run it is refused, with the remedy."""
+    divx = streamkit_data / "video" / "pets09_s2l1.avi"
+    photograph = streamkit_data / "mosaic" / "aerial_cc0.jpg"
+    for file in (divx, photograph):
+        assert pipeline_for(str(file)) == ("images.pipe", "filesrc location")
+        assert unplayable(str(file)) == ""
+    assert "browsers decode no video/x-" in unplayable(str(divx), with_records=True)
+
+
 @pytest.mark.parametrize(
     ("location", "pipeline", "source"),
     [
