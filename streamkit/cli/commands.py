@@ -23,7 +23,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
 CORE = {
     name: PluginEntry("command", name, f"streamkit.cli.{name}:{name}")
-    for name in ("launch", "inspect", "graph", "caps", "new", "prepare")
+    for name in ("launch", "inspect", "graph", "caps", "new", "prepare", "man")
 }
 SUMMARY = "Streams frames through graphs of elements: drone video in, tracks out."
 
