@@ -191,7 +191,7 @@ def hostile(random_numbers: random.Random) -> str | bytes:
     kinds: list[Callable[[], str | bytes]] = [
         lambda: random_numbers.randbytes(random_numbers.randrange(1000)),
         lambda: json.dumps(
-            {random_numbers.choice(["taken", "select", "", "a"]): random_numbers.choice(values)}
+            {random_numbers.choice(["taken", "select", "back", "", "a"]): random_numbers.choice(values)}
         ),
         lambda: json.dumps({"control": random_numbers.choice([v for v in values if v is not None])}),
         lambda: json.dumps(random_numbers.choice(values)),
@@ -237,7 +237,7 @@ def test_five_thousand_hostile_messages_are_no_answer() -> None:
             name, value = read_answer(message if isinstance(message, str) else None)
         except InvalidAnswer:
             continue
-        assert name in ("taken", "select")
+        assert name in ("taken", "select", "back")
         assert isinstance(message, str)
         assert type(value) is int
         assert value >= 0
