@@ -69,7 +69,11 @@ PROPERTIES = {
         "num-buffers": "stop-s=SECONDS, or identity eos-after=NUMBER behind it",
         "blocksize": "nothing; it sends whole packets",
     },
-    "multifilesrc": {"num-buffers": "stop-index=NUMBER", "caps": "framerate=NUMBER"},
+    "multifilesrc": {
+        "num-buffers": "stop-index=NUMBER",
+        "caps": "framerate=NUMBER",
+        "index": "start-index=NUMBER",
+    },
 }
 ANYWHERE = {
     "num-buffers": "identity eos-after=NUMBER, which ends the stream",

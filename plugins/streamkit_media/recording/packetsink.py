@@ -10,6 +10,7 @@ import msgspec
 from av.packet import Packet
 
 from streamkit import (
+    SECOND_NS,
     Caps,
     Direction,
     Frame,
@@ -91,7 +92,7 @@ class PacketSink(NumberedFilesSink):
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
         self._zero = self._begin = 0
         self._bytes = self._count = 0
-        self._is_damage_reported = False
+        self._is_damage_reported = self._is_length_reported = False
         super().start()
 
     def begin(self) -> None:
@@ -160,14 +161,26 @@ class PacketSink(NumberedFilesSink):
 
     def _must_change(self, frame: Frame, is_keyframe: bool) -> bool:
         """Whether this packet begins a file: the first, one of another format, or a full segment's next."""
+        length_ns = (frame.pts or 0) - self._begin
         if not is_keyframe:
+            if self._writer is not None and 0 < 2 * self.max_size_time < length_ns:
+                self._warn_of_length(length_ns)
             return False
         if self._writer is None or self._caps is None:
             return True
         if frame.caps is not self._caps and caps_parameters(frame.caps) != caps_parameters(self._caps):
             return True
-        is_long = self.max_size_time and (frame.pts or 0) - self._begin >= self.max_size_time
+        is_long = self.max_size_time and length_ns >= self.max_size_time
         return bool(is_long or (self.max_size_bytes and self._bytes >= self.max_size_bytes))
+
+    def _warn_of_length(self, length_ns: int) -> None:
+        if not self._is_length_reported:
+            self._is_length_reported = True
+            self.post_warning(
+                f"a segment of {length_ns / SECOND_NS:.1f} s, max-size-time is "
+                f"{self.max_size_time / SECOND_NS:g} s: no key frame has come at which another can begin; "
+                "set the key-frame interval of the camera or encoder to it, or less"
+            )
 
     def _change(self, frame: Frame) -> None:
         """Completes the file under way and begins the next."""

@@ -129,6 +129,20 @@ def test_segments_by_time(make_video: MakeVideo, tmp_path: Path) -> None:
     assert all(0.7 <= length <= 0.7 + 0.24 for length in lengths[:-1])
 
 
+def test_a_segment_that_cannot_end_is_told(make_video: MakeVideo, tmp_path: Path) -> None:
+    """Once, where the key frames are too far apart for the length asked."""
+    source = make_video("one_key_frame.mp4", count=60, options={"g": "250"})
+    text = f"filesrc location={source} ! packetsink location={tmp_path}/part-%03d.ts max-size-time=500000000"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        kinds = (MessageKind.WARNING, MessageKind.EOS, MessageKind.ERROR)
+        told, ended = (pipeline.bus.pop(20, kinds) for _ in range(2))
+    assert told is not None
+    assert ended is not None
+    assert "max-size-time is 0.5 s: no key frame has come" in told.text
+    assert ended.kind is MessageKind.EOS
+
+
 def test_segments_by_size_get_a_number(make_video: MakeVideo, tmp_path: Path) -> None:
     """A name without a number gets one when there is a limit."""
     source = make_video("long_for_segments.mp4", count=60)
