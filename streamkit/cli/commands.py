@@ -79,7 +79,9 @@ def load_command(entry: PluginEntry) -> Any:
         app.command(entry.name, help=cause, context_settings=free)(refuse)
         return typer.main.get_command(app)
     if isinstance(found, typer.Typer):
-        return typer.main.get_command(found)
+        group = typer.main.get_command(found)
+        group.name = entry.name  # the listing prints it
+        return group
     app.command(entry.name, cls=found.__dict__.get("command_class"))(found)
     return typer.main.get_command(app)
 

@@ -1,0 +1,26 @@
+"""`streamkit fleet` and `streamkit batch` as commands; docs/fleet.md is followed by a test of its own."""
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from streamkit.cli.main import make_app
+
+
+def test_the_commands_are_listed_by_name() -> None:
+    """A group of commands, too."""
+    listing = CliRunner().invoke(make_app(), ["--help"], env={"COLUMNS": "200"}).stdout
+    assert re.search(r"^\W*batch\s+Runs a pipeline over every file", listing, re.MULTILINE)
+    assert re.search(r"^\W*fleet\s+Runs many feeds on Ray", listing, re.MULTILINE)
+
+
+def test_without_a_fleet_the_remedy_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is started by asking how it is."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    done = CliRunner().invoke(make_app(), ["fleet", "status"], env={"COLUMNS": "200"})
+    assert done.exit_code == 2
+    assert "no fleet runs on this machine; start one with `streamkit fleet up`" in done.stderr
+    assert list(tmp_path.iterdir()) == []
