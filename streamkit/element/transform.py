@@ -104,7 +104,8 @@ class Transform(Element):
         return self.src_pad, event
 
     def _drain(self) -> None:
-        with self.calling("drain"):
+        # If downstream wants no more of them, EOS follows all the same: other threads behind wait for it.
+        with self.calling("drain"), contextlib.suppress(EndOfStream):
             for item in self.drain():
                 if isinstance(item, tuple):
                     self.push_to_side_pad(*item)

@@ -6,10 +6,12 @@ import pytest
 
 from streamkit import (
     Caps,
+    Direction,
     DiscontinuityEvent,
     ElementFailure,
     Event,
     Frame,
+    PadTemplate,
     Pipeline,
     Property,
     Segment,
@@ -292,3 +294,32 @@ def test_a_transform_without_its_method_says_so(register: Register) -> None:
     register(misspelt=Misspelt)
     with pytest.raises(ElementFailure, match="Misspelt does not define transform"):
         Pipeline.parse("fakesrc num-buffers=1 ! misspelt ! fakesink").run(timeout_s=20)
+
+
+class Draining(Transform):
+    """Returns its frames at EOS, each through both src pads."""
+
+    sink = src = "ANY"
+    templates = (PadTemplate("side", Direction.SRC, Caps("ANY")),)
+
+    def start(self) -> None:
+        self.kept: list[Frame] = []
+
+    def transform(self, frame: Frame) -> None:
+        self.kept.append(frame)
+
+    def drain(self) -> Iterator[Frame | tuple[str, Frame]]:
+        for kept in self.kept:
+            yield kept
+            yield "side", kept
+
+
+def test_eos_follows_frames_that_downstream_refuses(register: Register) -> None:
+    """Else the threads behind would wait for it for ever."""
+    register(draining=Draining)
+    text = (
+        "fakesrc num-buffers=5 ! draining name=d ! fakesink num-buffers=2  d.side ! queue ! fakesink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.run(timeout_s=20)
+        assert pipeline["out"].pads["sink"].is_eos
