@@ -15,13 +15,8 @@ from streamkit.geometry.homography import (
     to_reduced,
 )
 from streamkit_stitcher.plane.keyframes import SMALLEST_CORNER_STD, Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.dense_alignment import (
-    STEP_RATIOS,
-    DenseAlignment,
-    DenseLevel,
-    align_densely,
-    levels_of,
-)
+from streamkit_stitcher.registration.dense_alignment import DenseAlignment, align_densely
+from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 
 _CACHED: Final = 3
@@ -30,6 +25,9 @@ _FIRST_REST: Final = 0.7
 _LEAST_DEVIATION: Final = 0.1
 _LARGEST_DEVIATION: Final = 8.0
 _GAIN: Final = 0.1
+# Frames after which the first belief that the camera rests counts half, and memory of whether it did.
+_FIRST_FRAMES: Final = 10
+_REST_GAIN: Final = 0.02
 _OUTLIER: Final = 3.0
 _HELD: Final = 0.5
 # Part of the agreement of the best motion that a more precise match by patches must reach.
@@ -51,7 +49,7 @@ class DenseMatcher:
         self._levels: dict[int, tuple[DenseLevel, ...]] = {}
         self._deviation = _FIRST_DEVIATION
         self._covariance, self._std = np.zeros((8, 8)), 0.0
-        self._rest = _FIRST_REST
+        self._rest, self._seen = _FIRST_REST, 0
 
     def match(
         self,
@@ -64,8 +62,8 @@ class DenseMatcher:
     ) -> KeyframeMatch:
         """The likeliest match with a keyframe; its `share` is small where next to nothing agrees.
 
-        Where they explain the frame, the camera is preferred to be where it was at the keyframe, then where
-        it was in the previous frame, then where the patches see it.
+        Where they explain the frame, the camera is preferred to be where it was at the keyframe, the more so
+        the more often it was, then where it was in the previous frame, then where the patches see it.
 
         Args:
             keyframe: the keyframe.
@@ -82,7 +80,7 @@ class DenseMatcher:
             small,
             [to_reduced(inverse(matrix), factor) for matrix in motions],
             self._prior(before_std / factor),
-            preferred=(0, 1),
+            preferred={0: self._rest, 1: 0.0},
             rival=None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
         )
         self._learn(found)
@@ -106,7 +104,10 @@ class DenseMatcher:
         return self._covariance + np.diag((self._deviation**2 + doubt) * STEP_RATIOS**2)
 
     def _learn(self, found: DenseAlignment) -> None:
-        self._rest += _GAIN * ((found.prediction == 0) - self._rest)
+        self._seen += 1
+        self._rest += max(_REST_GAIN, 1 / (_FIRST_FRAMES + self._seen)) * (
+            (found.prediction == 0) - self._rest
+        )
         # Expectation maximisation: without evidence the posterior is the prior, and nothing is learned.
         squares = (found.step**2 + np.diag(found.covariance) - np.diag(self._covariance)) / STEP_RATIOS**2
         size = float(np.clip(squares[:4].mean(), 0.0, (_OUTLIER * self._deviation) ** 2))

@@ -28,7 +28,19 @@ def search_shift(earlier: GreyArray, current: GreyArray) -> FloatArray | None:
     height, width = current.shape
     scale = min(1.0, _WIDTH / width)
     columns, rows = max(_SMALLEST_SIDE, round(width * scale)), max(_SMALLEST_SIDE, round(height * scale))
-    first, second = _texture(earlier, (columns, rows)), _texture(current, (columns, rows))
+    x, y, correlation = texture_shift(_texture(earlier, (columns, rows)), _texture(current, (columns, rows)))
+    if not correlation > _MIN_CORRELATION:
+        return None
+    return translation(np.array([x * width / columns, y * height / rows]))
+
+
+def texture_shift(first: FloatArray, second: FloatArray) -> tuple[int, int, float]:
+    """The most significant shift between textures of mean 0, float[h, w], see `search_shift`.
+
+    Returns:
+        The shift from `second` to `first` in x and in y, px, and the correlation of their overlap.
+    """
+    rows, columns = first.shape
     every = np.ones_like(first)
     overlap = _correlate(every, every)
     power = _correlate(first**2, every) * _correlate(every, second**2)
@@ -37,10 +49,7 @@ def search_shift(earlier: GreyArray, current: GreyArray) -> FloatArray | None:
     # A small overlap correlates by chance: weigh the correlation by its significance.
     significance = correlation * np.sqrt(np.maximum(overlap, 0.0))
     y, x = np.unravel_index(int(np.argmax(significance)), overlap.shape)
-    if not correlation[y, x] > _MIN_CORRELATION:
-        return None
-    steps = np.array([(int(x) - columns) * width / columns, (int(y) - rows) * height / rows])
-    return translation(steps)
+    return int(x) - columns, int(y) - rows, float(correlation[y, x])
 
 
 def _texture(grey: GreyArray, size: tuple[int, int]) -> FloatArray:

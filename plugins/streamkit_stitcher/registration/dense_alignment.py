@@ -1,11 +1,10 @@
 """Dense alignment: all of a keyframe votes by area, so that large movers do not outvote weak texture."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -13,196 +12,19 @@ from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     corner_shift,
-    corners,
     from_reduced,
     inverse,
-    normalised,
     to_reduced,
     translation,
 )
-from streamkit_stitcher.registration.patches import halved
-
-_SingleArray = npt.NDArray[np.float32]
-_BLOCK: Final = 8
-_LEVELS: Final = 3
-_SMALLEST_SIDE: Final = 60
-_NEIGHBOURHOOD: Final = 4.0
-_SMOOTHING: Final = 0.8
-# Grey levels below which contrast is taken for noise.
-_NOISE: Final = 4.0
-_WEAK_POWER: Final = 0.05
-# Difference of a block, as a part of both powers, at which it has a quarter of its weight, and at which it
-# counts as a quarter of agreement; 1 is unrelated.
-_UNLIKE: Final = 0.15
-_RELATED: Final = 0.3
-_SMALLEST_VARIANCE: Final = 0.005
-_ITERATIONS: Final = 6
-_SETTLED: Final = 0.03
-# Differences are alike over parts of the frame, as shadows and edges are: it counts as so many measurements.
-_INDEPENDENT: Final = 250.0
-# Deviations of the parameters of a step: shift x, y, scale, rotation, two of shear, two of perspective.
-STEP_RATIOS: Final[FloatArray] = np.array([1.0, 1.0, 0.3, 0.3, 0.1, 0.1, 0.07, 0.07])
-
-
-def texture(grey: GreyArray) -> _SingleArray:
-    """Contrast relative to its neighbourhood, float32[h, w]: faint texture counts as much as strong edges."""
-    image = grey.astype(np.float32)
-    detail = image - cv2.GaussianBlur(image, (0, 0), _NEIGHBOURHOOD)
-    power = cv2.GaussianBlur(detail * detail, (0, 0), _NEIGHBOURHOOD)
-    return np.asarray(cv2.GaussianBlur(detail / np.sqrt(power + _NOISE**2), (0, 0), _SMOOTHING), np.float32)
-
-
-def levels_of(grey: GreyArray) -> tuple[GreyArray, ...]:
-    """The image and at most two halvings, coarsest first."""
-    images = [grey]
-    while len(images) < _LEVELS and min(images[-1].shape) >= 2 * _SMALLEST_SIDE:
-        images.append(halved(images[-1]))
-    return tuple(images[::-1])
-
-
-def _slopes(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of x and y by a step, float64[8, n], at points float64[2, n] in half widths."""
-    x, y = points
-    one, none = np.ones_like(x), np.zeros_like(x)
-    return (
-        np.stack([one, none, x, -y, x, y, -x * x, -x * y]),
-        np.stack([none, one, y, x, -y, x, -x * y, -y * y]),
-    )
-
-
-class DenseLevel:
-    """A keyframe at one size, prepared for dense alignment.
-
-    Args:
-        grey: uint8[h, w].
-    """
-
-    def __init__(self, grey: GreyArray) -> None:
-        height, width = self.shape = (int(grey.shape[0]), int(grey.shape[1]))
-        self._blocks = max(1, height // _BLOCK), max(1, width // _BLOCK)
-        self._texture = texture(grey)
-        self._across = cv2.Scharr(self._texture, cv2.CV_32F, 1, 0) / 32
-        self._down = cv2.Scharr(self._texture, cv2.CV_32F, 0, 1) / 32
-        across, down = self._across, self._down
-        self._structure = np.stack(
-            [self._mean(across * across), self._mean(across * down), self._mean(down * down)]
-        )
-        self._power = self._mean(self._texture * self._texture)
-        self._unit = max(height, width) / 2
-        middle_x, middle_y = (width - 1) / 2, (height - 1) / 2
-        self._normalise = np.array([[1, 0, -middle_x], [0, 1, -middle_y], [0, 0, self._unit]]) / self._unit
-        rows, columns = np.mgrid[0 : self._blocks[0], 0 : self._blocks[1]] * _BLOCK + (_BLOCK - 1) / 2
-        self.centres = np.stack([columns.ravel(), rows.ravel()], axis=1)
-        self._slopes = _slopes((self.centres.T - [[middle_x], [middle_y]]) / self._unit)
-        x, y = self._slopes
-        xx, xy, yy = self._structure
-        self._steepest = xx * x + xy * y, xy * x + yy * y
-
-    @cached_property
-    def corner_slopes(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the corners' positions by a step, float64[8, 4] each."""
-        outline = corners(self.shape)
-        return _slopes((outline - outline.mean(axis=0)).T / self._unit)
-
-    def _mean(self, values: Any) -> FloatArray:
-        """The mean of each block, float64[n]."""
-        rows, columns = self._blocks
-        part = values[: rows * _BLOCK, : columns * _BLOCK]
-        means = cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
-        return np.asarray(means, np.float64).ravel()
-
-    def compare(self, image: _SingleArray, motion: FloatArray) -> "Comparison":
-        """Compares the keyframe with a texture of the same size under a motion, keyframe to frame."""
-        size = self.shape[1], self.shape[0]
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        # Beyond the frame is NaN, and so is the mean of every block that reaches there.
-        moved = cv2.warpPerspective(image, motion, size, flags=flags, borderValue=float("nan"))
-        difference = moved - self._texture
-        squares = self._mean(difference * difference)
-        visible = np.isfinite(squares)
-        power = self._power + np.where(visible, self._mean(moved * moved), 0.0) + _WEAK_POWER
-        squares = np.where(visible, squares, 0.0)
-        weights, alike = (visible / (1 + (squares / (u * power)) ** 2) ** 2 for u in (_UNLIKE, _RELATED))
-        sides = [np.where(visible, self._mean(g * difference), 0.0) for g in (self._across, self._down)]
-        contrast = self._structure[0] + self._structure[2]
-        seen = float((visible * contrast).sum())
-        agreement = float((alike * contrast).sum()) / seen if seen > 0 else 0.0
-        return Comparison(weights, alike, squares, np.stack(sides), visible, agreement)
-
-    def refine(
-        self,
-        image: _SingleArray,
-        motion: FloatArray,
-        prediction: FloatArray,
-        covariance: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, "Comparison"]:
-        """The likeliest motion near a prediction, its covariance, and the comparison there.
-
-        Args:
-            image: texture of the frame.
-            motion: to begin with, keyframe to frame.
-            prediction: keyframe to frame.
-            covariance: float64[8, 8], of the step from the prediction, px.
-        """
-        information = np.linalg.inv(covariance)
-        x, y = self._slopes
-        predicted = inverse(prediction)
-        compared = self.compare(image, motion)
-        for _ in range(_ITERATIONS):
-            weights = compared.weights
-            normal = (self._steepest[0] * weights) @ x.T + (self._steepest[1] * weights) @ y.T
-            sides = (x * weights) @ compared.sides[0] + (y * weights) @ compared.sides[1]
-            scale = _INDEPENDENT / (len(self.centres) * compared.variance)
-            whole = scale * normal + information
-            away = self.step_of(predicted @ motion)
-            step = np.linalg.solve(whole, -scale * sides - information @ away)
-            motion = normalised(motion @ self._matrix(step))
-            compared = self.compare(image, motion)
-            if float(np.abs(step).max()) < _SETTLED:
-                break
-        return motion, np.linalg.inv(whole), compared
-
-    def _matrix(self, step: FloatArray) -> FloatArray:
-        x, y, scale, turn, first, second, across, down = (step / self._unit).tolist()
-        matrix = np.array(
-            [[1 + scale + first, second - turn, x], [second + turn, 1 + scale - first, y], [across, down, 1]]
-        )
-        return np.asarray(inverse(self._normalise) @ matrix @ self._normalise)
-
-    def step_of(self, matrix: FloatArray) -> FloatArray:
-        """The parameters of a step, float64[8], px, from its homography."""
-        (a, b, x), (c, d, y), (g, h, _) = normalised(
-            self._normalise @ matrix @ inverse(self._normalise)
-        ).tolist()
-        return self._unit * np.array([x, y, (a + d) / 2 - 1, (c - b) / 2, (a - d) / 2, (b + c) / 2, g, h])
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """A keyframe compared with a frame, block by block.
-
-    Attributes:
-        weights: float64[n], 0 for blocks that differ to 1 for equal ones.
-        alike: float64[n], the same, for larger differences.
-        squares: float64[n], mean squared difference of the textures.
-        sides: float64[2, n], mean product of the difference with the gradient, in x and y.
-        visible: bool[n], blocks inside the frame.
-        agreement: share of the contrast in view that agrees, 0 to 1.
-    """
-
-    weights: FloatArray
-    alike: FloatArray
-    squares: FloatArray
-    sides: FloatArray
-    visible: npt.NDArray[np.bool_]
-    agreement: float
-
-    @property
-    def variance(self) -> float:
-        """Mean squared difference of the blocks that agree."""
-        counted = self.weights**2
-        total = float(counted.sum())
-        return max(_SMALLEST_VARIANCE, float((counted * self.squares).sum()) / total if total > 0 else 0.0)
+from streamkit_stitcher.registration.dense_level import (
+    STEP_RATIOS,
+    Comparison,
+    DenseLevel,
+    SingleArray,
+    levels_of,
+    texture,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,13 +63,34 @@ class DenseAlignment:
 
 _AGREEING: Final = 0.5
 # A preferred prediction must reach this share of the best agreement, within so many deviations (squared) of
-# the best motion, which 0.2 % of eight parameters exceed by chance; cameras at rest move by the jitter, px.
-_AS_GOOD: Final = 0.85
-_HELD: Final = 25.0
+# the best motion, which 0.2 % of eight parameters exceed by chance; both where it is no surer than others,
+# and where it has always been right. Cameras at rest move by the jitter, px.
+_AS_GOOD: Final = (0.85, 0.6)
+_HELD: Final = (25.0, 75.0)
 _JITTER: Final = 0.25
+# Agreement by which a rival must exceed the expected motion, in deviations of its parts of the frame.
+_EVIDENT: Final = 3.0
+# Distance at a corner, px, beyond which the shift found by correlation is a rival, too, and its length by the
+# width above which it is that of photographs, which features register.
+_ELSEWHERE: Final = 8.0
+_FARTHEST: Final = 0.25
+_RIVAL_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
 _LEAST_AGREEMENT: Final = 1e-6
 # Shifts, px, under which only chance agrees.
 _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
+
+
+def _refined(
+    levels: Sequence[DenseLevel], textures: Sequence[SingleArray], start: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray, Comparison]:
+    """`DenseLevel.refine` from coarse to fine; `start` and `covariance` are in px of the finest level."""
+    motion = to_reduced(start, 2 ** len(levels))
+    for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
+        size = 2 ** (len(levels) - 1 - number)
+        motion, posterior, compared = level.refine(
+            image, from_reduced(motion, 2), to_reduced(start, size), covariance / size**2
+        )
+    return motion, posterior, compared
 
 
 def align_densely(
@@ -255,7 +98,7 @@ def align_densely(
     grey: GreyArray,
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
-    preferred: Sequence[int] = (),
+    preferred: Mapping[int, float] = MappingProxyType({}),
     rival: FloatArray | None = None,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
@@ -268,9 +111,11 @@ def align_densely(
         grey: uint8[h, w], the frame, of the finest level's size.
         predictions: keyframe to frame.
         covariance: float64[8, 8], of the step from a prediction, px.
-        preferred: numbers of predictions that are kept where they explain the frame about as well as any
-            motion, first come first served: the camera at rest, the motion of most patches.
-        rival: another motion, keyframe to frame, that the agreement of the result is compared with.
+        preferred: predictions by number that are kept where they explain the frame about as well as any
+            motion, first come first served, and how sure each is, 0 to 1.
+        rival: another motion, keyframe to frame, that the agreement of the result is compared with. It wins
+            with evidence from all over the frame, as a mover offers the motion of its own part of it; so does
+            the shift at which the textures correlate best.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
@@ -280,22 +125,30 @@ def align_densely(
     reduced = [to_reduced(prediction, coarsest) for prediction in predictions]
     scores = [levels[0].compare(textures[0], prediction).agreement for prediction in reduced]
     chosen = int(np.argmax(scores))
-    start, motion = predictions[chosen], reduced[chosen]
-    for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
-        motion = from_reduced(motion, 2) if number else motion
-        size = 2 ** (len(levels) - 1 - number)
-        motion, posterior, best = level.refine(image, motion, to_reduced(start, size), covariance / size**2)
+    start = predictions[chosen]
+    motion, posterior, best = _refined(levels, textures, start, covariance)
     finest, image = levels[-1], textures[-1]
     share = 0.0
     if rival is not None:
-        share = finest.compare(image, rival).agreement / max(_LEAST_AGREEMENT, best.agreement)
+        other = finest.compare(image, rival)
+        share = other.agreement / max(_LEAST_AGREEMENT, best.agreement)
+        if finest.evidence(other, best) > _EVIDENT:
+            start = rival
+            motion, posterior, best = finest.refine(image, start, start, _RIVAL_COVARIANCE)
+    shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
+    is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
+    if is_near and corner_shift(inverse(shift) @ motion, finest.shape) > _ELSEWHERE:
+        moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
+        if finest.evidence(moved[2], best) > _EVIDENT:
+            start, (motion, posterior, best) = shift, moved
     step = finest.step_of(inverse(start) @ motion)
     kept, found, away = None, motion, 0.0
     allowed = np.linalg.inv(posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
-    for number in preferred:
+    for number, surety in preferred.items():
         apart = finest.step_of(inverse(predictions[number]) @ found)
         other = finest.compare(image, predictions[number])
-        if apart @ allowed @ apart < _HELD and other.agreement > _AS_GOOD * best.agreement:
+        held, as_good = (low + surety * (high - low) for low, high in (_HELD, _AS_GOOD))
+        if apart @ allowed @ apart < held and other.agreement > as_good * best.agreement:
             motion, kept, best = predictions[number], number, other
             away = corner_shift(inverse(motion) @ found, finest.shape)
             step = finest.step_of(inverse(start) @ motion)

@@ -5,12 +5,8 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import corner_shift, inverse, translation
-from streamkit_stitcher.registration.dense_alignment import (
-    STEP_RATIOS,
-    DenseLevel,
-    align_densely,
-    levels_of,
-)
+from streamkit_stitcher.registration.dense_alignment import align_densely
+from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
 
 SHAPE = (180, 320)
 LOOSE = np.diag((3.0 * STEP_RATIOS) ** 2)
@@ -49,10 +45,41 @@ def test_a_known_motion_is_found(ground):
     assert found.corner_std < 0.25
 
 
+def test_a_lost_frame_is_found_without_a_prediction(ground):
+    """By correlation, 70 px from where the camera was."""
+    frame = ground[300:480, 370:690]
+    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], STEADY, {0: 0.0})
+    assert corner_shift(inverse(translation(np.array([-70.0, 0.0]))) @ found.key_to_frame, SHAPE) < 0.25
+
+
+def test_a_rival_needs_evidence_from_all_over_the_frame(ground, faint_road):
+    """The motion of three cars is not the camera's; a turn of the whole frame is."""
+    jump = translation(np.array([0.0, 12.0]))
+    key, frame = with_cars(faint_road, 0), with_cars(faint_road, 12)
+    cars = align_densely(levels(key), frame, [np.eye(3)], STEADY, {0: 0.0}, jump)
+    assert cars.prediction == 0
+    turn = np.vstack([cv2.getRotationMatrix2D((159.5, 89.5), 20, 1.0), [0, 0, 1]])
+    key = ground[300:480, 300:620]
+    frame = cv2.warpPerspective(ground, turn @ translation(np.array([-300.0, -300.0])), (320, 180))
+    whole = align_densely(levels(key), frame, [np.eye(3)], STEADY, {0: 0.0}, turn)
+    assert whole.prediction is None
+    assert corner_shift(inverse(turn) @ whole.key_to_frame, SHAPE) < 0.25
+
+
+def test_a_camera_that_always_rests_is_moved_by_clear_evidence_only(ground):
+    """A shift of 2 px of a blurred picture is doubtful, of 3 px it is clear."""
+    views = (ground[top : top + 180, 300:620] for top in (300, 302, 303))
+    key, near, far = (cv2.GaussianBlur(view, (0, 0), 3) for view in views)
+    doubtful, sure = {0: 0.0}, {0: 1.0}
+    assert align_densely(levels(key), near, [np.eye(3)], LOOSE, doubtful).prediction is None
+    assert align_densely(levels(key), near, [np.eye(3)], LOOSE, sure).prediction == 0
+    assert align_densely(levels(key), far, [np.eye(3)], LOOSE, sure).prediction is None
+
+
 def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
     """Cars move by 4 px on a road of little contrast; the camera at rest explains the frame."""
     found = align_densely(
-        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, preferred=(0,)
+        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, preferred={0: 0.0}
     )
     assert found.prediction == 0
     assert np.array_equal(found.key_to_frame, np.eye(3))
@@ -61,7 +88,7 @@ def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
 def test_rest_is_not_preferred_to_a_real_motion(ground):
     """A shift of 2 px is no rest."""
     frame = ground[302:482, 300:620]
-    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, preferred=(0,))
+    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, preferred={0: 0.0})
     assert found.prediction is None
     assert corner_shift(inverse(translation(np.array([0.0, -2.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
