@@ -26,9 +26,11 @@ OUTPUT = types.Array(types.uint8, 2, "A")
 FLOAT_OUTPUT = types.Array(types.float32, 2, "A")
 
 
-def mask_of(condition: Flags) -> ByteImage:
-    """uint8, 255 where a condition holds, else 0."""
-    return condition.view(np.uint8) * np.uint8(255)
+def overlaps(boxes: FloatArray, others: FloatArray) -> Flags:
+    """bool[n, m], whether boxes, float64[n, 4] x0 y0 x1 y1, overlap others, float64[m, 4]."""
+    left, top, right, bottom = boxes.T[:, :, None]
+    first, upper, last, lower = others.T[:, None, :]
+    return np.asarray((left < last) & (first < right) & (top < lower) & (upper < bottom))
 
 
 def local_range(image: ByteImage) -> ByteImage:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from streamkit.geometry.homography import project
-from streamkit_differencer.arrays import ByteImage, FloatArray
+from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
+from streamkit_kernels import TABLE, VIEW, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
@@ -33,10 +33,7 @@ class Persistence:
         """Ages of the objects of a frame, float64[n], 1 for new ones; boxes float64[n, 4] x0 y0 x1 y1."""
         ages = np.ones(len(boxes))
         if len(boxes) and len(self.boxes):
-            low = np.maximum(boxes[:, None, :2], self.boxes[None, :, :2])
-            high = np.minimum(boxes[:, None, 2:], self.boxes[None, :, 2:])
-            overlaps = (high > low).all(axis=2)
-            ages += np.where(overlaps, self._ages, 0.0).max(axis=1)
+            ages += np.where(overlaps(boxes, self.boxes), self._ages, 0.0).max(axis=1)
         self.boxes, self._ages = boxes, ages
         return ages
 
@@ -62,15 +59,38 @@ def contrasts(
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
     """
-    steps = (np.arange(GRID) + 0.5) / GRID
-    low, high = boxes[:, None, :2], boxes[:, None, 2:]
-    places = low + (high - low) * np.array([[x, y] for y in steps for x in steps])
-    points = np.nan_to_num(project(to_image, places.reshape(-1, 2)))
-    columns, rows = np.rint(np.clip(points, 0, np.array(image.shape[::-1]) - 1)).astype(np.intp).T
-    difference = np.abs(image[rows, columns].astype(np.float64) - background[rows, columns])
-    excess = (difference / np.maximum(thresholds[rows, columns], 1)).reshape(len(boxes), GRID * GRID)
-    counts = (excess > 1.0) & (known[rows, columns].reshape(excess.shape) > 0)
-    return np.asarray((excess * counts).sum(axis=1) / np.maximum(counts.sum(axis=1), 1))
+    excess = _excesses(boxes, to_image, image, background, thresholds, known)
+    return np.asarray(excess.sum(axis=1) / np.maximum(np.count_nonzero(excess, axis=1), 1))
+
+
+@kernel(TABLE, TABLE, *[VIEW] * 4)
+def _excesses(
+    boxes: FloatArray,
+    to_image: FloatArray,
+    image: ByteImage,
+    background: ByteImage,
+    thresholds: ByteImage,
+    known: ByteImage,
+) -> FloatArray:
+    """The contrast at each sampled point, float64[n, 25]; 0 where it does not exceed the threshold."""
+    height, width = image.shape
+    result = np.zeros((len(boxes), GRID * GRID))
+    for number in range(len(boxes)):
+        left, top, right, bottom = boxes[number]
+        for place in range(GRID * GRID):
+            x = left + (right - left) * ((place % GRID + 0.5) / GRID)
+            y = top + (bottom - top) * ((place // GRID + 0.5) / GRID)
+            scale = 1.0 / (to_image[2, 0] * x + to_image[2, 1] * y + to_image[2, 2])
+            across = (to_image[0, 0] * x + to_image[0, 1] * y + to_image[0, 2]) * scale
+            down = (to_image[1, 0] * x + to_image[1, 1] * y + to_image[1, 2]) * scale
+            # This comparison order maps NaN to 0.
+            column = int(np.rint(min(across if across > 0.0 else 0.0, width - 1.0)))
+            row = int(np.rint(min(down if down > 0.0 else 0.0, height - 1.0)))
+            difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
+            excess = float(difference) / float(max(thresholds[row, column], np.uint8(1)))
+            if excess > 1.0 and known[row, column] > 0:
+                result[number, place] = excess
+    return result
 
 
 def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> FloatArray:

@@ -42,8 +42,8 @@ def changed_mask(
     """
     difference = cv2.absdiff(image, earlier)
     if gradient_gain > 0.0:
-        difference = cv2.addWeighted(difference, 1.0, ranges, -gradient_gain, 0.0)
-    return cast("ByteImage", cv2.threshold(difference, threshold, 255, cv2.THRESH_BINARY)[1])
+        cv2.addWeighted(difference, 1.0, ranges, -gradient_gain, 0.0, dst=difference)
+    return cast("ByteImage", cv2.threshold(difference, threshold, 255, cv2.THRESH_BINARY, dst=difference)[1])
 
 
 def count_down(waiting: ByteImage, changed: ByteImage) -> None:
@@ -78,6 +78,7 @@ def excess_over_range(image: ByteImage, background: ByteImage, tolerance: int) -
     if tolerance <= 0:
         return cast("ByteImage", cv2.absdiff(image, background))
     square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
-    above = cv2.subtract(image, cv2.dilate(background, square))
-    below = cv2.subtract(cv2.erode(background, square), image)
-    return cast("ByteImage", cv2.max(above, below))
+    above, below = cv2.dilate(background, square), cv2.erode(background, square)
+    cv2.subtract(image, above, dst=above)
+    cv2.subtract(below, image, dst=below)
+    return cast("ByteImage", cv2.max(above, below, dst=above))

@@ -29,8 +29,9 @@ def downsampled_by_vote(mask: ByteImage, least: int) -> ByteImage:
     """
     height, width = mask.shape
     whole = cv2.threshold(mask, least - 1, 255, cv2.THRESH_BINARY)[1]
-    even = cv2.copyMakeBorder(whole, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
-    means = cv2.resize(even, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA)
+    if height % 2 or width % 2:
+        whole = cv2.copyMakeBorder(whole, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
+    means = cv2.resize(whole, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA)
     # The mean of two set pixels of four is 128.
     return cast("ByteImage", cv2.threshold(means, 127, 255, cv2.THRESH_BINARY)[1])
 
@@ -65,22 +66,25 @@ def measure_objects(
         their columns and rows, first column and row, last ones, and number of moving pixels; 0 pixels for
         objects that are too small.
     """
-    height, width = labels.shape
     sizes, result = np.zeros(count + 1, np.int64), np.zeros((count, COLUMNS), np.float64)
-    for row in range(height):
-        for column in range(width):
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
             if cells[row, column] > 0:
                 sizes[labels[row, column]] += 1
-    left, right = first_column * step, min((first_column + width) * step, foreground.shape[1])
-    for row in range(first_row * step, min((first_row + height) * step, foreground.shape[0])):
-        for column in range(left, right):
-            if foreground[row, column] < least:
+    for cell_row in range(labels.shape[0]):
+        for cell_column in range(labels.shape[1]):
+            label = labels[cell_row, cell_column]
+            if label == 0:
                 continue
-            label = labels[row // step - first_row, column // step - first_column]
-            if label > 0 and sizes[label] >= min_area:
-                _count(result[label - 1], row, column, foreground[row, column] == MOVING)
-            elif label > 0:
-                foreground[row, column] = 0
+            top, left = (first_row + cell_row) * step, (first_column + cell_column) * step
+            for row in range(top, min(top + step, foreground.shape[0])):
+                for column in range(left, min(left + step, foreground.shape[1])):
+                    if foreground[row, column] < least:
+                        continue
+                    if sizes[label] >= min_area:
+                        _count(result[label - 1], row, column, foreground[row, column] == MOVING)
+                    else:
+                        foreground[row, column] = 0
     return result
 
 
@@ -92,6 +96,6 @@ def _count(line: NDArray[np.float64], row: int, column: int, is_changed: bool) -
     line[SUM_X] += column
     line[SUM_Y] += row
     line[LEFT] = column if is_first else min(line[LEFT], column)
-    line[TOP] = row if is_first else line[TOP]
+    line[TOP] = row if is_first else min(line[TOP], row)
     line[RIGHT], line[BOTTOM] = max(line[RIGHT], column), max(line[BOTTOM], row)
     line[CHANGED] += int(is_changed)

@@ -15,7 +15,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, local_range, mask_of
+from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, local_range
 from streamkit_differencer.equations import (
     LONGEST_WAIT,
     changed_mask,
@@ -29,7 +29,7 @@ from streamkit_differencer.filters.ghost import find_ghosts
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.foreground import find_foreground
-from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN, CanvasFrame, Ground, scrolled, warped
+from streamkit_differencer.ground import PROVISIONAL, UNKNOWN, CanvasFrame, Ground, scrolled, warped
 from streamkit_differencer.illumination import exposure_change
 from streamkit_differencer.learning import choose_values
 from streamkit_differencer.mask_values import MOVING, SHADOW, STOPPED
@@ -175,9 +175,12 @@ class BackgroundModel:
         images = frame.image, earlier.image, settings.change_threshold, ranges
         changed = changed_mask(*images, gradient_gain)
         # What is not in both frames counts as changed.
-        cv2.bitwise_or(changed, cv2.bitwise_not(cv2.bitwise_and(frame.seen, earlier.seen)), dst=changed)
+        unseen = cv2.bitwise_and(frame.seen, earlier.seen)
+        cv2.bitwise_not(unseen, dst=unseen)
+        cv2.bitwise_or(changed, unseen, dst=changed)
         count_down(ground.waiting, changed)
-        unknown = mask_of(cv2.bitwise_or(ground.valid, changed) == UNKNOWN)
+        cv2.bitwise_or(ground.valid, changed, dst=unseen)
+        unknown = cv2.threshold(unseen, UNKNOWN, 255, cv2.THRESH_BINARY_INV)[1]
         if cv2.countNonZero(unknown):
             columns, rows = cv2.findNonZero(unknown).reshape(-1, 2).T
             new = rows, columns
@@ -190,7 +193,8 @@ class BackgroundModel:
         settings = self.settings
         self.background = cast("ByteImage", cv2.convertScaleAbs(ground.background))
         self.thresholds = thresholds_of(ground.deviation, settings.noise_gain, settings.foreground_threshold)
-        known = frame.seen & mask_of(ground.valid != UNKNOWN)
+        known = cast("ByteImage", cv2.threshold(ground.valid, UNKNOWN, 255, cv2.THRESH_BINARY)[1])
+        cv2.bitwise_and(known, frame.seen, dst=known)
         self.compared = frame.image, self.background, self.thresholds, known
         return find_foreground(*self.compared, self.tolerance, settings.hysteresis_ratio)
 
@@ -226,14 +230,18 @@ class BackgroundModel:
         quiet: ByteImage,
     ) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""
-        settings, known = self.settings, mask_of(ground.valid == KNOWN)
-        averaged = quiet & known & ~mask
+        settings = self.settings
+        # Not known, or foreground.
+        undecided = cast("ByteImage", cv2.threshold(ground.valid, PROVISIONAL, 255, cv2.THRESH_BINARY_INV)[1])
+        cv2.bitwise_or(undecided, mask, dst=undecided)
+        averaged = cast("ByteImage", cv2.subtract(quiet, undecided))
+        cv2.bitwise_and(undecided, frame.seen, dst=undecided)
         # A flight comes to new ground all the time, with vehicles on it that are as even as ground.
         fewest = FEWEST_FRAMES if self.begins_at_once else settings.quiet_frames
         limits = settings.quiet_frames, settings.absorb_frames, int(settings.foreground_threshold), fewest
         images = frame.image, mask, quiet, self.background, self.thresholds
         states = ground.background, ground.valid, ground.known_frames, ground.other, ground.other_frames
-        choose_values((mask | ~known) & frame.seen, *images, *states, *limits)
+        choose_values(undecided, *images, *states, *limits)
         update_background(ground.background, frame.image, averaged, settings.learning_rate)
         cv2.add(ground.known_frames, averaged & np.uint8(1), dst=ground.known_frames)
         # Not every frame, but with more weight: noise changes slowly.
@@ -245,7 +253,7 @@ class BackgroundModel:
         difference = cast("ByteImage", cv2.min(cv2.absdiff(frame.image, self.background), self.thresholds))
         learn_noise(ground, difference, averaged, NOISE_INTERVAL * NOISE_LEARNING_RATE)
         if cv2.countNonZero(mask) < MOST_FOREGROUND * mask.size:
-            restless = mask_of(ground.valid == PROVISIONAL) & ~mask
+            restless = ((ground.valid == PROVISIONAL) & (mask == 0)).view(np.uint8)
             learn_noise(ground, difference, restless, NOISE_INTERVAL * RESTLESS_LEARNING_RATE)
 
     def _follow_exposure(self, frame: CanvasFrame, region: Slices) -> ModelChange:

@@ -24,8 +24,8 @@ FIRST_DEVIATION, EDGE_SHARE = 1.5, 0.08
 def thresholds_of(deviation: FloatImage, gain: float, lowest: float) -> ByteImage:
     """T_F of each pixel, uint8[h, w]: so many standard deviations, but not below `lowest` grey levels."""
     limits = cv2.convertScaleAbs(deviation, alpha=gain * DEVIATION_RATIO)
-    limits = cv2.threshold(limits, HIGHEST_THRESHOLD, 0, cv2.THRESH_TRUNC)[1]
-    return cast("ByteImage", cv2.max(limits, np.full_like(limits, int(lowest))))
+    cv2.threshold(limits, HIGHEST_THRESHOLD, 0, cv2.THRESH_TRUNC, dst=limits)
+    return cast("ByteImage", cv2.max(limits, np.full_like(limits, int(lowest)), dst=limits))
 
 
 def learn_noise(ground: Ground, difference: ByteImage, mask: ByteImage, rate: float) -> None:

@@ -15,7 +15,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
+from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, FloatArray, LabelImage
 from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
@@ -29,6 +29,7 @@ from streamkit_differencer.measurement import (
     measure_objects,
 )
 from streamkit_differencer.settings import Criterion, ObjectSettings
+from streamkit_kernels import BYTES, kernel
 
 CELL_SIZE = 4
 # Empty cells around the foreground, which closing and merging need.
@@ -192,6 +193,13 @@ def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:
         scale: frame pixels per pixel of `mask`.
     """
     moving = objects.boxes[objects.changes >= MOVES]
-    for left, top, right, bottom in np.rint((moving + 0.5) / scale).astype(int):
-        part = mask[top:bottom, left:right]
-        part[part > HIGHEST_BACKGROUND] = MOVING
+    _mark(mask, np.rint((moving + 0.5) / scale).astype(np.int64))
+
+
+@kernel(BYTES, CORNERS)
+def _mark(mask: ByteImage, corners: Corners) -> None:
+    for left, top, right, bottom in corners:
+        for row in range(top, min(bottom, mask.shape[0])):
+            for column in range(left, min(right, mask.shape[1])):
+                if mask[row, column] > HIGHEST_BACKGROUND:
+                    mask[row, column] = MOVING

@@ -12,7 +12,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray
+from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray, overlaps
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
 from streamkit_differencer.objects import Objects
 from streamkit_kernels import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
@@ -50,8 +50,7 @@ def refine_objects(
     if not len(objects):
         return objects
     corners = np.rint(objects.boxes + 0.5).astype(np.int64)
-    meets = (objects.boxes[:, None, :2] < objects.boxes[None, :, 2:]).all(axis=2)
-    is_alone = (meets & meets.T).sum(axis=1) == 1
+    is_alone = overlaps(objects.boxes, objects.boxes).sum(axis=1) == 1
     found = measured_at_full_resolution(image, background, to_background, mask, scale, corners, is_alone)
     better = found[:, AREA] > 0.0
     return replace(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numba import types
 
 from streamkit_differencer.arrays import FLOAT_OUTPUT, OUTPUT, ByteImage, Flags, FloatImage, LabelImage
-from streamkit_kernels import BLOCKS, FLAGS, VIEW, kernel
-
-Indices = NDArray[np.intp]
+from streamkit_kernels import BLOCKS, FLAGS, VIEW, compiled, kernel
 
 # Larger components are sampled.
 MOST_POINTS = 1000
@@ -30,21 +30,21 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
         return np.zeros((0, 3), np.int32), 0
     whole = mask[: 2 * height, : 2 * width]
     blocks = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-    if not cv2.countNonZero(blocks):
-        return np.zeros((0, 3), np.int32), 0
     count, labels = cv2.connectedComponents(blocks, connectivity=8)
-    columns, rows = cv2.findNonZero(blocks).reshape(-1, 2).T
-    return np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1]).astype(np.int32), count - 1
+    return _listed(cast("LabelImage", labels), cv2.countNonZero(blocks)), count - 1
 
 
-def component_pixels(mask: ByteImage, blocks: LabelImage) -> tuple[Indices, Indices, Indices]:
-    """Rows, columns and component of the set pixels of some components, int[n] each."""
-    rows, columns = (
-        (blocks[:, axis, None] + np.array(steps)).ravel()
-        for axis, steps in enumerate(((0, 0, 1, 1), (0, 1, 0, 1)))
-    )
-    is_set = mask[rows, columns] > 0
-    return rows[is_set], columns[is_set], np.repeat(blocks[:, 2], 4)[is_set]
+@kernel(BLOCKS, types.int64)
+def _listed(labels: LabelImage, total: int) -> LabelImage:
+    """The first result of `components_of`; `labels` has the component of each of `total` blocks, from 1."""
+    blocks, found = np.empty((total, 3), np.int32), 0
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            if labels[row, column] > 0:
+                blocks[found, 0], blocks[found, 1] = 2 * row, 2 * column
+                blocks[found, 2] = labels[row, column] - 1
+                found += 1
+    return blocks
 
 
 @kernel(BLOCKS, FLAGS, FLAGS, OUTPUT, VIEW, VIEW, FLOAT_OUTPUT)
@@ -78,3 +78,13 @@ def remove_components(
                     mask[row, column] = 0
                     if ghosts[component] or quiet[row, column] > 0:
                         background[row, column] = image[row, column]
+
+
+@compiled
+def is_all_set(mask: ByteImage, row: int, column: int, border: int) -> bool:
+    """Whether all pixels within `border` of a pixel are not 0."""
+    for y in range(max(row - border, 0), min(row + border + 1, mask.shape[0])):
+        for x in range(max(column - border, 0), min(column + border + 1, mask.shape[1])):
+            if mask[y, x] == 0:
+                return False
+    return True

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
+from numba import types
 
-from streamkit_differencer.arrays import ByteImage, Flags, LabelImage, local_range
+from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
 from streamkit_differencer.equations import LONGEST_WAIT
-from streamkit_differencer.filters.components import component_pixels
+from streamkit_differencer.filters.components import is_all_set
+from streamkit_kernels import BLOCKS, VIEW, compiled, kernel
 
 # Share of the outline that must be stronger in the background than in the frame, and by how much. An object
 # that is just leaving its ghost hides a part of the ghost's outline.
@@ -17,11 +18,11 @@ AGREEMENT = 0.75
 # Frames without change of uncovered ground, in the same share of its pixels; leaves that blur what they cover
 # move on.
 REST_FRAMES = 6
-# Outlines within two pixels of unknown background do not count.
-BORDER_SQUARE = np.ones((5, 5), np.uint8)
-_SQUARE = np.ones((3, 3), np.uint8)
+# Outlines within this distance of unknown background do not count, px.
+BORDER_PX = 2
 
 
+@kernel(*[VIEW] * 5, BLOCKS, types.int64)
 def find_ghosts(
     image: ByteImage,
     background: ByteImage,
@@ -48,16 +49,34 @@ def find_ghosts(
     Source: after Cucchiara, Grana, Piccardi and Prati, "Detecting Moving Objects, Ghosts, and Shadows
         in Video Streams", PAMI 2003, with edges instead of optical flow.
     """
-    rows, columns, component = component_pixels(mask, blocks)
-    rest = np.bincount(component, waiting[rows, columns] <= LONGEST_WAIT - REST_FRAMES, count)
-    rests = rest >= AGREEMENT * np.bincount(component, minlength=count)
-    if not rests.any():
-        return np.asarray(rests)
-    is_outline = cv2.erode(mask, _SQUARE)[rows, columns] == 0
-    rows, columns, component = rows[is_outline], columns[is_outline], component[is_outline]
-    known = cv2.erode(valid, BORDER_SQUARE)[rows, columns] > 0
-    edges = local_range(image)[rows, columns].astype(np.float64)
-    shows = known & (local_range(background)[rows, columns] > RATIO * edges + LEAST_EDGE)
-    known_length, votes = (np.bincount(component, which, count) for which in (known, shows))
-    agrees = votes >= AGREEMENT * np.maximum(known_length, 1)
-    return np.asarray(rests & agrees & (2 * known_length >= np.bincount(component, minlength=count)))
+    pixels, rest = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    for index in range(len(blocks)):
+        for offset in range(4):
+            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
+            if mask[row, column] > 0:
+                pixels[blocks[index, 2]] += 1
+                rest[blocks[index, 2]] += int(waiting[row, column] <= LONGEST_WAIT - REST_FRAMES)
+    length, known, votes = np.zeros(count, np.int64), np.zeros(count, np.int64), np.zeros(count, np.int64)
+    rests = rest >= AGREEMENT * pixels
+    for index in range(len(blocks)):
+        component = blocks[index, 2]
+        for offset in range(4 if rests[component] else 0):
+            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
+            if mask[row, column] == 0 or is_all_set(mask, row, column, 1):
+                continue
+            length[component] += 1
+            if is_all_set(valid, row, column, BORDER_PX):
+                known[component] += 1
+                edge = _range_around(image, row, column)
+                votes[component] += int(_range_around(background, row, column) > RATIO * edge + LEAST_EDGE)
+    return rests & (votes >= AGREEMENT * np.maximum(known, 1)) & (2 * known >= length)
+
+
+@compiled
+def _range_around(image: ByteImage, row: int, column: int) -> int:
+    """The range of values among a pixel and its neighbours."""
+    low, high = np.int64(255), np.int64(0)
+    for y in range(max(row - 1, 0), min(row + 2, image.shape[0])):
+        for x in range(max(column - 1, 0), min(column + 2, image.shape[1])):
+            low, high = min(low, np.int64(image[y, x])), max(high, np.int64(image[y, x]))
+    return int(high - low)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
-from streamkit_differencer.filters.components import MOST_POINTS
+from streamkit_differencer.filters.components import MOST_POINTS, is_all_set
 from streamkit_kernels import BLOCKS, VIEW, compiled, kernel
 
 # Smallest camera step with parallax, px.
@@ -109,7 +109,7 @@ def _explains(
         part = step / max(steps, 1)
         y = min(max(row + int(np.rint(part * path[1])), 0), bottom - 1)
         x = min(max(column + int(np.rint(part * path[0])), 0), right - 1)
-        if not _is_known(known, y, x, border):
+        if not is_all_set(known, y, x, border):
             continue
         for y_near in range(max(y - radius, 0), min(y + radius + 1, bottom)):
             for x_near in range(max(x - radius, 0), min(x + radius + 1, right)):
@@ -118,13 +118,3 @@ def _explains(
         if lowest <= high and highest >= low:
             return True
     return False
-
-
-@compiled
-def _is_known(known: ByteImage, row: int, column: int, border: int) -> bool:
-    """Whether all pixels within `border` of a pixel are set."""
-    for y in range(max(row - border, 0), min(row + border + 1, known.shape[0])):
-        for x in range(max(column - border, 0), min(column + border + 1, known.shape[1])):
-            if known[y, x] == 0:
-                return False
-    return True

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from streamkit.geometry.homography import project
 from streamkit_differencer.confidence import LONG_ENOUGH_FRAMES, Persistence, confidence, contrasts
 
 
@@ -46,3 +47,24 @@ def test_contrast_is_in_multiples_of_the_threshold():
     np.testing.assert_allclose(found[:3], [3.0, 0.0, 0.0])
     assert np.isfinite(found).all()
     assert contrasts(np.zeros((0, 4)), halving, image, background, thresholds, known).shape == (0,)
+
+
+def test_contrast_is_that_of_a_grid_of_points():
+    """The same bits as sampling 5 by 5 points with whole arrays."""
+    random = np.random.default_rng(0)
+    image, background = random.integers(0, 256, (2, 70, 90), dtype=np.uint8)
+    thresholds = random.integers(0, 40, (70, 90), dtype=np.uint8)
+    known = np.where(random.random((70, 90)) < 0.8, 255, 0).astype(np.uint8)
+    low = random.uniform(-20, 100, (50, 2))
+    boxes = np.hstack([low, low + random.uniform(1, 40, (50, 2))])
+    matrix = np.array([[0.9, 0.1, 3.3], [-0.1, 1.1, 2.7], [1e-4, -2e-4, 1.0]])
+    steps = (np.arange(5) + 0.5) / 5
+    grid = np.array([[x, y] for y in steps for x in steps])
+    points = project(matrix, (low[:, None] + (boxes[:, None, 2:] - low[:, None]) * grid).reshape(-1, 2))
+    columns, rows = np.rint(np.clip(points, 0, [89, 69])).astype(int).T
+    difference = np.abs(image[rows, columns].astype(float) - background[rows, columns])
+    excess = (difference / np.maximum(thresholds[rows, columns], 1)).reshape(50, 25)
+    counts = (excess > 1.0) & (known[rows, columns].reshape(50, 25) > 0)
+    expected = (excess * counts).sum(axis=1) / np.maximum(counts.sum(axis=1), 1)
+    found = contrasts(boxes, matrix, image, background, thresholds, known)
+    np.testing.assert_array_equal(found, expected)
