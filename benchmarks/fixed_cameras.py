@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, corners, project
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tracker import PlaneTracker
 
 GreyArray = npt.NDArray[np.uint8]
 DATA = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data"
@@ -98,12 +98,12 @@ def warped(frames: list[GreyArray], to_frame: FloatArray) -> Iterator[GreyArray]
 
 def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np.object_]:
     """Status, error in px and predicted error of each frame but the first, object[n, 3]."""
-    tracker = PlaneTracker(PlaneSettings())
+    registrar = FrameRegistrar(PlaneSettings())
     # The frame that each plane began with: after a cut, an earlier plane may go on.
     rows, starts = [], dict[int, int]()
     try:
         for index, frame in enumerate(frames):
-            found = tracker.track(frame)
+            found = registrar.register(frame)
             start = starts.setdefault(found.reference, index)
             if not index:
                 continue
@@ -118,7 +118,7 @@ def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np
             ]
             rows.append((found.status.value, max(errors), found.corner_std))
     finally:
-        tracker.close()
+        registrar.close()
     return np.array(rows, dtype=object)
 
 

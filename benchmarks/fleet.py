@@ -31,7 +31,7 @@ from ray.cluster_utils import Cluster
 from streamkit import Pipeline, RecordFile
 from streamkit_fleet import control
 from streamkit_fleet.batch.driver import BatchDriver
-from streamkit_fleet.batch.plan import ClipPart, Plan, Recipe, keyframes_s, split
+from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan, keyframes_s, split
 from streamkit_fleet.batch.seam import iou
 from streamkit_fleet.batch.work import finish, run_part
 from streamkit_fleet.cluster import connected
@@ -115,7 +115,7 @@ def compare_batch(clips: int) -> None:
         text = "videotestsrc num-buffers=1000 ! video/x-raw, width=640, height=480 ! encode"
         Pipeline.parse(f"{text} ! packetsink location={clip}").run()
         paths = [str(shutil.copy(clip, folder / f"{n}.mp4")) for n in range(clips)]
-        recipe = Recipe(COPY, {}, ".gray", 0.0, 0.0)
+        recipe = BatchRecipe(COPY, {}, ".gray", 0.0, 0.0)
         loop = "import sys; from streamkit import Pipeline\nfor p in sys.argv[2:]:\n"
         loop += "    Pipeline.parse(sys.argv[1], {'input': p, 'output': p + '.peer'}).run()"
         for number in range(ROUNDS):
@@ -221,7 +221,7 @@ def compare_seams(flights: int) -> None:
             clip = folder / f"{seed}.mp4"
             source = f"dronetestsrc num-buffers={SEAM_FRAMES} seed={seed}"
             Pipeline.parse(f"{source} ! encode gop=25 ! packetsink location={clip}").run()
-            recipe = Recipe(TRACK, {}, ".jsonl", 7.0, 4.0)
+            recipe = BatchRecipe(TRACK, {}, ".jsonl", 7.0, 4.0)
             parts = split(keyframes_s(str(clip)), SEAM_FRAMES / 25, recipe.part_s, recipe.overlap_s)
             whole = Plan(str(clip), f"whole{seed}", 0.0, (ClipPart(),))
             pieces = Plan(str(clip), f"parts{seed}", 0.0, parts)

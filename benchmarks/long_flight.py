@@ -23,8 +23,8 @@ from aerial_flights import Flight, FloatArray, PictureArray, camera, ground_pict
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.frame_registration import depth_ratio
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker
 
 FRAMES_PER_ROW = 500
 STRIP_PX = 21_600
@@ -84,7 +84,7 @@ def main() -> None:
     whole = cv2.cvtColor(ground_picture(), cv2.COLOR_BGR2GRAY)
     # Halved: the small view of a flight that is rendered fast would show hardly a corner otherwise.
     ground = np.asarray(cv2.resize(whole, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.FIRST))
+    registrar = FrameRegistrar(PlaneSettings(reference=ReferenceChoice.FIRST))
     recorder = MosaicRecorder(RecorderSettings(None, max_canvas_mpx=16, final=False))
     print(
         "| frames | ms per frame, median | mean | all threads | memory MB | placed | step px, median "
@@ -96,11 +96,11 @@ def main() -> None:
         for index in range(first, min(count, first + FRAMES_PER_ROW)):
             picture = frame(ground, index, shape, step_px)
             began, spent = time.thread_time(), time.process_time()
-            placement = tracker.track(picture)
+            placement = registrar.register(picture)
             recorder.add(placement, shape, lambda taken=picture: taken)
             times.append(time.thread_time() - began)
             processor += time.process_time() - spent
-            placed += placement.anchored
+            placed += placement.measured
             tilt = max(tilt, depth_ratio(placement.to_reference, shape))
             if index:
                 steps.append(step_error(placement.to_previous, index, shape, step_px))
@@ -114,7 +114,7 @@ def main() -> None:
             f"| {(right - left) * (bottom - top) / 1e6:.1f} | {recorder.mosaic.scale} |",
             flush=True,
         )
-    tracker.close()
+    registrar.close()
 
 
 if __name__ == "__main__":

@@ -33,8 +33,8 @@ from streamkit_stitcher.mosaic.composition import PlacedFrame, compose
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.mosaic.seams import SeamKind
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker
 
 SHAPE = (720, 1280)
 BLOCK = 128
@@ -47,12 +47,12 @@ Method = Callable[[Sequence[PictureArray], str], int]
 
 def stitched(frames: Sequence[PictureArray], path: str) -> int:
     """Ours: placed, adjusted, blended and written as `stitch` does it; the number of frames in it."""
-    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
+    registrar = FrameRegistrar(PlaneSettings(reference=ReferenceChoice.CENTER))
     recorder = MosaicRecorder(RecorderSettings(path, seam=SeamKind.GRAPHCUT))
     for frame in frames:
-        placement = tracker.track(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
+        placement = registrar.register(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
         recorder.add(placement, SHAPE, lambda taken=frame: taken)
-    plane = tracker.take_plane(current=True)
+    plane = registrar.take_plane(current=True)
     rmse = plane.finish()
     written = recorder.finish(dict(plane.homographies), rmse)
     plane.close()

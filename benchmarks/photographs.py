@@ -38,8 +38,8 @@ from streamkit_stitcher.mosaic.georeference import local_metres
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 from streamkit_telemetry_formats.photograph import sample_of_photograph
@@ -84,19 +84,19 @@ def survey(name: str, location: Path, seed: int | None = None, colmap: bool = Fa
     paths = photographs(name)
     if seed is not None:
         np.random.default_rng(seed).shuffle(paths)  # type: ignore[arg-type]
-    tracker = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
+    registrar = FrameRegistrar(PlaneSettings(reference=ReferenceChoice.CENTER))
     recorder = MosaicRecorder(RecorderSettings(str(location)))
     began = time.perf_counter()
     placed, views = [], []
     for path in paths:
         picture = np.asarray(cv2.imread(str(path)), dtype=np.uint8)
-        placement = tracker.track(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+        placement = registrar.register(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
         shape = (int(picture.shape[0]), int(picture.shape[1]))
         pose, view = view_of(path, shape)
         placed.append((placement, shape, pose))
         views.append(FrameView(placement.key_index, placement.to_key, shape, view or "no position"))
         recorder.add(placement, shape, lambda taken=picture: taken, view)
-    plane = tracker.take_plane(current=True)
+    plane = registrar.take_plane(current=True)
     focal_px = focal_length(views)
     rmse = plane.finish(focal_px)
     keyframes = [number for number, (placement, *_) in enumerate(placed) if placement.keyframe]

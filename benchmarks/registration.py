@@ -13,20 +13,20 @@ import cv2
 import numpy as np
 from aerial_flights import Flight, FloatArray, PictureArray, ground_picture, wandering
 
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
-from streamkit_stitcher.plane.tracker import PlaneTracker
 
 SEEDS = (101, 102, 103, 104, 105)
 FRAMES = 50
 
 
-def tracker() -> Generator[FloatArray, PictureArray, None]:
+def registrar() -> Generator[FloatArray, PictureArray, None]:
     """Ours, as `stitch` runs it."""
-    plane = PlaneTracker(PlaneSettings(reference=ReferenceChoice.CENTER))
+    plane = FrameRegistrar(PlaneSettings(reference=ReferenceChoice.CENTER))
     picture = yield np.eye(3)
     try:
         while True:
-            picture = yield plane.track(picture).to_previous
+            picture = yield plane.register(picture).to_previous
     finally:
         plane.close()
 
@@ -92,7 +92,7 @@ def main() -> None:
         flights = [wandering(ground, FRAMES, shape, seed) for seed in SEEDS]
         pictures = [[flight.picture(index) for index in range(FRAMES)] for flight in flights]
         for name, make in (
-            ("stitch", tracker),
+            ("stitch", registrar),
             ("GFTT + LK + RANSAC", followed_corners),
             ("ORB + USAC_ACCURATE", matched_features),
         ):

@@ -50,9 +50,9 @@ from streamkit_stitcher.mosaic.image_file import SUFFIXES, check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tracker import PlaneTracker
 from streamkit_telemetry_formats.dji_cameras import camera_view
 
 # BGR for frames of odd sizes, which have no subsampled colour planes.
@@ -109,9 +109,9 @@ class Stitch(Transform):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         super().__init__(name, **properties)
-        self.prepare_run()
+        self.begin_run()
 
-    def prepare_run(self) -> None:
+    def begin_run(self) -> None:
         """Drops the state of the pad `mosaic` from an earlier run."""
         self._mosaic_pad = MosaicPad(
             lambda: linked_pad(self), lambda: self.count_drop("mosaic: a newer frame came")
@@ -124,7 +124,7 @@ class Stitch(Transform):
             ResourceError: the location or the strip cannot be used.
         """
         with on_compilation(lambda: self.post_warning(COMPILING)):
-            self._tracker = PlaneTracker(self.settings)
+            self._registrar = FrameRegistrar(self.settings)
         self._mosaic: LiveMosaic | None = None
         self._ground = LiveGround()
         self._epoch: int | None = None
@@ -172,8 +172,8 @@ class Stitch(Transform):
         shape = sink_caps.integer("height"), sink_caps.integer("width")
         plan = self._plan(self.strip, shape)
         interval = round(plan.interval_s * rate) if isinstance(rate, Fraction) and rate > 0 else 0
-        self._tracker.close()
-        self._tracker = PlaneTracker(
+        self._registrar.close()
+        self._registrar = FrameRegistrar(
             replace(self.settings, strip_length=plan.images, keyframe_interval=max(1, interval))
         )
         self.post_message("flight-plan", **asdict(plan))
@@ -181,20 +181,20 @@ class Stitch(Transform):
     def transform(self, frame: Frame) -> Frame:
         """Attaches `Registration`, and adds the frame to the mosaic where it shows new ground."""
         if self._epoch is not None and frame.epoch != self._epoch:
-            self._tracker.restart()
+            self._registrar.restart()
         self._epoch = frame.epoch
         if frame.flags & FrameFlags.CORRUPT:
-            self.outcomes[Status.LOST.value] += 1
-            return frame.attach(registration(self._tracker.skip()))
+            self.outcomes[FrameStatus.LOST.value] += 1
+            return frame.attach(registration(self._registrar.skip()))
         grey = grey_of(frame)
-        registered = self._tracker.track(grey)
+        registered = self._registrar.register(grey)
         self.outcomes[registered.status.value] += 1
         shape = int(grey.shape[0]), int(grey.shape[1])
         view = ground_view(frame.get(Pose), shape, self.ground_altitude, self._view_across(shape), frame.pts)
         if self._mosaic is not None:
             if self._mosaic.is_new_plane(registered):
-                self._mosaic.end_plane(self._tracker.take_plane())
-                self._tracker.keep_planes(self._mosaic.has_room)
+                self._mosaic.end_plane(self._registrar.take_plane())
+                self._registrar.keep_planes(self._mosaic.has_room)
             self._mosaic.record(frame, registered, shape, view)
         frame = frame.attach(registration(registered))
         ground = self._ground.locate(registered, shape, view)
@@ -217,7 +217,7 @@ class Stitch(Transform):
         Raises:
             ResourceError: it cannot be written.
         """
-        plane = self._tracker.take_plane(current=True)
+        plane = self._registrar.take_plane(current=True)
         try:
             if self._mosaic is not None:
                 self._mosaic.show_last()
@@ -238,12 +238,12 @@ class Stitch(Transform):
         mosaic, self._mosaic = self._mosaic, None
         if mosaic is not None:
             try:
-                mosaic.finish(self._tracker.take_plane(current=True))
+                mosaic.finish(self._registrar.take_plane(current=True))
             except OSError as error:
                 self.post_warning(f"the mosaic is lost: {error}")
             finally:
                 mosaic.close()
-        self._tracker.close()
+        self._registrar.close()
 
     def check_properties(self) -> None:
         """Checks the ending of the name, and the model.
@@ -281,10 +281,10 @@ class Stitch(Transform):
 
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
-        states = {status.value: self.outcomes[status.value] for status in Status}
+        states = {status.value: self.outcomes[status.value] for status in FrameStatus}
         if any(states.values()):
             mosaic = {} if self._mosaic is None else self._mosaic.summary
-            planes = max(1, self._tracker.ended_planes)
+            planes = max(1, self._registrar.ended_planes)
             if "file" in mosaic:
                 self.results["files"] = planes if FileNames(str(self.recording.location)).is_several else 1
             self.post_message("summary", frames=sum(states.values()), **states, planes=planes, **mosaic)
@@ -316,7 +316,7 @@ def registration(registered: FrameRegistration) -> Registration:
         registered.to_previous,
         registered.to_reference,
         reference=registered.reference,
-        reference_change=registered.change,
+        reference_change=registered.reference_change,
         status=RegistrationStatus(registered.status.value),
         keyframe=registered.keyframe,
         matches=registered.matches,

@@ -10,7 +10,7 @@ import numpy as np
 from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, georeferenced
 from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, local_metres
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
 
 # The views of the last forty seconds: over longer times the plane drifts.
 _MOST_VIEWS: Final = 200
@@ -41,20 +41,23 @@ class LiveGround:
             shape: height and width, px.
             position: what telemetry tells of it, or why that is unknown.
         """
-        if registered.status is Status.CUT:
+        if registered.status is FrameStatus.CUT:
             self._forget()
-        elif registered.change is not None:
+        elif registered.reference_change is not None:
             self._views = deque(
-                (replace(view, to_key=normalised(registered.change @ view.to_key)) for view in self._views),
+                (
+                    replace(view, to_key=normalised(registered.reference_change @ view.to_key))
+                    for view in self._views
+                ),
                 _MOST_VIEWS,
             )
-            self._geo = None if self._geo is None else self._geo.seen_through(registered.change)
-        if registered.status is Status.LOST:
+            self._geo = None if self._geo is None else self._geo.seen_through(registered.reference_change)
+        if registered.status is FrameStatus.LOST:
             return None
         if isinstance(position, GroundView):
             self._velocities.append(_velocity(self._last, position))
             self._last = position
-            if registered.anchored:
+            if registered.measured:
                 self._add(FrameView(0, registered.to_reference, shape, position))
         if self._geo is None:
             return None

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit import Caps, Frame, IntRange, NotNegotiated, Pose, Property, ResourceError, Transform
-from streamkit_stitcher.flight_plan.rectification import STRAIGHT_DOWN, Camera, camera_tilt
+from streamkit_stitcher.flight_plan.rectification import STRAIGHT_DOWN, CameraIntrinsics, camera_tilt
 from streamkit_stitcher.flight_plan.rectifier import Rectifier, halved_maps, resampled
 
 _SIDE = IntRange(2, 32766, 2)
@@ -117,11 +117,13 @@ class Rectify(Transform):
         except ValueError as error:
             raise NotNegotiated(f"{self.name}: {error}") from error
 
-    def _camera(self, shape: tuple[int, int]) -> Camera:
+    def _camera(self, shape: tuple[int, int]) -> CameraIntrinsics:
         focal = self.focal_px or shape[1] / (2 * math.tan(math.radians(self.field_of_view) / 2))
         principal = self._numbers("principal", self.principal, (2,))
         distortion = self._numbers("distortion", self.distortion, _DISTORTIONS)
-        return Camera(focal, (principal[0], principal[1]) if principal else None, distortion or (0.0,) * 5)
+        return CameraIntrinsics(
+            focal, (principal[0], principal[1]) if principal else None, distortion or (0.0,) * 5
+        )
 
     def _numbers(self, name: str, text: str | None, counts: tuple[int, ...]) -> tuple[float, ...]:
         if text is None:

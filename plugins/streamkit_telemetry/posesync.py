@@ -160,7 +160,7 @@ class PoseSync(Combine):
                 self._push_all(is_end=True)
             super().receive_event(pad, event)
         elif isinstance(event, EosEvent):
-            with self._lock:
+            with self.combine_lock:
                 for sample in self._pad_reader.finish():
                     self._add(sample)
                 self._telemetry_has_ended = True
@@ -197,9 +197,9 @@ class PoseSync(Combine):
             )
 
     def _push_all(self, *, is_end: bool) -> None:
-        with self._lock:
+        with self.combine_lock:
             for frame in self._release(is_end=is_end):
-                self._push(frame, self.pads["sink"])
+                self.push_output(frame, self.pads["sink"])
 
     def _release(self, *, is_end: bool = False) -> Iterator[Frame]:
         while self._held and (is_end or self._is_due(self._held[0])):

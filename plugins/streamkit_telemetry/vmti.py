@@ -22,7 +22,7 @@ MAX_NAME_LENGTH = 32
 MAX_TARGETS = 1000
 
 
-class Status(enum.IntEnum):
+class DetectionStatus(enum.IntEnum):
     """Detection status of a VTracker set."""
 
     INACTIVE = 0
@@ -33,7 +33,7 @@ class Status(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class VmtiTarget:
     """One target of a frame.
 
     Attributes:
@@ -47,7 +47,7 @@ class Target:
     """
 
     id: int
-    status: Status
+    status: DetectionStatus
     centre: tuple[float, float]
     box: tuple[float, float, float, float]
     confidence: float
@@ -55,7 +55,7 @@ class Target:
     last_seen_us: int | None = None
 
 
-def encode_vmti(targets: Iterable[Target], detected: int, size: tuple[int, int], system: str) -> bytes:
+def encode_vmti(targets: Iterable[VmtiTarget], detected: int, size: tuple[int, int], system: str) -> bytes:
     """The value of a VMTI local set.
 
     Args:
@@ -80,13 +80,13 @@ def encode_vmti(targets: Iterable[Target], detected: int, size: tuple[int, int],
     )
 
 
-def _best(targets: Sequence[Target]) -> Sequence[Target]:
+def _best(targets: Sequence[VmtiTarget]) -> Sequence[VmtiTarget]:
     if len(targets) <= MAX_TARGETS:
         return targets
     return sorted(targets, key=lambda target: target.confidence, reverse=True)[:MAX_TARGETS]
 
 
-def _vtarget(target: Target, width: int, height: int) -> bytes | None:
+def _vtarget(target: VmtiTarget, width: int, height: int) -> bytes | None:
     """A VTarget pack; None where the target is outside the frame."""
     numbers = (*target.centre, *target.box)
     if not all(map(math.isfinite, numbers)):
@@ -110,7 +110,7 @@ def _vtarget(target: Target, width: int, height: int) -> bytes | None:
     return ber_oid(target.id) + b"".join(items)
 
 
-def _vtracker(target: Target) -> bytes:
+def _vtracker(target: VmtiTarget) -> bytes:
     times = {3: target.first_seen_us, 4: target.last_seen_us}
     return element(2, bytes([target.status])) + b"".join(
         element(tag, time_us.to_bytes(8, "big")) for tag, time_us in times.items() if time_us is not None

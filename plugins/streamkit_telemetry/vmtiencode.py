@@ -14,14 +14,14 @@ from streamkit_telemetry.st0601writer import (
     encode_version,
     local_set_packet,
 )
-from streamkit_telemetry.vmti import VMTI_TAG, Status, Target, encode_vmti
+from streamkit_telemetry.vmti import VMTI_TAG, DetectionStatus, VmtiTarget, encode_vmti
 from streamkit_telemetry_formats.sample import Sample
 
 KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
 STATUSES = {
-    TrackState.CONFIRMED: Status.MOVING,
-    TrackState.COASTING: Status.COASTING,
-    TrackState.LOST: Status.DROPPED,
+    TrackState.CONFIRMED: DetectionStatus.MOVING,
+    TrackState.COASTING: DetectionStatus.COASTING,
+    TrackState.LOST: DetectionStatus.DROPPED,
 }
 LATEST_US = (1 << 64) - 1
 
@@ -81,13 +81,13 @@ class VmtiEncode(Transform):
             self.post_warning(text)
 
 
-def target_of(track: Track, utc_us: int | None) -> Target:
+def target_of(track: Track, utc_us: int | None) -> VmtiTarget:
     """A track as a VMTI target; its box is upright."""
     cosine, sine = abs(math.cos(track.angle)), abs(math.sin(track.angle))
     across = (track.length * cosine + track.width * sine) / 2
     down = (track.length * sine + track.width * cosine) / 2
     is_seen = track.state is TrackState.CONFIRMED
-    return Target(
+    return VmtiTarget(
         track.id,
         STATUSES[track.state],
         (track.x, track.y),

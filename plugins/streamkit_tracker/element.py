@@ -29,7 +29,7 @@ from streamkit import (
 from streamkit_kernels import COMPILING, on_compilation
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
-from streamkit_tracker.observation import Continuity, Observation
+from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.report.reports import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
@@ -184,7 +184,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
         step_s = min((frame.pts - last.pts) / 1e9, LONGEST_STEP_S)
     return Observation(
         step_s=step_s if step_s > 0 else USUAL_STEP_S,
-        continuity=Continuity.KNOWN if last is None else _continuity(frame, last),
+        continuity=FrameContinuity.KNOWN if last is None else _continuity(frame, last),
         to_previous=np.asarray(_to_previous(registration, frame, last), np.float64),
         to_reference=registration.to_reference,
         chroma=_chroma(frame),
@@ -197,20 +197,20 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
     )
 
 
-def _continuity(frame: Frame, last: Frame) -> Continuity:
+def _continuity(frame: Frame, last: Frame) -> FrameContinuity:
     registration, before = frame.get(Registration), last.get(Registration)
     if registration is None:
         if frame.epoch != last.epoch:
-            return Continuity.NEW
+            return FrameContinuity.NEW
     elif registration.status == RegistrationStatus.CUT or (
         before is not None
         and registration.reference != before.reference
         and registration.reference_change is None
     ):
-        return Continuity.NEW
+        return FrameContinuity.NEW
     elif registration.status == RegistrationStatus.LOST:
-        return Continuity.LOST
-    return Continuity.LOST if frame.flags & FrameFlags.CORRUPT else Continuity.KNOWN
+        return FrameContinuity.LOST
+    return FrameContinuity.LOST if frame.flags & FrameFlags.CORRUPT else FrameContinuity.KNOWN
 
 
 def _to_previous(registration: Registration, frame: Frame, last: Frame | None) -> FloatArray:

@@ -13,7 +13,7 @@ from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.window_geometry import FloatArray
 
 
-class Continuity(enum.StrEnum):
+class FrameContinuity(enum.StrEnum):
     """Relation of a frame to the previous one."""
 
     KNOWN = "known"
@@ -41,7 +41,7 @@ class Observation:
     """
 
     step_s: float
-    continuity: Continuity = Continuity.KNOWN
+    continuity: FrameContinuity = FrameContinuity.KNOWN
     to_previous: FloatArray = field(default_factory=lambda: np.eye(3))
     to_reference: FloatArray = field(default_factory=lambda: np.eye(3))
     chroma: Chroma | None = None

@@ -14,7 +14,7 @@ from streamkit_tracker.delete.duplicates import Closeness, end_duplicates
 from streamkit_tracker.delete.states import begin_frame, coast_all, end_gone, end_surplus, pass_time
 from streamkit_tracker.initiate.appearance import start_appearance, start_appearances
 from streamkit_tracker.initiate.births import add_tentative
-from streamkit_tracker.observation import Continuity, Observation
+from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
@@ -119,7 +119,7 @@ class MultiTargetTracker:
         targets, settings = self.targets, self.settings
         is_resized = self._shape is not None and self._shape != image.shape
         self._shape = (image.shape[0], image.shape[1])
-        if is_resized or observation.continuity is Continuity.NEW:
+        if is_resized or observation.continuity is FrameContinuity.NEW:
             cause = "the frame's size changed" if is_resized else "a cut, or a plane without a mapping"
             for row in range(len(targets.models)):
                 targets.lose(row, cause)
@@ -127,7 +127,7 @@ class MultiTargetTracker:
         predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
         begin_frame(targets.rows)
         targets.causes = {}
-        if observation.continuity is Continuity.LOST:
+        if observation.continuity is FrameContinuity.LOST:
             pass_time(targets.rows, observation.step_s, settings.coast, settings.birth_window)
             coast_all(targets)
             return False

@@ -28,7 +28,7 @@ CONFIRMED = TrackState.CONFIRMED.value
 
 
 @dataclass
-class Target:
+class TargetSummary:
     """One target of a file.
 
     Attributes:
@@ -100,28 +100,28 @@ def convert(
         typer.echo(f"warning: {text}", err=True)
 
 
-def list_targets(records: RecordFile) -> list[Target]:
+def list_targets(records: RecordFile) -> list[TargetSummary]:
     """The targets, by run and id."""
-    found: dict[tuple[int, int], Target] = {}
+    found: dict[tuple[int, int], TargetSummary] = {}
     sizes: dict[tuple[int, int], list[tuple[float, float]]] = {}
     for run, record in records:
         for target in record.tracks:
             key = run, target.id
-            _note(found.setdefault(key, Target(*key)), record, target)
+            _note(found.setdefault(key, TargetSummary(*key)), record, target)
             sizes.setdefault(key, []).append((target.length, target.width))
     for key, row in found.items():
         row.length_px, row.width_px = map(median, zip(*sizes[key], strict=True))
     return [found[key] for key in sorted(found)]
 
 
-def _note(row: Target, record: TrackRecord, target: TargetRecord) -> None:
+def _note(row: TargetSummary, record: TrackRecord, target: TargetRecord) -> None:
     row.states[target.state.value] += 1
     if record.pts_ns is not None:
         row.last_s = record.pts_ns / 1e9
         row.first_s = row.last_s if row.first_s is None else row.first_s
 
 
-def table_lines(found: list[Target]) -> list[str]:
+def table_lines(found: list[TargetSummary]) -> list[str]:
     """Lines of the table, at most 80 columns wide; with the run where there are several."""
     several = any(target.run > 1 for target in found)
     head = f"{'id':>6} {'from s':>9} {'to s':>9} {'frames':>7}  {'size px':>13}  states"
@@ -137,7 +137,7 @@ def table_lines(found: list[Target]) -> list[str]:
     return lines
 
 
-def _json_line(target: Target) -> str:
+def _json_line(target: TargetSummary) -> str:
     return msgspec.json.encode(target).decode()
 
 

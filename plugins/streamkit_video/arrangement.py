@@ -14,7 +14,7 @@ ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
 
 
-class Direction(Choice):
+class VideoDirection(Choice):
     """How a frame is turned or mirrored, in GStreamer's words: those of `video-direction`, then `method`."""
 
     IDENTITY = "identity", 0, "none"
@@ -29,23 +29,23 @@ class Direction(Choice):
 
 # The new x and y of the unit vectors' sums: each row is a new axis in terms of the old x and y.
 LINEAR = {
-    Direction.IDENTITY: ((1, 0), (0, 1)),
-    Direction.CLOCKWISE: ((0, -1), (1, 0)),
-    Direction.HALF_TURN: ((-1, 0), (0, -1)),
-    Direction.COUNTERCLOCKWISE: ((0, 1), (-1, 0)),
-    Direction.HORIZONTAL: ((-1, 0), (0, 1)),
-    Direction.VERTICAL: ((1, 0), (0, -1)),
-    Direction.UPPER_LEFT: ((0, 1), (1, 0)),
-    Direction.UPPER_RIGHT: ((0, -1), (-1, 0)),
+    VideoDirection.IDENTITY: ((1, 0), (0, 1)),
+    VideoDirection.CLOCKWISE: ((0, -1), (1, 0)),
+    VideoDirection.HALF_TURN: ((-1, 0), (0, -1)),
+    VideoDirection.COUNTERCLOCKWISE: ((0, 1), (-1, 0)),
+    VideoDirection.HORIZONTAL: ((-1, 0), (0, 1)),
+    VideoDirection.VERTICAL: ((1, 0), (0, -1)),
+    VideoDirection.UPPER_LEFT: ((0, 1), (1, 0)),
+    VideoDirection.UPPER_RIGHT: ((0, -1), (-1, 0)),
 }
 
 
-def swaps_sides(direction: Direction) -> bool:
+def swaps_sides(direction: VideoDirection) -> bool:
     """Whether width and height change places."""
     return LINEAR[direction][0][0] == 0
 
 
-def flip_homography(direction: Direction, before: tuple[int, int]) -> FloatArray:
+def flip_homography(direction: VideoDirection, before: tuple[int, int]) -> FloatArray:
     """Maps pixels of an image of a width and height, px, to pixels of the flipped image: float64[3, 3]."""
     mapping = np.eye(3)
     mapping[:2, :2] = LINEAR[direction]
@@ -68,7 +68,7 @@ def crop_image(data: ByteArray, pixel_format: str, left: int, top: int, size: tu
     return _by_plane(data, pixel_format, crop)
 
 
-def flip_image(data: ByteArray, pixel_format: str, direction: Direction) -> ByteArray:
+def flip_image(data: ByteArray, pixel_format: str, direction: VideoDirection) -> ByteArray:
     """A frame, uint8 laid out as `pixel_format`, turned or mirrored; a new array."""
     backwards_x, backwards_y = (min(row) < 0 for row in LINEAR[direction])
 

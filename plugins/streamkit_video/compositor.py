@@ -50,7 +50,7 @@ class Compositor(Combine):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         super().__init__(name, **properties)
-        self._changed = threading.Condition(self._lock)
+        self._changed = threading.Condition(self.combine_lock)
         self.start()
 
     @override
@@ -82,10 +82,10 @@ class Compositor(Combine):
     @override
     def receive_event(self, pad: Pad, event: Event) -> None:
         if isinstance(event, EosEvent):
-            with self._lock:
+            with self.combine_lock:
                 pad.is_eos = True
                 for frame in self._composed():
-                    self._push(frame, self._main)
+                    self.push_output(frame, self._main)
                 self._changed.notify_all()
         super().receive_event(pad, event)
 
@@ -96,7 +96,7 @@ class Compositor(Combine):
     @override
     def flush(self, *, begins: bool) -> None:
         super().flush(begins=begins)
-        with self._lock:
+        with self.combine_lock:
             self.count_drop("flushed", sum(len(held) for held in self._held.values()))
             self._held.clear()
             self._changed.notify_all()

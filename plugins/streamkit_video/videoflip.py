@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing_extensions import override
 
 from streamkit import Caps, Frame, Property, Structure
-from streamkit_video.arrangement import Direction, flip_homography, flip_image, swaps_sides
+from streamkit_video.arrangement import VideoDirection, flip_homography, flip_image, swaps_sides
 from streamkit_video.pixel_formats import FORMATS
 from streamkit_video.reframing import ReframingTransform
 
@@ -23,8 +23,8 @@ class VideoFlip(ReframingTransform):
     sink = src = f"video/x-raw, format={{ {', '.join(FORMATS)} }}"
     keeps_view = False
 
-    video_direction: Direction = Property(
-        Direction.IDENTITY,
+    video_direction: VideoDirection = Property(
+        VideoDirection.IDENTITY,
         aliases=("method",),
         doc="Quarter turn (90r is clockwise) or mirror image; or the words of GStreamer's older `method`.",
     )
@@ -43,7 +43,7 @@ class VideoFlip(ReframingTransform):
 
     @override
     def transform(self, frame: Frame) -> Frame:
-        if self.video_direction is Direction.IDENTITY:
+        if self.video_direction is VideoDirection.IDENTITY:
             return self.reframed(frame, None)
         return self.reframed(frame, flip_image(frame.data, self._format, self.video_direction))
 

@@ -16,7 +16,7 @@ class InvalidAnswer(ValueError):
     """A page sent something that pages do not send."""
 
 
-class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class PageAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A message of a page, with exactly one field.
 
     Attributes:
@@ -32,7 +32,7 @@ class Answer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     control: ControlRequest | msgspec.UnsetType | None = msgspec.UNSET
 
 
-_ANSWERS = msgspec.json.Decoder(Answer)
+_ANSWERS = msgspec.json.Decoder(PageAnswer)
 
 
 def read_answer(text: object) -> tuple[str, Any]:
@@ -42,12 +42,12 @@ def read_answer(text: object) -> tuple[str, Any]:
         InvalidAnswer: it is another.
     """
     try:
-        answer = _ANSWERS.decode(text) if isinstance(text, str) else Answer()
+        answer = _ANSWERS.decode(text) if isinstance(text, str) else PageAnswer()
     except (ValueError, RecursionError):
-        answer = Answer()
+        answer = PageAnswer()
     given = [
         (name, value)
-        for name in Answer.__struct_fields__
+        for name in PageAnswer.__struct_fields__
         if (value := getattr(answer, name)) is not msgspec.UNSET
     ]
     if len(given) != 1:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from streamkit_view.playback import Playback
+    from streamkit_view.playback import PlayedPipeline
 
 BACKLOG = 64
 FILE_SUFFIXES = {".jsonl", ".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
@@ -76,7 +76,7 @@ def view(
     signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
     with ExitStack() as stack:
         stack.enter_context(bound)
-        playback: Playback | None = None
+        playback: PlayedPipeline | None = None
         if sources:
             key = f"view/{os.getpid()}"
             playback, what = stack.enter_context(playing(sources[0], key, video)), [key]

@@ -11,7 +11,7 @@ import msgspec
 import zenoh
 
 from streamkit import TrackRecord
-from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, Message, binary_message, text_message
+from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage, binary_message, text_message
 from streamkit_zenoh.keys import STATUS, publication_root, records_key, stream_key
 from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, MessageReceiver, ReceivedMessage
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Decoder
@@ -88,7 +88,7 @@ class Feed:
         session: zenoh.Session,
         key: str,
         index: int,
-        deliver: Callable[[Message], None],
+        deliver: Callable[[PageMessage], None],
         title: str = "",
     ) -> None:
         self.key = publication_root(key)
@@ -177,7 +177,7 @@ class Feed:
             if message is not None:
                 self._deliver(message)
 
-    def _record(self, received: ReceivedMessage) -> Message:
+    def _record(self, received: ReceivedMessage) -> PageMessage:
         record = self._records.decode(received.content_type, received.payload)
         self._last_record_s = time.monotonic()
         return text_message(TRACKS, self._index, msgspec.json.encode(record))
@@ -185,7 +185,7 @@ class Feed:
     def _note_status(self, received: ReceivedMessage) -> None:
         self._status = self._statuses.decode(received.content_type, received.payload)
 
-    def _packet(self, received: ReceivedMessage) -> Message:
+    def _packet(self, received: ReceivedMessage) -> PageMessage:
         header = read_video_header(received.header)
         extra: dict[str, object] = {"run": str(received.run), "number": received.number}
         return binary_message(
@@ -197,7 +197,7 @@ class Feed:
             is_keyframe=header.keyframe,
         )
 
-    def _image(self, name: str, received: ReceivedMessage) -> Message:
+    def _image(self, name: str, received: ReceivedMessage) -> PageMessage:
         header, size = read_header(received.header), image_size(received.payload)
         if size is None or not 0 < size[0] * size[1] <= PIXEL_LIMIT:
             raise ValueError(f"not an image of 1 to {PIXEL_LIMIT} pixels")

@@ -7,7 +7,7 @@ from collections import deque
 from itertools import islice
 from typing import NamedTuple
 
-from streamkit_view.messages import Message
+from streamkit_view.messages import PageMessage
 
 HISTORY_S = 300.0
 HISTORY_BYTES = 128 << 20  # four minutes at 4 Mbit/s
@@ -17,7 +17,7 @@ class Past(NamedTuple):
     """A message and when it came, monotonic s."""
 
     at_s: float
-    message: Message
+    message: PageMessage
 
 
 class History:
@@ -33,7 +33,7 @@ class History:
         self._bytes = 0
         self._first = 0  # number of the oldest message held
 
-    def note(self, message: Message, now_s: float) -> None:
+    def note(self, message: PageMessage, now_s: float) -> None:
         """Keeps a message."""
         self._held.append(Past(now_s, message))
         self._bytes += len(message.data)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from streamkit_view.history import HISTORY_BYTES, History
-from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, Message
+from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
 from streamkit_view.viewer import Viewer
 
 # Video since the newest keyframe, which a new page begins with.
@@ -19,11 +19,11 @@ class Latest:
     """What a new page of a feed is sent first: last images and record, and video since its keyframe."""
 
     def __init__(self) -> None:
-        self._last: dict[str, Message] = {}
-        self._group: list[Message] = []
+        self._last: dict[str, PageMessage] = {}
+        self._group: list[PageMessage] = []
         self._bytes = 0
 
-    def note(self, message: Message) -> None:
+    def note(self, message: PageMessage) -> None:
         """Keeps a message for pages that come later."""
         if message.kind != VIDEO:
             self._last[message.kind] = message
@@ -37,7 +37,7 @@ class Latest:
         if len(self._group) > GROUP_MESSAGES or self._bytes > GROUP_BYTES:
             self._group = []
 
-    def messages(self) -> list[Message]:
+    def messages(self) -> list[PageMessage]:
         """What to send to a new page, in order."""
         images = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
         records = [self._last[TRACKS]] if TRACKS in self._last else []
@@ -66,13 +66,13 @@ class Hub:
         """Notes the running event loop, to which `deliver` hands messages."""
         self._loop = asyncio.get_running_loop()
 
-    def deliver(self, message: Message) -> None:
+    def deliver(self, message: PageMessage) -> None:
         """Sends a message to the pages; may be called from any thread."""
         loop = self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self.publish, message)
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: PageMessage) -> None:
         """Queues a message for the pages of its feed; the states of all feeds go to all pages."""
         if message.kind in (VIDEO, TRACKS, FRAME, MOSAIC):
             self._latest[message.feed].note(message)

@@ -11,7 +11,7 @@ HELLO, STATE, SKIPPED, CONTROL, BACK = "hello", "state", "skipped", "control", "
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class PageMessage:
     """A message to pages.
 
     Attributes:
@@ -27,14 +27,14 @@ class Message:
     is_keyframe: bool = False
 
 
-def text_message(kind: str, feed: int, body: bytes) -> Message:
+def text_message(kind: str, feed: int, body: bytes) -> PageMessage:
     """A message whose `body` is a JSON value."""
-    return Message(kind, feed, f'{{"type":"{kind}","feed":{feed},"body":{body.decode()}}}')
+    return PageMessage(kind, feed, f'{{"type":"{kind}","feed":{feed},"body":{body.decode()}}}')
 
 
 def binary_message(
     kind: str, feed: int, body: bytes, payload: bytes, extra: dict[str, object], *, is_keyframe: bool = False
-) -> Message:
+) -> PageMessage:
     """A message with a payload: length of the header (uint32, little endian), the header, the payload."""
     header = f'{{"type":"{kind}","feed":{feed},"extra":{json.dumps(extra)},"body":{body.decode()}}}'.encode()
-    return Message(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe)
+    return PageMessage(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe)

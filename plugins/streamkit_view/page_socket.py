@@ -13,7 +13,7 @@ from streamkit_view.access import log_once
 from streamkit_view.answers import InvalidAnswer, read_answer
 from streamkit_view.basemap import Basemap
 from streamkit_view.hub import Hub
-from streamkit_view.messages import BACK, CONTROL, HELLO, Message, text_message
+from streamkit_view.messages import BACK, CONTROL, HELLO, PageMessage, text_message
 from streamkit_view.replay import replay
 from streamkit_view.viewer import Viewer
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
@@ -129,7 +129,7 @@ class PageSocket:
             body = msgspec.json.encode({"request": request, "reply": reply})
             self._offer(text_message(CONTROL, feed, body))
 
-    def _offer(self, message: Message) -> None:
+    def _offer(self, message: PageMessage) -> None:
         self._viewer.offer(message)
         self._changed.set()
 

@@ -74,7 +74,7 @@ def media_type_of(file: str) -> str:
     return "" if caps is None else str(caps.name)
 
 
-class Playback:
+class PlayedPipeline:
     """Runs the pipeline of one location; safe to use from several threads.
 
     Args:
@@ -154,9 +154,9 @@ class Playback:
 
 
 @contextmanager
-def playing(location: str, key: str, video: str = "") -> Iterator[Playback]:
+def playing(location: str, key: str, video: str = "") -> Iterator[PlayedPipeline]:
     """A playback that is ended with the block."""
-    playback = Playback(location, key, COMMAND, video)
+    playback = PlayedPipeline(location, key, COMMAND, video)
     try:
         yield playback
     finally:

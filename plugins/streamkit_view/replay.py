@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable
 
 from streamkit_view.history import History
-from streamkit_view.messages import Message
+from streamkit_view.messages import PageMessage
 
 LOOK_S = 0.1
 
 
-async def replay(history: History, back_s: float, offer: Callable[[Message], None]) -> None:
+async def replay(history: History, back_s: float, offer: Callable[[PageMessage], None]) -> None:
     """Offers what came `back_s` ago and later, each message at the same distance; ends only when cancelled.
 
     Args:

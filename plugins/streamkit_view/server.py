@@ -21,7 +21,7 @@ from starlette.websockets import WebSocket
 from streamkit_view.access import Access, AccessControl, log_once
 from streamkit_view.basemap import Basemap
 from streamkit_view.hub import Hub
-from streamkit_view.messages import Message
+from streamkit_view.messages import PageMessage
 from streamkit_view.page_socket import Ask, PageSocket
 
 PAGE_LIMIT = 64
@@ -53,7 +53,7 @@ class ViewServer:
         self,
         hub: Hub,
         feeds: int,
-        states: Callable[[], list[Message]],
+        states: Callable[[], list[PageMessage]],
         ask: Ask,
         access: Access,
         basemap: Basemap | None = None,

@@ -18,8 +18,8 @@ from streamkit_view.basemap import Basemap
 from streamkit_view.control import ask_control
 from streamkit_view.feed import Feed
 from streamkit_view.hub import Hub
-from streamkit_view.messages import STATE, Message, text_message
-from streamkit_view.playback import Playback
+from streamkit_view.messages import STATE, PageMessage, text_message
+from streamkit_view.playback import PlayedPipeline
 from streamkit_view.server import ViewServer
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
@@ -34,7 +34,7 @@ def run_server(
     access: Access,
     connect: str | None,
     config: str | None,
-    playback: Playback | None = None,
+    playback: PlayedPipeline | None = None,
     basemap: Basemap | None = None,
 ) -> None:
     """Serves the page until SIGINT or SIGTERM.
@@ -47,7 +47,7 @@ def run_server(
     hub = Hub(len(keys), playback.start if playback else lambda: None)
     feeds: list[Feed] = []
 
-    def states() -> list[Message]:
+    def states() -> list[PageMessage]:
         failure, waiting = (playback.failure, playback.progress) if playback else ("", "")
         is_alone = connect is not None and not list(zenoh_session.info.transports())
         if is_alone:

@@ -8,7 +8,7 @@ from collections import Counter, deque
 
 from streamkit_view.answers import InvalidAnswer
 from streamkit_view.history import Past
-from streamkit_view.messages import BACK, CONTROL, SKIPPED, TRACKS, VIDEO, Message
+from streamkit_view.messages import BACK, CONTROL, SKIPPED, TRACKS, VIDEO, PageMessage
 
 # What may be under way to a page that has not confirmed it, and what may wait for that.
 WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
@@ -39,7 +39,7 @@ class Viewer:
         self._needs_keyframe: set[int] = set()
         self._last_answer_s = time.monotonic()
 
-    def offer(self, message: Message) -> None:
+    def offer(self, message: PageMessage) -> None:
         """Queues a message; may skip others, or this one."""
         if message.kind == VIDEO:
             if message.is_keyframe:
@@ -63,7 +63,7 @@ class Viewer:
         self._needs_keyframe.discard(self.feed)
         self.feed, self.is_live = feed, is_live
 
-    def next(self) -> Message | None:
+    def next(self) -> PageMessage | None:
         """The message to send now; None while nothing waits or the page must catch up."""
         if not self._waiting or len(self._under_way) >= WINDOW_MESSAGES:
             return None
@@ -109,7 +109,7 @@ class Viewer:
     def _report_skipped(self, feed: int, at_s: float) -> None:
         if count := self._skipped.pop(feed, 0):
             body = json.dumps({"type": SKIPPED, "feed": feed, "body": {"frames": count}})
-            self._append(Past(at_s, Message(SKIPPED, feed, body)))
+            self._append(Past(at_s, PageMessage(SKIPPED, feed, body)))
 
     def _thin_out(self) -> None:
         """Keeps video from the newest keyframe on, or none, and the newest message of each other kind."""

@@ -30,7 +30,7 @@ ALWAYS: dict[str, object] = {
 SOURCE_POSITION = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
 
-class Mode(StrEnum):
+class SessionMode(StrEnum):
     """Role of a session: peers connect to each other, a client to one router or peer."""
 
     AUTO = "auto"
@@ -62,8 +62,8 @@ class SessionSettings:
         doc="Endpoints to connect to, with commas: tcp/HOST:PORT of a router, a publisher or a receiver.",
     )
     listen: str | None = setting(None, doc="Endpoints to listen on, with commas: tcp/0.0.0.0:7447.")
-    mode: Mode = setting(
-        Mode.AUTO,
+    mode: SessionMode = setting(
+        SessionMode.AUTO,
         doc="auto: a client where connect names another machine and nothing is listened on, else a peer.",
     )
     reach: Reach = setting(
@@ -88,8 +88,8 @@ class SessionSettings:
     def is_client(self, connect: tuple[str, ...]) -> bool:
         """Whether a session that connects to these endpoints is a client."""
         remote = any(not is_local(endpoint) or is_secure(endpoint) for endpoint in connect)
-        automatic = self.mode is Mode.AUTO and remote and not self.listen_endpoints
-        return self.mode is Mode.CLIENT or automatic
+        automatic = self.mode is SessionMode.AUTO and remote and not self.listen_endpoints
+        return self.mode is SessionMode.CLIENT or automatic
 
 
 def error_line(error: BaseException) -> str:
@@ -203,7 +203,7 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
     for key, given in named.items():
         if given:
             _put(config, key, list(given))
-    if settings.mode is not Mode.AUTO or not _is_set(config, "mode"):
+    if settings.mode is not SessionMode.AUTO or not _is_set(config, "mode"):
         _put(config, "mode", "client" if settings.is_client(connected(config)) else "peer")
     for key, value in ALWAYS.items():
         _put(config, key, value)

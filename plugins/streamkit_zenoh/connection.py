@@ -10,7 +10,7 @@ from streamkit_zenoh.endpoints import InvalidEndpoint
 from streamkit_zenoh.session import open_session
 
 
-class Connection(Element):
+class SessionElement(Element):
     """Declares the properties of a session; not an element itself."""
 
     session_settings = SettingsOf(SessionSettings)

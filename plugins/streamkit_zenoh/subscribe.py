@@ -28,7 +28,7 @@ VANISHED = (
 )
 
 
-class RecordFormat(enum.StrEnum):
+class PrintFormat(enum.StrEnum):
     """How records are printed."""
 
     TEXT = "text"
@@ -44,8 +44,8 @@ def subscribe(
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
     form: Annotated[
-        RecordFormat, typer.Option("--format", help="text: a live table, or lines when piped; jsonl.")
-    ] = RecordFormat.TEXT,
+        PrintFormat, typer.Option("--format", help="text: a live table, or lines when piped; jsonl.")
+    ] = PrintFormat.TEXT,
     count: Annotated[int | None, typer.Option(min=1, help="Records to print before the end.")] = None,
     timeout: Annotated[
         float | None, typer.Option(min=0.0, help="End with exit code 1 after so many s without a record.")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple, Self
 
 from streamkit import TrackRecord
-from streamkit_zenoh.configuration import Mode, Reach, SessionSettings
+from streamkit_zenoh.configuration import Reach, SessionMode, SessionSettings
 from streamkit_zenoh.keys import records_key
 from streamkit_zenoh.receiver import Counts, MessageReceiver
 from streamkit_zenoh.session import close_session, open_session
@@ -71,7 +71,9 @@ class TrackSubscriber:
         self._decoder = Decoder(TrackRecord, TRACKS_SCHEMA)
         self._closing = threading.Lock()
         expression = records_key(key)
-        self._session = open_session(SessionSettings(connect, listen, Mode(mode), Reach(reach), config))
+        self._session = open_session(
+            SessionSettings(connect, listen, SessionMode(mode), Reach(reach), config)
+        )
         self._receiver = MessageReceiver(
             self._session,
             expression,

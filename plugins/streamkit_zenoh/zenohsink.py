@@ -21,7 +21,7 @@ from streamkit import (
     Sink,
 )
 from streamkit_zenoh.configuration import error_line
-from streamkit_zenoh.connection import Connection
+from streamkit_zenoh.connection import SessionElement
 from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO, InvalidKey, publication_root
 from streamkit_zenoh.presence import wait_for_receivers
 from streamkit_zenoh.publish.publication import Publication
@@ -37,7 +37,7 @@ FINISH_LIMIT_S = 12.0
 STOP_LIMIT_S = 2.0
 
 
-class ZenohSink(Connection, Sink):
+class ZenohSink(SessionElement, Sink):
     """Publishes a record per frame at KEY/tracks, each target at KEY/track/ID, and a status at KEY/status.
 
     With frame-rate, frames are published as images at KEY/frame; frames of the pads `frame` and `mosaic` at

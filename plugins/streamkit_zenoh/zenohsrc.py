@@ -8,7 +8,7 @@ import zenoh
 from typing_extensions import override
 
 from streamkit import TRACKS_CAPS, Caps, Frame, Property, ResourceError, Source, TrackRecord, encode_record
-from streamkit_zenoh.connection import Connection
+from streamkit_zenoh.connection import SessionElement
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
 from streamkit_zenoh.session import close_session
@@ -32,7 +32,7 @@ class Content(enum.StrEnum):
     FRAME = "frame"
 
 
-class ZenohSrc(Connection, Source):
+class ZenohSrc(SessionElement, Source):
     """Receives what zenohsink publishes: records with Tracks and Registration, or images with all metadata.
 
     With receive=frame, a pipeline can be split over two machines: detections on one, tracking on the other.

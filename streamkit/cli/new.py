@@ -20,7 +20,7 @@ NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 LONGEST_NAME = 50
 
 
-class Kind(enum.StrEnum):
+class ElementKind(enum.StrEnum):
     """Kind of the element in a new package."""
 
     TRANSFORM = "transform"
@@ -29,20 +29,20 @@ class Kind(enum.StrEnum):
 
 
 SUMMARIES = {
-    Kind.TRANSFORM: "Multiplies the brightness of each frame.",
-    Kind.SOURCE: "Makes a grey ramp that moves sideways.",
-    Kind.SINK: "Writes the mean brightness of each frame into a text file, one line a frame.",
+    ElementKind.TRANSFORM: "Multiplies the brightness of each frame.",
+    ElementKind.SOURCE: "Makes a grey ramp that moves sideways.",
+    ElementKind.SINK: "Writes the mean brightness of each frame into a text file, one line a frame.",
 }
 LINES = {
-    Kind.TRANSFORM: "videotestsrc num-buffers=30 ! {} gain=1.5 ! fakesink",
-    Kind.SOURCE: "{} num-buffers=30 ! fakesink",
-    Kind.SINK: "videotestsrc num-buffers=30 ! {} location=means.txt",
+    ElementKind.TRANSFORM: "videotestsrc num-buffers=30 ! {} gain=1.5 ! fakesink",
+    ElementKind.SOURCE: "{} num-buffers=30 ! fakesink",
+    ElementKind.SINK: "videotestsrc num-buffers=30 ! {} location=means.txt",
 }
 
 
 def new(
     name: Annotated[str, typer.Argument(help="Name of the package, for example my-blur.")],
-    kind: Annotated[Kind, typer.Option(help="Kind of its element.")] = Kind.TRANSFORM,
+    kind: Annotated[ElementKind, typer.Option(help="Kind of its element.")] = ElementKind.TRANSFORM,
 ) -> None:
     """Creates a plugin package in a new folder; it installs, and its own test passes."""
     check_free_name(name)
@@ -92,7 +92,7 @@ def check_free_name(name: str) -> None:
         )
 
 
-def write_package(folder: Path, kind: Kind) -> None:
+def write_package(folder: Path, kind: ElementKind) -> None:
     """Writes a package, named after its new folder; raises `FileExistsError` or another `OSError`."""
     name = folder.name
     package, element = name.replace("-", "_"), element_name(name)

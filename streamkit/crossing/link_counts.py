@@ -43,7 +43,7 @@ class LinkCounts:
         return self._sent[0] - self._taken[0]
 
 
-class Connection(NamedTuple):
+class LinkConnection(NamedTuple):
     """A connection to one run of the other process, and the counts of the frames that pass through it."""
 
     channel: Channel

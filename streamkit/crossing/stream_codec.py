@@ -32,7 +32,7 @@ EVENTS: dict[str, type[Event]] = {
 }
 
 
-class Kind(enum.IntEnum):
+class LinkMessage(enum.IntEnum):
     """Kinds of messages of a link; the last one goes from the reader to the writer."""
 
     FRAME = 0
@@ -61,7 +61,7 @@ class StreamEncoder:
         data, made = self._data(frame.data)
         if made is not None:
             try:
-                message = self._encoder.encode((Kind.SLOT, made.number, made.size))
+                message = self._encoder.encode((LinkMessage.SLOT, made.number, made.size))
                 if not channel.send(message, (made.descriptor,), is_cancelled):
                     return False
             finally:
@@ -76,7 +76,7 @@ class StreamEncoder:
         fields = [str(event.caps)] if isinstance(event, CapsEvent) else [getattr(value, n) for n in names]
         if isinstance(event, CapsEvent):
             self._caps = event.caps
-        return self._encoder.encode((Kind.EVENT, type(event).__name__, fields))
+        return self._encoder.encode((LinkMessage.EVENT, type(event).__name__, fields))
 
     def _frame(self, frame: Frame, data: Any, metadata: Any) -> bytes:
         caps = None
@@ -85,8 +85,8 @@ class StreamEncoder:
         capture = frame.capture and (frame.capture.utc_ns, frame.capture.origin)
         return self._encoder.encode(
             (
-                Kind.FRAME, frame.pts, frame.duration, frame.epoch, frame.seq, frame.arrival_ns, capture,
-                int(frame.flags), caps, data, metadata,
+                LinkMessage.FRAME, frame.pts, frame.duration, frame.epoch, frame.seq, frame.arrival_ns,
+                capture, int(frame.flags), caps, data, metadata,
             )
         )  # fmt: skip
 
@@ -136,9 +136,9 @@ class StreamDecoder:
         """
         try:
             kind, *fields = self._decoder.decode(message)
-            if kind == Kind.FRAME:
+            if kind == LinkMessage.FRAME:
                 return self._frame(*fields)
-            if kind == Kind.SLOT:
+            if kind == LinkMessage.SLOT:
                 number, size = fields
                 self.slots.add(int(number), int(size), channel.take_descriptor())
                 return None
@@ -151,7 +151,7 @@ class StreamDecoder:
         released, slots = [], self.slots.released
         while slots:
             released.append(slots.popleft())
-        return self._encoder.encode((Kind.DONE, released, is_over))
+        return self._encoder.encode((LinkMessage.DONE, released, is_over))
 
     def _event(self, name: str, fields: list[Any]) -> Event:
         kind = EVENTS[name]

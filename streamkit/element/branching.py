@@ -37,7 +37,7 @@ class Combine(Element):
     """
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._lock = threading.RLock()
+        self.combine_lock = threading.RLock()
         self._source: Pad | None = None
         self._has_ended = False
         super().__init__(name, **properties)
@@ -74,16 +74,16 @@ class Combine(Element):
         name = pad.name
 
         def receive(frame: Frame) -> None:
-            with self._lock:
+            with self.combine_lock:
                 if pad.is_eos:
                     raise EndOfStream(self.name)
                 result = self.combine(name, frame)
                 for out in (result,) if isinstance(result, Frame) else result or ():
-                    self._push(out, pad)
+                    self.push_output(out, pad)
 
         return receive
 
-    def _push(self, frame: Frame, pad: Pad | None = None) -> None:
+    def push_output(self, frame: Frame, pad: Pad | None = None) -> None:
         """Sends a frame of an input, after the events that precede it."""
         src = self.src_pad
         if frame.caps is not src.caps or (pad is not None and pad is not self._source):
@@ -105,7 +105,7 @@ class Combine(Element):
         if isinstance(event, FlushStart | FlushStop):
             self.src_pad.send_event(event)
             return
-        with self._lock:
+        with self.combine_lock:
             if isinstance(event, EosEvent):
                 pad.is_eos = True
                 self._end_if_over()
@@ -129,17 +129,17 @@ class Combine(Element):
         self._has_ended = True
         with self.guarded():
             for frame in self.drain():
-                self._push(frame)
+                self.push_output(frame)
         self.src_pad.send_event(EOS)
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Adds an input, also while others stream."""
-        with self._lock:
+        with self.combine_lock:
             return super().request_pad(template, name)
 
     def release_pad(self, pad: Pad) -> None:
         """Removes an input; the stream ends if all others have ended."""
-        with self._lock:
+        with self.combine_lock:
             super().release_pad(pad)
             self._end_if_over()
 

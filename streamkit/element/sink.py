@@ -55,10 +55,10 @@ class Sink(Element):
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.prepare_run()
+        self.begin_run()
         super().__init__(name, **properties)
 
-    def prepare_run(self) -> None:
+    def begin_run(self) -> None:
         """Resets the state of an earlier run."""
         self.waited_ns = 0
         self._has_prerolled = False

@@ -41,10 +41,10 @@ class Source(Element):
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.over, self._resumed, self._flush_over = threading.Event(), threading.Event(), threading.Event()
         self._segment = Segment()
-        self.prepare_run()
+        self.begin_run()
         super().__init__(name, **properties)
 
-    def prepare_run(self) -> None:
+    def begin_run(self) -> None:
         """Resets the state of an earlier run."""
         self._finishing = self._renegotiates = False
         self._needs_check = False  # pause, end or renegotiation before the next frame

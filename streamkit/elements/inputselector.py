@@ -78,7 +78,7 @@ class InputSelector(Combine):
                 raise EndOfStream(self.name)
             if self.sync_streams and self._active() is not pad and frame.pts is not None:
                 self._synchronise(pad, frame.pts + (frame.duration or 0))
-            with self._lock:
+            with self.combine_lock:
                 if self._active() is pad:
                     self._forward_frame(pad, frame)
                 elif self.cache_buffers:
@@ -119,11 +119,11 @@ class InputSelector(Combine):
     def _forward_frame(self, pad: Pad, frame: Frame) -> None:
         for kept in self._cached.pop(pad.name, ()):
             if not self._is_past(pad, kept):
-                self._push(kept, pad)
+                self.push_output(kept, pad)
         if self.drop_backwards and self._is_past(pad, frame):
             self.count_drop("older than what was passed on")
             return
-        self._push(frame, pad)
+        self.push_output(frame, pad)
         if frame.pts is not None:
             with self.changed:
                 self._time_ns = pad.segment.running_time_ns(frame.pts)
@@ -145,7 +145,7 @@ class InputSelector(Combine):
             return
         self._has_ended = True
         for kept in self._cached.pop(active.name, ()):
-            self._push(kept, active)
+            self.push_output(kept, active)
         self.src_pad.send_event(EOS)
 
     def property_changed(self, name: str) -> None:
@@ -153,7 +153,7 @@ class InputSelector(Combine):
         if name == "active_pad":
             self._check_pad(self.active_pad)
         if self.is_playing:
-            with self._lock:
+            with self.combine_lock:
                 self._end_if_over()
 
     def _check_pad(self, name: str | None) -> None:

@@ -229,7 +229,7 @@ class Queue(Element):
 
     # Called in the queue's thread.
 
-    def prepare_run(self) -> None:
+    def begin_run(self) -> None:
         """Resets the state of an earlier run."""
         with self.lock:
             self.pending.reset()

@@ -26,7 +26,7 @@ from streamkit.graph.assignments import (
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, auto_name
-from streamkit.graph.linking import Endpoint, Linker, PendingLink
+from streamkit.graph.linking import LinkEnd, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
     BinNode,
@@ -60,8 +60,8 @@ def build(text: str, variables: Mapping[str, str]) -> Graph:
 class Endpoints:
     """Where links can attach to a node, on its sink and src side; None where no link is possible."""
 
-    entry: Endpoint | None
-    leave: Endpoint | None
+    entry: LinkEnd | None
+    leave: LinkEnd | None
 
 
 class GraphBuilder:
@@ -153,7 +153,7 @@ class GraphBuilder:
             raise DescriptionError("syntax", what, last.place)
 
     def _record_link(
-        self, left: Endpoint | None, right: Endpoint | None, link: LinkNode, caps: Caps | None
+        self, left: LinkEnd | None, right: LinkEnd | None, link: LinkNode, caps: Caps | None
     ) -> None:
         if left is None or right is None:
             kind, edge = ("source", "ends") if left is None else ("sink", "begins")
@@ -169,15 +169,15 @@ class GraphBuilder:
         if isinstance(node, BinNode):
             return self._add_bin(node, members)
         if isinstance(node, ReferenceNode):
-            endpoint = Endpoint(None, node.name, node.pads, node.place)
+            endpoint = LinkEnd(None, node.name, node.pads, node.place)
             return Endpoints(None, endpoint) if is_first else Endpoints(endpoint, None)
         if isinstance(node, UrlNode):
             element = self._make_from_uri(node, as_source=is_first)
-            endpoint = Endpoint(element, "", (), node.place)
+            endpoint = LinkEnd(element, "", (), node.place)
             endpoints = Endpoints(None, endpoint) if is_first else Endpoints(endpoint, None)
         else:
             element = self._make_element(node)
-            endpoint = Endpoint(element, "", node.sink_pads, node.place)
+            endpoint = LinkEnd(element, "", node.sink_pads, node.place)
             endpoints = Endpoints(endpoint, replace(endpoint, pads=node.src_pads))
         self._places[element] = node.place
         members.append(element)

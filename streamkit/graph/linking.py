@@ -17,7 +17,7 @@ from streamkit.graph.link import DelayedLink, LinkRequest, awaits_pads, choose_p
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class LinkEnd:
     """One end of a link: an element or its name, and the named pads."""
 
     element: Element | None
@@ -38,8 +38,8 @@ class Endpoint:
 class PendingLink:
     """A link to be made once all elements exist."""
 
-    source: Endpoint
-    sink: Endpoint
+    source: LinkEnd
+    sink: LinkEnd
     caps: Caps | None
     every_pad: bool
     place: Place
@@ -140,7 +140,7 @@ class Linker:
             if src.template.presence is Presence.REQUEST:
                 src.element.release_pad(src)
 
-    def _resolve(self, endpoint: Endpoint) -> Element:
+    def _resolve(self, endpoint: LinkEnd) -> Element:
         found = endpoint.element or self._bins.find(endpoint.name)
         if found is None:
             raise DescriptionError(

@@ -101,9 +101,9 @@ class Playback:
         made = []
         for element in elements:
             if isinstance(element, Sink):
-                element.prepare_run()
+                element.begin_run()
             elif isinstance(element, Streaming):
-                element.prepare_run()
+                element.begin_run()
                 made.append(StreamingThread(element, self.fail, self._thread_ended))
         with self._lock:
             self._threads += made

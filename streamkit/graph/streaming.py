@@ -19,7 +19,7 @@ class Streaming(Protocol):
     def stream(self) -> None:
         """Body of the thread; returns after EOS, raises if streaming ends otherwise."""
 
-    def prepare_run(self) -> None:
+    def begin_run(self) -> None:
         """Resets the state of an earlier run."""
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from streamkit_zenoh.configuration import Mode, SessionSettings
+from streamkit_zenoh.configuration import SessionMode, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
 from tests.acceptance.zenoh_links import BINARY, Router, free_port, router, wait_for
@@ -85,7 +85,7 @@ def test_a_lost_router_does_not_delay_the_end(meeting: Router) -> None:
 
 def test_a_source_without_router_ends_too(meeting: Router) -> None:
     """A signal ends a source that waits for publishers, with or without router."""
-    session = open_session(SessionSettings(mode=Mode.CLIENT, connect=meeting.endpoint))
+    session = open_session(SessionSettings(mode=SessionMode.CLIENT, connect=meeting.endpoint))
     process = _launch(f"zenohsrc key={KEY} mode=client connect={meeting.endpoint} ! fakesink")
     try:
         publisher = session.declare_publisher(f"{KEY}/tracks")
@@ -105,7 +105,7 @@ def test_a_full_disk_ends_the_pipeline(meeting: Router, tmp_path: Path) -> None:
     location.symlink_to("/dev/full")
     source = f"zenohsrc key={KEY} mode=client connect={meeting.endpoint}"
     process = _launch(f"{source} ! tracksink location={location}")
-    session = open_session(SessionSettings(mode=Mode.CLIENT, connect=meeting.endpoint))
+    session = open_session(SessionSettings(mode=SessionMode.CLIENT, connect=meeting.endpoint))
     try:
         publisher = session.declare_publisher(
             f"{KEY}/tracks", congestion_control=zenoh.CongestionControl.BLOCK

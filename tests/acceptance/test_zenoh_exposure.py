@@ -16,7 +16,7 @@ from typing import NamedTuple
 import pytest
 import zenoh
 
-from streamkit_zenoh.configuration import Mode, Reach, SessionSettings
+from streamkit_zenoh.configuration import Reach, SessionMode, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from tests.acceptance.zenoh_links import BINARY, free_port, wait_for
 
@@ -219,7 +219,7 @@ def test_the_admin_space_is_off(settings: SessionSettings) -> None:
     """The admin space, which shows configuration and peers, answers no query."""
     session = open_session(settings)
     port = next(one.port for one in sockets_of(os.getpid()) if one.state == LISTENING)
-    asking = open_session(SessionSettings(mode=Mode.CLIENT, connect=f"tcp/127.0.0.1:{port}"))
+    asking = open_session(SessionSettings(mode=SessionMode.CLIENT, connect=f"tcp/127.0.0.1:{port}"))
     try:
         answers = asking.get("@/**", timeout=2.0)
         # zenoh answers a session's own question about that session itself.

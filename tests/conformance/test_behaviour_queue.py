@@ -76,7 +76,7 @@ class Line:
         self.sink = element.pads["sink"]
         self.put = element.receiver(self.sink)
         self.error: BaseException | None = None
-        element.prepare_run()
+        element.begin_run()
         self.thread = threading.Thread(target=self._stream)
 
     def _overrun(self, queue: Queue) -> None:

@@ -13,7 +13,7 @@ from streamkit.masking import presentable
 
 if TYPE_CHECKING:
     from streamkit_fleet.batch.driver import FileResult
-    from streamkit_fleet.batch.plan import Recipe
+    from streamkit_fleet.batch.plan import BatchRecipe
 
 RECORDS = ".jsonl"  # the results whose parts can be joined
 
@@ -86,9 +86,9 @@ def batch(
     raise typer.Exit(int(failed > 0))
 
 
-def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap_s: float) -> Recipe:
+def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap_s: float) -> BatchRecipe:
     """What is done with each file; exits with code 2 if the description is invalid."""
-    from streamkit_fleet.batch.plan import Recipe
+    from streamkit_fleet.batch.plan import BatchRecipe
 
     variables = dict(_setting(text) for text in settings)
     try:
@@ -101,7 +101,7 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
     missing = [name for name in ("input", "output") if f"${{{name}}}" not in text]
     if missing:
         _fail(f"{file} has no ${{{missing[0]}}}: batch sets ${{input}} and ${{output}} for each file", 2)
-    return Recipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
+    return BatchRecipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
 
 
 def _setting(text: str) -> tuple[str, str]:

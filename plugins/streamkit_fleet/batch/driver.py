@@ -16,7 +16,7 @@ from ray.exceptions import RayError
 
 from streamkit.masking import mask_secrets, presentable
 from streamkit.output.file import OutputFile
-from streamkit_fleet.batch.plan import Plan, Recipe, plan_file
+from streamkit_fleet.batch.plan import BatchRecipe, Plan, plan_file
 from streamkit_fleet.batch.work import PARTS, Outcome, finish, run_part
 from streamkit_fleet.cluster import cluster_cores
 
@@ -91,7 +91,7 @@ class BatchDriver:
     def __init__(
         self,
         files: Mapping[str, str],
-        recipe: Recipe,
+        recipe: BatchRecipe,
         folder: Path,
         *,
         retries: int,

@@ -12,7 +12,7 @@ import av
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class BatchRecipe:
     """What is done with every file.
 
     Attributes:
@@ -55,7 +55,7 @@ class Plan:
     parts: tuple[ClipPart, ...]
 
 
-def plan_file(path: str, recipe: Recipe) -> Plan:
+def plan_file(path: str, recipe: BatchRecipe) -> Plan:
     """Reads a file once for its hash, and once more for its keyframes if it is to be split.
 
     Raises:

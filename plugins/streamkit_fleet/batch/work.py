@@ -11,7 +11,7 @@ from pathlib import Path
 from streamkit import Pipeline, StreamkitError, encode_record
 from streamkit.output.file import OutputFile
 from streamkit_fleet.batch.join import join_records
-from streamkit_fleet.batch.plan import ClipPart, Plan, Recipe
+from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
 
 PARTS = ".parts"  # folder of unfinished results
 
@@ -25,7 +25,7 @@ class Outcome:
     cpu_s: float = 0.0
 
 
-def run_part(plan: Plan, number: int, recipe: Recipe, folder: str) -> Outcome:
+def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outcome:
     """Runs the pipeline over a part, unless an earlier batch has done so; its result appears when whole."""
     target = Path(folder) / PARTS / f"{plan.key}-{number}{recipe.suffix}"
     if target.exists():
@@ -44,7 +44,7 @@ def run_part(plan: Plan, number: int, recipe: Recipe, folder: str) -> Outcome:
     return Outcome(str(target), cpu_s=time.process_time() - began_s)
 
 
-def _pipeline(plan: Plan, part: ClipPart, recipe: Recipe, output: Path) -> Pipeline:
+def _pipeline(plan: Plan, part: ClipPart, recipe: BatchRecipe, output: Path) -> Pipeline:
     variables = {**recipe.variables, "input": plan.path, "output": str(output)}
     pipeline = Pipeline.parse(recipe.text, variables)
     if part != ClipPart():

@@ -34,7 +34,7 @@ from streamkit_media.container import (
     reason_of,
     video_stream,
 )
-from streamkit_media.files.playrange import Place, PlayRange
+from streamkit_media.files.playrange import PlayRange, RangePosition
 from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import cut_connections, open_sockets
 from streamkit_media.packets import DECODE_ONLY, DecodeOnly, packet_frame, read_packets
@@ -266,7 +266,7 @@ class FileSrc(Source):
         own = (packet for packet in first if packet.stream_index in carried)
         for packet in chain(own, read_packets(container, *(stream for stream, _ in streams))):
             place = self._range.place(packet)
-            if place is Place.OVER:
+            if place is RangePosition.OVER:
                 playing.discard(packet.stream_index)
                 if not playing:
                     return
@@ -280,7 +280,7 @@ class FileSrc(Source):
                 latest = pts if kind is StreamKind.VIDEO else latest
             elif latest is not None and kind is not StreamKind.VIDEO:
                 frame = frame.replace(pts=latest)  # asynchronous KLV gets the time of the video around it
-            if place is Place.INSIDE:
+            if place is RangePosition.INSIDE:
                 yield kind, frame
             elif kind is StreamKind.VIDEO:
                 yield kind, frame.attach(DECODE_ONLY)

@@ -11,7 +11,7 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 
-class Place(enum.Enum):
+class RangePosition(enum.Enum):
     """Where a packet lies: in the range, outside of it, or after it with all that follow of its stream."""
 
     INSIDE, OUTSIDE, OVER = range(3)
@@ -33,17 +33,17 @@ class PlayRange:
         if self.start_s:
             container.seek(_tick(self.start_s, stream), stream=stream)
 
-    def place(self, packet: Packet[Stream]) -> Place:
+    def place(self, packet: Packet[Stream]) -> RangePosition:
         """Where a packet lies; one without a time is inside."""
         decoded = packet.dts if packet.dts is not None else packet.pts
         if decoded is None or (not self.start_s and self.stop_s is None):
-            return Place.INSIDE
+            return RangePosition.INSIDE
         stream, shown = packet.stream, packet.pts if packet.pts is not None else decoded
         end = None if self.stop_s is None else _tick(self.stop_s, stream)
         if end is not None and decoded >= end:
-            return Place.OVER
+            return RangePosition.OVER
         is_inside = shown >= _tick(self.start_s, stream) and (end is None or shown < end)
-        return Place.INSIDE if is_inside else Place.OUTSIDE
+        return RangePosition.INSIDE if is_inside else RangePosition.OUTSIDE
 
 
 def _tick(seconds: float, stream: Stream) -> int:

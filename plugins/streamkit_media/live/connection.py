@@ -27,7 +27,7 @@ MAX_PAUSE_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
 
 
-class Connection:
+class LiveConnection:
     """Reads one connection to its end.
 
     Args:

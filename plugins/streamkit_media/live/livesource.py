@@ -11,7 +11,7 @@ from typing_extensions import override
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source, StreamError
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused
-from streamkit_media.live.connection import Connection
+from streamkit_media.live.connection import LiveConnection
 from streamkit_media.live.endpoint import Endpoint
 from streamkit_media.live.packetreader import ConnectionLost, LiveInput, PacketReader, Silence
 from streamkit_media.live.retries import Reconnect
@@ -50,7 +50,7 @@ class LiveSource(Endpoint, Source):
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._connection: Connection | None = None
+        self._connection: LiveConnection | None = None
         super().__init__(name, **properties)
 
     def start(self) -> None:
@@ -146,7 +146,7 @@ class LiveSource(Endpoint, Source):
         """Its packets; the first makes it a new epoch."""
         self._timeline.begin_connection()
         reader = PacketReader(self.make_input(), self._kinds)
-        connection = self._connection = Connection(
+        connection = self._connection = LiveConnection(
             reader, self.max_packets, self.latency_ms, self._next_seq, self._timeline, self.clock
         )
         known: set[StreamKind] = set()

@@ -27,7 +27,7 @@ FAILURES = (FFmpegError, OSError, ValueError, RuntimeError, LookupError)
 HEAD = struct.Struct(">cI")
 
 
-class Kind(enum.Enum):
+class PushMessage(enum.Enum):
     """Kinds of messages; the first three go to the push process, the others come from it."""
 
     OPEN = b"O"  # what to open, see `pusher.Push`
@@ -58,13 +58,13 @@ class PushPacket(msgspec.Struct, frozen=True, array_like=True):
     data: bytes
 
 
-def message(kind: Kind, content: object = None) -> bytes:
+def message(kind: PushMessage, content: object = None) -> bytes:
     """A message as it goes through the pipe."""
     encoded = b"" if content is None else msgspec.msgpack.encode(content)
     return HEAD.pack(kind.value, len(encoded)) + encoded
 
 
-def take_messages(received: bytearray) -> list[tuple[Kind, bytes]]:
+def take_messages(received: bytearray) -> list[tuple[PushMessage, bytes]]:
     """The complete messages, each with its encoded content; they are removed.
 
     Raises:
@@ -76,7 +76,7 @@ def take_messages(received: bytearray) -> list[tuple[Kind, bytes]]:
         end = at + HEAD.size + length
         if end > len(received):
             break
-        found.append((Kind(kind), bytes(received[at + HEAD.size : end])))
+        found.append((PushMessage(kind), bytes(received[at + HEAD.size : end])))
         at = end
     del received[:at]
     return found
@@ -127,33 +127,33 @@ def run(commands: BinaryIO, answers: BinaryIO) -> None:
     limit_s = 0.0
     decoder = msgspec.msgpack.Decoder(PushPacket)
 
-    def answer(kind: Kind) -> None:
+    def answer(kind: PushMessage) -> None:
         answers.write(message(kind))
         answers.flush()
 
-    answer(Kind.AWAKE)
+    answer(PushMessage.AWAKE)
     while head := commands.read(HEAD.size):
         name, length = HEAD.unpack(head)
         content = commands.read(length)
-        kind = Kind(name)
-        if kind is Kind.OPEN:
+        kind = PushMessage(name)
+        if kind is PushMessage.OPEN:
             order = msgspec.msgpack.decode(content)
             limit_s = order["timeout_s"]
         # A server that is silent for longer ends this process, whether FFmpeg returns or not.
         signal.setitimer(signal.ITIMER_REAL, limit_s)
-        if kind is Kind.OPEN:
+        if kind is PushMessage.OPEN:
             push = Push(order)
-            answer(Kind.READY)
-        elif kind is Kind.PACKET and push is not None:
+            answer(PushMessage.READY)
+        elif kind is PushMessage.PACKET and push is not None:
             push.write(decoder.decode(content))
-            answer(Kind.WRITTEN)
-        elif kind is Kind.END:
+            answer(PushMessage.WRITTEN)
+        elif kind is PushMessage.END:
             break
         signal.setitimer(signal.ITIMER_REAL, 0)
     signal.setitimer(signal.ITIMER_REAL, limit_s)
     if push is not None:
         push.close()
-    answer(Kind.DONE)
+    answer(PushMessage.DONE)
 
 
 def main() -> None:
@@ -168,7 +168,7 @@ def main() -> None:
             "reason": getattr(error, "strerror", None) or type(error).__name__,
             "is_refused": isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError),
         }
-        os.write(sys.stdout.fileno(), message(Kind.FAILED, report))
+        os.write(sys.stdout.fileno(), message(PushMessage.FAILED, report))
     # Closing a connection that has failed would wait for the server again.
     os._exit(0)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from streamkit_media.rtsp.pusher import Kind, PushPacket, message, take_messages
+from streamkit_media.rtsp.pusher import PushMessage, PushPacket, message, take_messages
 
 PUSHER = "streamkit_media.rtsp.pusher"
 START_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before
@@ -75,16 +75,16 @@ class PushProcess:
     def open(self, order: dict[str, Any]) -> None:
         """Makes it connect by an order of `pusher.Push`, which has the longest silence `timeout_s`, too."""
         self.is_opened = True
-        self._send_message(message(Kind.OPEN, order))
+        self._send_message(message(PushMessage.OPEN, order))
 
     def offer(self, packet: PushPacket) -> None:
         """Queues a packet; the next `exchange` raises a failure."""
         self.pending += 1
-        self._send_message(message(Kind.PACKET, packet))
+        self._send_message(message(PushMessage.PACKET, packet))
 
     def end(self) -> None:
         """Ends the recording once everything is written."""
-        self._send_message(message(Kind.END))
+        self._send_message(message(PushMessage.END))
 
     def exchange(self, wait_s: float) -> None:
         """Sends and receives what can be, after at most `wait_s`.
@@ -149,16 +149,16 @@ class PushProcess:
             for kind, content in take_messages(self._received):
                 self._handle(kind, content)
 
-    def _handle(self, kind: Kind, content: bytes) -> None:
-        if kind is Kind.AWAKE:
+    def _handle(self, kind: PushMessage, content: bytes) -> None:
+        if kind is PushMessage.AWAKE:
             self._is_running = True
-        elif kind is Kind.READY:
+        elif kind is PushMessage.READY:
             self.is_ready = True
-        elif kind is Kind.WRITTEN:
+        elif kind is PushMessage.WRITTEN:
             self.pending -= 1
             self.written += 1
-        elif kind is Kind.DONE:
+        elif kind is PushMessage.DONE:
             self.is_done = True
-        elif kind is Kind.FAILED:
+        elif kind is PushMessage.FAILED:
             report = msgspec.msgpack.decode(content)
             raise PushFailure(str(report["reason"]), is_refused=bool(report["is_refused"]))

@@ -10,7 +10,12 @@ from streamkit.geometry.homography import FloatArray
 from streamkit.settings import setting
 from streamkit_stitcher.bundle_adjustment.normal_equations import NormalEquations, form, point_steps, solve
 from streamkit_stitcher.bundle_adjustment.problem import BASES, IndexArray, PlaneProblem, layout
-from streamkit_stitcher.bundle_adjustment.projection import Views, projected, robust_cost, view
+from streamkit_stitcher.bundle_adjustment.projection import (
+    ProjectedObservations,
+    projected,
+    robust_cost,
+    view,
+)
 from streamkit_stitcher.registration.motion_models import MotionModel
 
 _FIRST_DAMPING: Final = 1e-5
@@ -198,7 +203,9 @@ class _Descent:
                 break
         return iterations
 
-    def _tried(self, step: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, Views]:
+    def _tried(
+        self, step: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray, ProjectedObservations]:
         """Cameras and points after a step, and one more step of the points alone.
 
         Long strips have motions that hardly change the cost; the second step allows larger ones.
@@ -209,7 +216,7 @@ class _Descent:
         points += point_steps(self._view(elements, points), self._layout)
         return cameras, points, self._view(elements, points)
 
-    def _cost(self, cameras: FloatArray, views: Views) -> float:
+    def _cost(self, cameras: FloatArray, views: ProjectedObservations) -> float:
         """The cost; infinite where a point lies behind a camera."""
         if not views.depth.min() > _LEAST_DEPTH:
             return math.inf
@@ -235,5 +242,5 @@ class _Descent:
         """float64[3, 3, k], of each observation's camera."""
         return np.ascontiguousarray(cameras.transpose(1, 2, 0)).take(self._layout.camera, axis=2)
 
-    def _view(self, elements: FloatArray, points: FloatArray) -> Views:
+    def _view(self, elements: FloatArray, points: FloatArray) -> ProjectedObservations:
         return view(elements, points.take(self._layout.point, axis=1), self._observed, self._huber)

@@ -9,7 +9,7 @@ import scipy
 
 from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, Layout
-from streamkit_stitcher.bundle_adjustment.projection import Views
+from streamkit_stitcher.bundle_adjustment.projection import ProjectedObservations
 
 _DENSE_LIMIT: Final = 1000
 _SMALLEST_PIVOT: Final = 1e-12
@@ -33,11 +33,11 @@ class NormalEquations:
     camera_sides: FloatArray
     point_blocks: FloatArray
     point_sides: FloatArray
-    views: Views
+    views: ProjectedObservations
     slopes: FloatArray
 
 
-def form(views: Views, layout: Layout) -> NormalEquations:
+def form(views: ProjectedObservations, layout: Layout) -> NormalEquations:
     """Sums the blocks of the normal equations over observations in the layout's order."""
     slopes = views.slopes()
     point_blocks, point_sides = _point_sums(views.residuals, slopes, layout)
@@ -51,7 +51,7 @@ def form(views: Views, layout: Layout) -> NormalEquations:
     return NormalEquations(blocks, sides, point_blocks, point_sides, views, slopes)
 
 
-def point_steps(views: Views, layout: Layout) -> FloatArray:
+def point_steps(views: ProjectedObservations, layout: Layout) -> FloatArray:
     """float64[2, m], the best step of each point while the cameras are fixed."""
     blocks, sides = _point_sums(views.residuals, views.slopes(), layout)
     factor = _inverse_factor(blocks, 0.0)
@@ -102,7 +102,7 @@ def solve(
     return cameras, _unwhitened(factor, sides)
 
 
-def _camera_rows(views: Views, layout: Layout, mixture: FloatArray) -> FloatArray:
+def _camera_rows(views: ProjectedObservations, layout: Layout, mixture: FloatArray) -> FloatArray:
     """Mixed derivatives of x and y by the free cameras' elements, float64[k', 2, 9], the last column not set.
 
     `mixture` float64[2, 2, k] holds the weights of x and y in each of the two rows, divided by the depth.

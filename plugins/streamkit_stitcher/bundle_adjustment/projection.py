@@ -34,7 +34,7 @@ def robust_cost(residuals: FloatArray, huber: float) -> tuple[float, FloatArray 
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class ProjectedObservations:
     """Projected observations, one per column.
 
     Attributes:
@@ -66,7 +66,9 @@ class Views:
         return np.asarray(linear * self.scale, dtype=np.float64)
 
 
-def view(elements: FloatArray, points: FloatArray, observed: FloatArray, huber: float) -> Views:
+def view(
+    elements: FloatArray, points: FloatArray, observed: FloatArray, huber: float
+) -> ProjectedObservations:
     """Projects points float64[2, k] by float64[3, 3, k], and compares them with float64[2, k] observed."""
     mapped = elements[:, 0] * points[0]
     mapped += elements[:, 1] * points[1]
@@ -75,7 +77,7 @@ def view(elements: FloatArray, points: FloatArray, observed: FloatArray, huber: 
     residuals = observed - seen
     cost, weights = robust_cost(residuals, huber)
     if weights is None:
-        return Views(elements, points, seen, mapped[2], residuals, None, cost)
+        return ProjectedObservations(elements, points, seen, mapped[2], residuals, None, cost)
     root = np.sqrt(weights)
     residuals *= root
-    return Views(elements, points, seen, mapped[2], residuals, root, cost)
+    return ProjectedObservations(elements, points, seen, mapped[2], residuals, root, cost)

@@ -19,7 +19,7 @@ STRAIGHT_DOWN = (0.0, -math.pi / 2, 0.0)
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraIntrinsics:
     """Intrinsic parameters of a camera.
 
     Attributes:
@@ -68,7 +68,7 @@ def rotation(pitch: float, roll: float, yaw: float) -> FloatArray:
     return np.asarray(about_down @ about_right @ about_forward, dtype=np.float64)
 
 
-def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
+def levelling(camera: CameraIntrinsics, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:
     """The homography from an undistorted frame to one of the same camera looking straight down.
 
     Args:
@@ -92,7 +92,11 @@ def levelling(camera: Camera, shape: tuple[int, int], roll: float, pitch: float)
 
 
 def rectification_maps(
-    camera: Camera, shape: tuple[int, int], to_level: FloatArray, size: tuple[int, int], shift: FloatArray
+    camera: CameraIntrinsics,
+    shape: tuple[int, int],
+    to_level: FloatArray,
+    size: tuple[int, int],
+    shift: FloatArray,
 ) -> tuple[MapArray, MapArray]:
     """Source position of each pixel of the rectified frame, float32[h, w] columns and rows for `cv2.remap`.
 
@@ -111,7 +115,7 @@ def rectification_maps(
     return np.asarray(columns, dtype=np.float32), np.asarray(rows, dtype=np.float32)
 
 
-def rectified_border(camera: Camera, shape: tuple[int, int], to_level: FloatArray) -> FloatArray:
+def rectified_border(camera: CameraIntrinsics, shape: tuple[int, int], to_level: FloatArray) -> FloatArray:
     """The border of the source frame in the levelled one, float64[n, 2], clockwise."""
     outline = corners(shape)
     steps = np.arange(_BORDER_STEPS)[:, np.newaxis] / _BORDER_STEPS

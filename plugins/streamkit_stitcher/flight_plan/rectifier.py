@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray
 from streamkit_stitcher.flight_plan.rectification import (
-    Camera,
+    CameraIntrinsics,
     MapArray,
     inscribed_rectangle,
     levelling,
@@ -38,7 +38,9 @@ class Rectifier:
         ValueError: nothing can be cropped, or the tilt exceeds 45 degrees.
     """
 
-    def __init__(self, camera: Camera, shape: tuple[int, int], aspect: float, max_tilt: float) -> None:
+    def __init__(
+        self, camera: CameraIntrinsics, shape: tuple[int, int], aspect: float, max_tilt: float
+    ) -> None:
         self._camera, self._shape, self._aspect, self._max_tilt = camera, shape, aspect, max_tilt
         turns = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS) if max_tilt > 0 else np.empty(0)
         tilts = [(0.0, 0.0), *((max_tilt * math.cos(turn), max_tilt * math.sin(turn)) for turn in turns)]

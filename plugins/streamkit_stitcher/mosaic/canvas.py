@@ -20,7 +20,7 @@ LONGEST_SIDE: Final = 500_000
 _PREVIEW_WHOLE_PX: Final = 4_000_000
 
 
-class Canvas:
+class MosaicCanvas:
     """Pixels and their depth over the painted part of a plane.
 
     Canvas pixel c shows the plane at (c + 0.5) / scale - 0.5, so that halving averages whole blocks.

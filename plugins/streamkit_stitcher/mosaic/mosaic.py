@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, corners, normalised, project, scale_change, translation
-from streamkit_stitcher.mosaic.canvas import Canvas
+from streamkit_stitcher.mosaic.canvas import MosaicCanvas
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.plane.frame_registration import depth_ratio
 from streamkit_stitcher.registration.patches import halved
@@ -30,7 +30,7 @@ class Mosaic:
     """
 
     def __init__(self, max_px: int) -> None:
-        self.canvas = Canvas(max_px)
+        self.canvas = MosaicCanvas(max_px)
         self._frames = 0
 
     @property

@@ -82,7 +82,7 @@ class MosaicRecorder:
         """Whether a frame lies on a plane that needs another mosaic."""
         if registered.opens_plane:
             return True
-        return registered.reference != self._reference and registered.change is None
+        return registered.reference != self._reference and registered.reference_change is None
 
     def add(
         self,
@@ -106,7 +106,7 @@ class MosaicRecorder:
             self._coverage.move_plane(registered.rebase)
             self._do(partial(self.frames.rebase, registered.rebase, registered.reference))
         self._reference = registered.reference
-        if not registered.anchored:
+        if not registered.measured:
             return False
         self._add_view(registered, shape, position)
         new_ground = self._coverage.uncovered(shape, registered.to_reference) > _MIN_NEW_GROUND

@@ -11,7 +11,7 @@ from streamkit.geometry.homography import (
     inverse,
     normalised,
 )
-from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame
+from streamkit_stitcher.plane.frame_registration import OK_STD, KeyframeRegistration
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
@@ -19,7 +19,7 @@ from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leavi
 from streamkit_stitcher.plane.loop_closure import better, tie_of
 from streamkit_stitcher.plane.matching import KeyframeMatching
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.descriptors import Description, describe
+from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
 from streamkit_stitcher.registration.motion_models import FitLimits
 from streamkit_stitcher.registration.patches import pyramid
 
@@ -59,7 +59,7 @@ class KeyframeAnchor:
         self.keyframes = KeyframeMap(settings, plane)
         self.matching = KeyframeMatching(self.keyframes, self._limits, settings.max_points)
         self._relocaliser = self.keyframes.relocaliser
-        self.description: Description | None = None
+        self.description: FrameFeatures | None = None
         self._unmatched = 0
         self._is_prediction_reliable = True
 
@@ -97,7 +97,7 @@ class KeyframeAnchor:
             description, self._relocaliser.likeliest(description, older, _RELOCALISED)
         )
 
-    def _recognised(self, description: Description, candidates: Sequence[Keyframe]) -> KeyframeMatch | None:
+    def _recognised(self, description: FrameFeatures, candidates: Sequence[Keyframe]) -> KeyframeMatch | None:
         """The first match, of the keyframe that becomes current."""
         for keyframe in candidates:
             match = self._relocaliser.match(description, keyframe)
@@ -116,7 +116,7 @@ class KeyframeAnchor:
         due: bool = False,
         consecutive: bool = False,
         predicted_std: float = 0.0,
-    ) -> AnchoredFrame:
+    ) -> KeyframeRegistration:
         """Registers a frame, and makes it a keyframe where one is needed.
 
         Args:
@@ -135,18 +135,18 @@ class KeyframeAnchor:
             self.description = None
         active = self.keyframes.active
         if active is None:
-            return AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
+            return KeyframeRegistration(predicted, measured=False, corner_std=predicted_std)
         match = followed
         if recognised is not None:
             predicted = normalised(active.to_reference @ recognised.fit.matrix)
             match, predicted = self._aligned(active, images, predicted, recognised, consecutive)
         elif match is None:
             match = self._search(active, images, predicted, trusted)
-        certain = recognised is None or self.matching.certain(match) is not None
-        found = AnchoredFrame(predicted, measured=False, corner_std=predicted_std)
+        certain = recognised is None or self.matching.if_whole_frame(match) is not None
+        found = KeyframeRegistration(predicted, measured=False, corner_std=predicted_std)
         if match is not None:
-            found = _anchored(active, match)
-        found = replace(found, certain=certain)
+            found = _registration_by(active, match)
+        found = replace(found, fixes_whole_frame=certain)
         self._unmatched = 0 if match is not None else self._unmatched + 1
         self._is_prediction_reliable = match is not None or (
             trusted and recognised is None and self._is_prediction_reliable
@@ -169,10 +169,10 @@ class KeyframeAnchor:
     ) -> KeyframeMatch | None:
         """Matches with the current keyframe from fast to thorough."""
         level = self._search_level if trusted else LEVELS - 1
-        match = self.matching.certain(self.matching.follow(active, images, predicted))
-        match = match or self.matching.certain(self.matching.search(active, images, predicted, level))
+        match = self.matching.if_whole_frame(self.matching.follow(active, images, predicted))
+        match = match or self.matching.if_whole_frame(self.matching.search(active, images, predicted, level))
         if match is None and trusted:
-            match = self.matching.certain(self.matching.search(active, images, predicted, LEVELS - 1))
+            match = self.matching.if_whole_frame(self.matching.search(active, images, predicted, LEVELS - 1))
         return match
 
     def _aligned(
@@ -187,39 +187,44 @@ class KeyframeAnchor:
 
         Returns the match, None where there is none and the frame is not consecutive, and the homography.
         """
-        aligned = self.matching.certain(self.matching.follow(active, images, predicted))
+        aligned = self.matching.if_whole_frame(self.matching.follow(active, images, predicted))
         aligned = aligned or self.matching.search(active, images, predicted, LEVELS - 1)
         best = better(recognised, aligned, active, self._settings.max_points)
         found = (
-            self.matching.certain(best) or self.matching.certain(aligned) or (best if consecutive else None)
+            self.matching.if_whole_frame(best)
+            or self.matching.if_whole_frame(aligned)
+            or (best if consecutive else None)
         )
         if found is None and aligned is not None and aligned.deviation < recognised.deviation:
             predicted = normalised(active.to_reference @ aligned.fit.matrix)
         return found, predicted
 
     def _revisit(
-        self, active: Keyframe, images: Sequence[GreyArray], found: AnchoredFrame
-    ) -> AnchoredFrame | None:
+        self, active: Keyframe, images: Sequence[GreyArray], found: KeyframeRegistration
+    ) -> KeyframeRegistration | None:
         """Switches to an earlier keyframe where the camera has returned to it."""
         least = self._settings.keyframe_overlap + _REVISIT_MARGIN if found.measured else _TIED_OVERLAP
         near = self.keyframes.overlapping(found.to_reference, active.shape, min(least, 0.95))
         candidates = [keyframe for _, keyframe in near if keyframe.index != active.index]
         for keyframe in candidates[:_REVISIT_TRIES]:
-            match = self.matching.certain(
+            match = self.matching.if_whole_frame(
                 self.matching.follow(keyframe, images, found.to_reference)
                 or self.matching.search(keyframe, images, found.to_reference, LEVELS - 1)
             )
             if match is not None:
                 self.keyframes.active = keyframe
                 self._unmatched = 0
-                revisited = _anchored(keyframe, match)
+                revisited = _registration_by(keyframe, match)
                 change = normalised(revisited.to_reference @ inverse(found.to_reference))
-                return replace(revisited, change=change)
+                return replace(revisited, reference_change=change)
         return None
 
     def _promote(
-        self, images: Sequence[GreyArray], found: AnchoredFrame, known: tuple[Keyframe, KeyframeMatch] | None
-    ) -> AnchoredFrame:
+        self,
+        images: Sequence[GreyArray],
+        found: KeyframeRegistration,
+        known: tuple[Keyframe, KeyframeMatch] | None,
+    ) -> KeyframeRegistration:
         """Makes the frame a keyframe, tied to the keyframes that it overlaps.
 
         `found` is its registration so far, `known` the keyframe it was measured against, and the match.
@@ -230,7 +235,7 @@ class KeyframeAnchor:
         shape = (images[0].shape[0], images[0].shape[1])
         matches = self._overlapping_matches(images, found.to_reference, shape, known)
         if known is None and matches:
-            found = replace(_anchored(*matches[0]), certain=found.certain)
+            found = replace(_registration_by(*matches[0]), fixes_whole_frame=found.fixes_whole_frame)
         elif known is not None and known[0].index not in {keyframe.index for keyframe, _ in matches}:
             matches.append((self.keyframes.current(known[0]), known[1].most_precise()))
             self.keyframes.learn(known[1])
@@ -238,7 +243,7 @@ class KeyframeAnchor:
         own = min((match.corner_std for _, match in matches), default=found.corner_std)
         ties = [tie_of(keyframe, 0, match) for keyframe, match in matches]
         self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
-        return replace(found, keyframe=True, change=change)
+        return replace(found, keyframe=True, reference_change=change)
 
     def _overlapping_matches(
         self,
@@ -262,8 +267,8 @@ class KeyframeAnchor:
         return matches
 
 
-def _anchored(keyframe: Keyframe, match: KeyframeMatch) -> AnchoredFrame:
-    return AnchoredFrame(
+def _registration_by(keyframe: Keyframe, match: KeyframeMatch) -> KeyframeRegistration:
+    return KeyframeRegistration(
         normalised(keyframe.to_reference @ match.fit.matrix),
         measured=True,
         matches=len(match.fit.inliers),

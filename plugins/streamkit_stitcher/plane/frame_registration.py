@@ -16,7 +16,7 @@ _PLANE_SCALE: Final = (0.3, 3.3)
 _MAX_DEPTH_RATIO: Final = 1.75
 
 
-class Status(StrEnum):
+class FrameStatus(StrEnum):
     """How reliable a registration is.
 
     `ok` and `still` were measured against a keyframe; `weak` rests on the motion since the previous frame or
@@ -31,29 +31,29 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class AnchoredFrame:
+class KeyframeRegistration:
     """The result of matching a frame with keyframes.
 
     Attributes:
         to_reference: the frame to the reference plane.
         measured: whether a keyframe was matched; otherwise `to_reference` is the predicted one.
-        change: old plane to new, where another keyframe took over or was adjusted, else None.
+        reference_change: old plane to new, where another keyframe took over or was adjusted, else None.
         keyframe: whether the frame became a keyframe.
         matches: patches compared.
         inliers: patches that agree with `to_reference`.
         rmse: root mean square residual of the inliers.
-        certain: whether the measurement fixes the whole frame, not only a part of it.
+        fixes_whole_frame: whether the measurement fixes the whole frame, not only a part of it.
         corner_std: predicted error of the measurement at the frame's worst corner, px.
     """
 
     to_reference: FloatArray
     measured: bool
-    change: FloatArray | None = None
+    reference_change: FloatArray | None = None
     keyframe: bool = False
     matches: int = 0
     inliers: int = 0
     rmse: float = 0.0
-    certain: bool = True
+    fixes_whole_frame: bool = True
     corner_std: float = 0.0
 
 
@@ -66,30 +66,32 @@ class FrameRegistration:
         to_reference: the frame to the reference plane.
         reference: number of the reference plane; goes up with each restart and each change of the plane.
         status: how reliable the matrices are.
-        change: old plane to new where the plane moved under this frame, else None.
+        reference_change: old plane to new where the plane moved under this frame, else None.
         keyframe: whether the frame became a keyframe.
         matches: points compared.
         inliers: matches that agree with the motion.
         rmse: root mean square residual of the inliers.
         corner_std: predicted error of `to_reference` at the worst corner, px, against its keyframe.
-        anchored: whether `to_reference` was measured against a keyframe.
+        measured: whether `to_reference` was measured against a keyframe.
         key_index: the keyframe it was measured against, or that it became.
         to_key: the frame to that keyframe.
-        rebase: the part of `change` that moves the whole plane to another reference keyframe, else None.
-        opens_plane: whether the frame starts a plane that needs another mosaic, though `change` relates them.
+        rebase: the part of `reference_change` that moves the whole plane to another reference keyframe, else
+            None.
+        opens_plane: whether the frame starts a plane that needs another mosaic, though `reference_change`
+            relates them.
     """
 
     to_previous: FloatArray
     to_reference: FloatArray
     reference: int
-    status: Status
-    change: FloatArray | None = None
+    status: FrameStatus
+    reference_change: FloatArray | None = None
     keyframe: bool = False
     matches: int = 0
     inliers: int = 0
     rmse: float = 0.0
     corner_std: float = 0.0
-    anchored: bool = False
+    measured: bool = False
     key_index: int = 0
     to_key: FloatArray = field(default_factory=lambda: IDENTITY)
     rebase: FloatArray | None = None

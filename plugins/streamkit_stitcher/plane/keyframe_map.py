@@ -34,7 +34,7 @@ from streamkit_stitcher.plane.loop_closure import LoopCloser
 from streamkit_stitcher.plane.plane_joining import joins
 from streamkit_stitcher.plane.relocaliser import Relocaliser
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
-from streamkit_stitcher.registration.descriptors import Description
+from streamkit_stitcher.registration.descriptors import FrameFeatures
 from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.patches import pyramid
@@ -172,7 +172,7 @@ class KeyframeMap:
     def begin_adjustment(
         self,
         images: Sequence[GreyArray],
-        description: Description | None = None,
+        description: FrameFeatures | None = None,
         whole: bool = False,
         is_sparse: bool = False,
     ) -> None:

@@ -21,7 +21,7 @@ from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
 from streamkit_stitcher.plane.relocaliser import Relocaliser
-from streamkit_stitcher.registration.descriptors import Description
+from streamkit_stitcher.registration.descriptors import FrameFeatures
 from streamkit_stitcher.registration.motion_models import FitLimits
 
 _MOST_TIE_POINTS: Final = 80
@@ -54,7 +54,7 @@ class LoopCloser:
         images: Sequence[GreyArray],
         candidates: Sequence[Keyframe],
         near: Collection[int] = (),
-        description: Description | None = None,
+        description: FrameFeatures | None = None,
         others: Sequence[Keyframe] = (),
     ) -> tuple[Tie, ...]:
         """The ties to those of `candidates` that match the new keyframe.

@@ -40,7 +40,7 @@ class KeyframeMatching:
         """Prepares to follow the patches of a new keyframe."""
         self._follower.prepare(keyframe, self._keyframes.executor)
 
-    def certain(self, match: KeyframeMatch | None) -> KeyframeMatch | None:
+    def if_whole_frame(self, match: KeyframeMatch | None) -> KeyframeMatch | None:
         """The match where it fixes the whole frame, not only the part with the patches; else None."""
         return match if match is not None and match.deviation <= self._limits.ransac_threshold else None
 
@@ -106,8 +106,8 @@ class KeyframeMatching:
         active = self._keyframes.active
         if active is None:
             return None
-        match = self.certain(self.follow(active, images, expected))
-        match = match or self.certain(self.search(active, images, expected, _NEAR_LEVEL))
+        match = self.if_whole_frame(self.follow(active, images, expected))
+        match = match or self.if_whole_frame(self.search(active, images, expected, _NEAR_LEVEL))
         if match is not None:
             if self._keyframes.rule.model is not MotionModel.HOMOGRAPHY is match.fit.model:
                 self._keyframes.learn(match)

@@ -41,14 +41,14 @@ class Planes:
         self.number = self._last_number = self.ended = 0
         self.anchor: KeyframeAnchor | None = None
         self.keeps_earlier = True
-        self.before = self.base = IDENTITY
+        self.before = self.last_to_plane = IDENTITY
         self._since_key = 0
         self.begin_frame()
 
     def begin_frame(self) -> None:
         """Forgets the changes under the previous frame."""
         self._since_key += 1
-        self.change: FloatArray | None = None
+        self.reference_change: FloatArray | None = None
         self.rebase: FloatArray | None = None
         self.has_opened = self.has_jumped = False
 
@@ -87,7 +87,7 @@ class Planes:
             self.anchor = KeyframeAnchor(self._settings, level, self.number)
         self.anchor.keyframes.begin_plane(self.number)
         self.anchor.add(images, IDENTITY)
-        self.base, self._since_key = IDENTITY, 0
+        self.last_to_plane, self._since_key = IDENTITY, 0
 
     def recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
         """Matches a frame by features; the plane of the matching keyframe becomes current."""
@@ -156,5 +156,10 @@ class Planes:
         """Applies a change of the plane, float64[3, 3] old to new, to the registered frames."""
         if change is None:
             return
-        self.base, self.before = normalised(change @ self.base), normalised(change @ self.before)
-        self.change = change if self.change is None else normalised(change @ self.change)
+        self.last_to_plane, self.before = (
+            normalised(change @ self.last_to_plane),
+            normalised(change @ self.before),
+        )
+        self.reference_change = (
+            change if self.reference_change is None else normalised(change @ self.reference_change)
+        )

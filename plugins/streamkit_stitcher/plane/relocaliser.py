@@ -10,7 +10,7 @@ from streamkit.geometry.homography import from_reduced, is_plausible, overlap
 from streamkit_stitcher.plane.keyframe_content import scene_level
 from streamkit_stitcher.plane.keyframe_matcher import ANY_STEP, ANY_TILT
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.descriptors import Description, describe, match_features, recognise
+from streamkit_stitcher.registration.descriptors import FrameFeatures, describe, match_features, recognise
 from streamkit_stitcher.registration.gauss_newton import corner_deviation
 from streamkit_stitcher.registration.motion_models import MotionFit
 
@@ -31,10 +31,10 @@ class Relocaliser:
     """Registers frames to keyframes without a prediction, by cached features; several threads may use it."""
 
     def __init__(self) -> None:
-        self._descriptions: dict[int, Description] = {}
+        self._descriptions: dict[int, FrameFeatures] = {}
         self._lock = threading.Lock()
 
-    def description(self, keyframe: Keyframe) -> Description:
+    def description(self, keyframe: Keyframe) -> FrameFeatures:
         """The features of a keyframe."""
         with self._lock:
             found = self._descriptions.get(keyframe.index)
@@ -43,7 +43,7 @@ class Relocaliser:
         self.remember(keyframe, found)
         return found
 
-    def remember(self, keyframe: Keyframe, description: Description) -> None:
+    def remember(self, keyframe: Keyframe, description: FrameFeatures) -> None:
         """Caches the features of a keyframe."""
         with self._lock:
             self._descriptions.pop(keyframe.index, None)
@@ -56,7 +56,7 @@ class Relocaliser:
         with self._lock:
             self._descriptions.clear()
 
-    def likeliest(self, frame: Description, keyframes: Sequence[Keyframe], most: int) -> list[Keyframe]:
+    def likeliest(self, frame: FrameFeatures, keyframes: Sequence[Keyframe], most: int) -> list[Keyframe]:
         """At most `most` keyframes, by their number of matches among a few hundred features each."""
         part = _strongest(frame)
         counts = [
@@ -65,7 +65,7 @@ class Relocaliser:
         order = np.argsort(-np.array(counts), kind="stable")[:most]
         return [keyframes[number] for number in order if counts[number] >= _FEWEST_MATCHES]
 
-    def match(self, frame: Description, keyframe: Keyframe) -> KeyframeMatch | None:
+    def match(self, frame: FrameFeatures, keyframe: Keyframe) -> KeyframeMatch | None:
         """Registers a frame of the same size to a keyframe; None where it does not match."""
         known = self.description(keyframe)
         found = recognise(frame, known, _FEWEST_INLIERS)
@@ -89,6 +89,6 @@ class Relocaliser:
         )
 
 
-def _strongest(description: Description) -> Description:
+def _strongest(description: FrameFeatures) -> FrameFeatures:
     """The features of the highest contrast, which other views show most likely."""
-    return Description(description.points[:_STRONGEST], description.descriptors[:_STRONGEST])
+    return FrameFeatures(description.points[:_STRONGEST], description.descriptors[:_STRONGEST])

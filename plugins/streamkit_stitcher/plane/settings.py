@@ -30,7 +30,7 @@ class ModelChoice(StrEnum):
 
 @dataclass(frozen=True)
 class PlaneSettings:
-    """Settings of a `PlaneTracker`.
+    """Settings of a `FrameRegistrar`.
 
     Attributes:
         limits: what a motion must reach; the threshold is in px at registration width.

@@ -19,7 +19,7 @@ from streamkit.geometry.homography import (
 )
 from streamkit_stitcher.registration.dense_level import (
     STEP_RATIOS,
-    Comparison,
+    BlockComparison,
     DenseLevel,
     SingleArray,
     levels_of,
@@ -82,7 +82,7 @@ _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
 
 def _refined(
     levels: Sequence[DenseLevel], textures: Sequence[SingleArray], start: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray, Comparison]:
+) -> tuple[FloatArray, FloatArray, BlockComparison]:
     """`DenseLevel.refine` from coarse to fine; `start` and `covariance` are in px of the finest level."""
     motion = to_reduced(start, 2 ** len(levels))
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):

@@ -110,7 +110,7 @@ class DenseLevel:
         means = cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
         return np.asarray(means, np.float64).ravel()
 
-    def compare(self, image: SingleArray, motion: FloatArray) -> "Comparison":
+    def compare(self, image: SingleArray, motion: FloatArray) -> "BlockComparison":
         """Compares the keyframe with a texture of the same size under a motion, keyframe to frame."""
         size = self.shape[1], self.shape[0]
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -126,14 +126,14 @@ class DenseLevel:
         contrast = self._structure[0] + self._structure[2]
         seen = float((visible * contrast).sum())
         agreement = float((alike * contrast).sum()) / seen if seen > 0 else 0.0
-        return Comparison(weights, alike, squares, np.stack(sides), visible, agreement)
+        return BlockComparison(weights, alike, squares, np.stack(sides), visible, agreement)
 
     def shift_to(self, image: SingleArray) -> FloatArray:
         """The shift to a texture of the same size at which their overlap correlates best, float64[3, 3]."""
         x, y, _ = texture_shift(self._texture.astype(np.float64), image.astype(np.float64))
         return translation(np.array([-x, -y]))
 
-    def evidence(self, one: "Comparison", other: "Comparison") -> float:
+    def evidence(self, one: "BlockComparison", other: "BlockComparison") -> float:
         """By how much one comparison agrees more than another, in deviations of the parts of the frame.
 
         Source: Vuong, Likelihood ratio tests for model selection, Econometrica 1989.
@@ -149,7 +149,7 @@ class DenseLevel:
         motion: FloatArray,
         prediction: FloatArray,
         covariance: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, "Comparison"]:
+    ) -> tuple[FloatArray, FloatArray, "BlockComparison"]:
         """The likeliest motion near a prediction, its covariance, and the comparison there.
 
         Args:
@@ -192,7 +192,7 @@ class DenseLevel:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class BlockComparison:
     """A keyframe compared with a frame, block by block.
 
     Attributes:

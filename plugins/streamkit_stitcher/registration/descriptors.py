@@ -22,7 +22,7 @@ _THRESHOLD: Final = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Description:
+class FrameFeatures:
     """The features of a frame.
 
     Attributes:
@@ -34,7 +34,7 @@ class Description:
     descriptors: npt.NDArray[np.float16]
 
 
-def describe(grey: GreyArray) -> Description:
+def describe(grey: GreyArray) -> FrameFeatures:
     """Detects the SIFT features of uint8[h, w], those of the highest contrast first; none on a flat image.
 
     Source: Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; Arandjelovic and
@@ -45,15 +45,15 @@ def describe(grey: GreyArray) -> Description:
     detector = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     keypoints, found = detector.detectAndCompute(grey, None)
     if not keypoints or found is None:
-        return Description(np.empty((0, 2)), np.empty((0, 128), dtype=np.float16))
+        return FrameFeatures(np.empty((0, 2)), np.empty((0, 128), dtype=np.float16))
     order = np.argsort([-keypoint.response for keypoint in keypoints], kind="stable")
     points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float64).reshape(-1, 2)[order]
     descriptors = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-7))[order]
-    return Description(points, descriptors.astype(np.float16))
+    return FrameFeatures(points, descriptors.astype(np.float16))
 
 
 def match_features(
-    source: Description, target: Description
+    source: FrameFeatures, target: FrameFeatures
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Pairs of mutually nearest features that pass the ratio test.
 
@@ -77,7 +77,7 @@ def match_features(
 
 
 def recognise(
-    source: Description, target: Description, min_inliers: int
+    source: FrameFeatures, target: FrameFeatures, min_inliers: int
 ) -> tuple[MotionFit, npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
     """Matches two frames by features; None where fewer than `min_inliers` pairs agree on a homography.
 

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
-from streamkit_tracks.report.run_data import Run, TargetPath, collect_run
+from streamkit_tracks.report.run_data import RecordedRun, TargetPath, collect_run
 
 MOST_CROPS = 60
 PAGE_SUFFIXES = (".html", ".htm")
@@ -43,7 +43,7 @@ def report(
     typer.echo(f"wrote {output}")
 
 
-def read_run(file: Path, wanted: int | None) -> tuple[Run, int, int]:
+def read_run(file: Path, wanted: int | None) -> tuple[RecordedRun, int, int]:
     """A run of a file, its number, and how many runs the file has; the last run if None is wanted.
 
     Raises:
@@ -59,7 +59,7 @@ def read_run(file: Path, wanted: int | None) -> tuple[Run, int, int]:
     return collect_run(record for of, record in RecordFile(file) if of == number), number, count
 
 
-def write_page(run: Run, title: str, output: Path, frame: bytes, crops: dict[int, bytes]) -> None:
+def write_page(run: RecordedRun, title: str, output: Path, frame: bytes, crops: dict[int, bytes]) -> None:
     """Writes the page.
 
     Raises:
@@ -74,7 +74,7 @@ def write_page(run: Run, title: str, output: Path, frame: bytes, crops: dict[int
     output.write_text(page, encoding="utf-8")
 
 
-def take_pictures(run: Run, video: Path) -> tuple[bytes, dict[int, bytes]]:
+def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes]]:
     """The frame with the most targets, and a crop of each of the longest targets where it is largest.
 
     A frame of the video belongs to the record of the same time; without times, of the same number.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from array import array
 
-    from streamkit_tracks.report.run_data import Run, TargetPath
+    from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
 # The same bytes for the same run: no date, and fixed element ids.
 STYLE: Any = {"svg.hashsalt": "streamkit", "font.size": 8, "path.simplify": True}
@@ -23,7 +23,7 @@ MOST_POINTS = 1000  # of one trail
 METRES_PER_DEGREE = 111_320.0
 
 
-def draw_figures(run: Run) -> dict[str, tuple[str, bytes]]:
+def draw_figures(run: RecordedRun) -> dict[str, tuple[str, bytes]]:
     """The figures of a run for which it has data.
 
     Returns:
@@ -62,7 +62,7 @@ def _svg(figure: Any) -> bytes:
     return buffer.getvalue()
 
 
-def _draw_map(axes: Any, run: Run) -> str:
+def _draw_map(axes: Any, run: RecordedRun) -> str:
     """Trails on the ground in metres, or on the reference plane with the most positions in px."""
     paths = run.shown_paths()
     grounds = [path for path in paths if path.ground]
@@ -105,7 +105,7 @@ def _draw_trail(axes: Any, path: TargetPath, xs: list[float], ys: list[float]) -
     axes.annotate(str(path.id), (xs[0], ys[0]), fontsize=6, color=line.get_color())
 
 
-def _draw_targets(axes: Any, run: Run) -> str:
+def _draw_targets(axes: Any, run: RecordedRun) -> str:
     """A bar for each target, coloured by its state."""
     paths = run.shown_paths()
     rows = sorted(paths[:MOST_ROWS], key=lambda path: path.times_s[0])
@@ -147,7 +147,7 @@ def _legend(axes: Any, colours: dict[str, str]) -> None:
     )  # fmt: skip
 
 
-def _draw_counts(axes: Any, run: Run) -> str:
+def _draw_counts(axes: Any, run: RecordedRun) -> str:
     if not run.times_s:
         return ""
     axes.step(run.times_s, run.shown, linewidth=0.8)
@@ -156,7 +156,7 @@ def _draw_counts(axes: Any, run: Run) -> str:
     return "Confirmed and coasting targets in each frame."
 
 
-def _draw_ages(axes: Any, run: Run) -> str:
+def _draw_ages(axes: Any, run: RecordedRun) -> str:
     """Age of each record, and the records lost so far."""
     is_aged = any(not math.isnan(age) for age in run.ages_ms)
     if not is_aged and not any(run.lost):
@@ -173,7 +173,7 @@ def _draw_ages(axes: Any, run: Run) -> str:
     return "From capture to publishing (blue), and records that the publisher could not deliver so far (red)."
 
 
-def _draw_registration(axes: Any, run: Run) -> str:
+def _draw_registration(axes: Any, run: RecordedRun) -> str:
     """Status of each frame, and the predicted error."""
     if not any(run.statuses):
         return ""

@@ -9,7 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from streamkit_tracks.report.run_data import Run, TargetPath
+    from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
 MOST_TARGETS = 200
 STYLE = """
@@ -22,7 +22,11 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def build_page(
-    run: Run, title: str, figures: Mapping[str, tuple[str, bytes]], frame: bytes, crops: Mapping[int, bytes]
+    run: RecordedRun,
+    title: str,
+    figures: Mapping[str, tuple[str, bytes]],
+    frame: bytes,
+    crops: Mapping[int, bytes],
 ) -> str:
     """The page.
 
@@ -49,7 +53,7 @@ def build_page(
     return "\n".join([*parts, "</body></html>\n"])
 
 
-def _totals(run: Run) -> str:
+def _totals(run: RecordedRun) -> str:
     paths, frames = run.shown_paths(), len(run.times_s)
     seconds = run.times_s[-1] if run.times_s else 0.0
     size = "" if run.size is None else f" of {run.size[0]} x {run.size[1]} px"

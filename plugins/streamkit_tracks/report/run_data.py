@@ -35,7 +35,7 @@ class TargetPath:
 
 
 @dataclass
-class Run:
+class RecordedRun:
     """One run of a file.
 
     Attributes:
@@ -79,9 +79,9 @@ class Run:
         return counts.most_common(1)[0][0] if counts else None
 
 
-def collect_run(records: Iterable[TrackRecord]) -> Run:
+def collect_run(records: Iterable[TrackRecord]) -> RecordedRun:
     """The frames and paths of the records of one run."""
-    run, first_ns = Run(), None
+    run, first_ns = RecordedRun(), None
     for index, record in enumerate(records):
         first_ns = record.pts_ns if first_ns is None else first_ns
         is_timed = record.pts_ns is not None and first_ns is not None
@@ -94,7 +94,7 @@ def collect_run(records: Iterable[TrackRecord]) -> Run:
     return run
 
 
-def _add_frame(run: Run, record: TrackRecord, time_s: float) -> None:
+def _add_frame(run: RecordedRun, record: TrackRecord, time_s: float) -> None:
     registration = record.registration
     run.source = record.source
     run.times_s.append(time_s)

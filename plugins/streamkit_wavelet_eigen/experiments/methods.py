@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from streamkit_wavelet_eigen.experiments.protocol import Split, inner_splits
+from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit, inner_splits
 from streamkit_wavelet_eigen.experiments.results import Selection, figure_of
 from streamkit_wavelet_eigen.gallery import Recogniser, accuracy, prepare_gallery
 from streamkit_wavelet_eigen.learner import learn_space
@@ -45,7 +45,7 @@ CANDIDATES: dict[str, Recipe] = {
 }
 
 
-def recognition_rate(recipe: Recipe, split: Split) -> float:
+def recognition_rate(recipe: Recipe, split: DatabaseSplit) -> float:
     """Percent of the test images whose nearest training image is of the same target."""
     training, test = split.training, split.test
     if len(set(training.labels)) < 2:
@@ -58,7 +58,7 @@ def recognition_rate(recipe: Recipe, split: Split) -> float:
 
 
 def choose(
-    splits: Sequence[Split], per_target: int, candidates: Mapping[str, Recipe] = CANDIDATES
+    splits: Sequence[DatabaseSplit], per_target: int, candidates: Mapping[str, Recipe] = CANDIDATES
 ) -> Selection:
     """Selects a candidate on the training images of each split, then tests the selected one.
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.experiments.protocol import Split
+from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit
 from streamkit_wavelet_eigen.experiments.results import Figure, figure_of
 from streamkit_wavelet_eigen.gallery import Gallery
 
@@ -16,10 +16,10 @@ LBP_POINTS = 8
 LBP_RADIUS = 2
 LBP_PATTERNS = LBP_POINTS * (LBP_POINTS - 1) + 3
 
-Rate = Callable[[Split], float]
+Rate = Callable[[DatabaseSplit], float]
 
 
-def peer_rates(splits: Sequence[Split]) -> dict[str, Figure]:
+def peer_rates(splits: Sequence[DatabaseSplit]) -> dict[str, Figure]:
     """Recognition of each peer over all targets, percent.
 
     Raises:
@@ -28,7 +28,7 @@ def peer_rates(splits: Sequence[Split]) -> dict[str, Figure]:
     return {name: figure_of([rate(split) for split in splits]) for name, rate in PEERS.items()}
 
 
-def pca_rate(split: Split, *further_steps: object) -> float:
+def pca_rate(split: DatabaseSplit, *further_steps: object) -> float:
     """scikit-learn PCA with 40 components, nearest neighbour."""
     from sklearn.decomposition import PCA
     from sklearn.neighbors import KNeighborsClassifier
@@ -39,14 +39,14 @@ def pca_rate(split: Split, *further_steps: object) -> float:
     return float(100.0 * np.mean(fitted.predict(_rows(split.test)) == np.array(split.test.labels)))
 
 
-def fisherfaces_rate(split: Split) -> float:
+def fisherfaces_rate(split: DatabaseSplit) -> float:
     """scikit-learn PCA with 40 components, linear discriminant analysis, nearest neighbour."""
     from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
     return pca_rate(split, LinearDiscriminantAnalysis(solver="eigen"))
 
 
-def lbp_rate(split: Split) -> float:
+def lbp_rate(split: DatabaseSplit) -> float:
     """scikit-image uniform LBP (8 points, radius 2), histograms of 8x8 cells, nearest by chi square."""
     from sklearn.metrics.pairwise import additive_chi2_kernel
 

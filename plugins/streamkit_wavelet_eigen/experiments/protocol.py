@@ -37,7 +37,7 @@ PARTITIONS = (Partition("orl", 5), Partition("orl", 3), Partition("coil20", 12),
 
 
 @dataclass(frozen=True, eq=False)
-class Split:
+class DatabaseSplit:
     """One random division of a database.
 
     Attributes:
@@ -51,16 +51,16 @@ class Split:
     seed: int
 
 
-def splits(images: NDArray[np.uint8], training: int, count: int = REPETITIONS) -> Iterator[Split]:
+def splits(images: NDArray[np.uint8], training: int, count: int = REPETITIONS) -> Iterator[DatabaseSplit]:
     """Random splits of uint8[targets, views, h, w], with `training` views of each target for learning."""
     targets, views = images.shape[:2]
     for seed in range(FIRST_SEED, FIRST_SEED + count):
         order = np.random.default_rng(seed).permuted(np.tile(np.arange(views), (targets, 1)), axis=1)
         chosen = images[np.arange(targets)[:, None], order]
-        yield Split(labelled(chosen[:, :training]), labelled(chosen[:, training:]), seed)
+        yield DatabaseSplit(labelled(chosen[:, :training]), labelled(chosen[:, training:]), seed)
 
 
-def inner_splits(training: Gallery, per_target: int, seed: int, count: int) -> Iterator[Split]:
+def inner_splits(training: Gallery, per_target: int, seed: int, count: int) -> Iterator[DatabaseSplit]:
     """Splits of the training images alone, three quarters of each target's for learning."""
     shape = training.patches.shape[1:]
     images = training.patches.reshape(-1, per_target, *shape)
@@ -69,15 +69,15 @@ def inner_splits(training: Gallery, per_target: int, seed: int, count: int) -> I
         generator = np.random.default_rng([seed, INNER_SPLIT, number])
         order = generator.permuted(np.tile(np.arange(per_target), (len(images), 1)), axis=1)
         chosen = images[np.arange(len(images))[:, None], order]
-        yield Split(labelled(chosen[:, :kept]), labelled(chosen[:, kept:]), seed)
+        yield DatabaseSplit(labelled(chosen[:, :kept]), labelled(chosen[:, kept:]), seed)
 
 
-def first_targets(split: Split, targets: int) -> Split:
+def first_targets(split: DatabaseSplit, targets: int) -> DatabaseSplit:
     """The split restricted to the first `targets` of its own random order."""
     names = sorted(set(split.training.labels))
     order = np.random.default_rng([split.seed, TARGET_ORDER]).permutation(len(names))
     kept = {names[index] for index in order[:targets]}
-    return Split(_only(split.training, kept), _only(split.test, kept), split.seed)
+    return DatabaseSplit(_only(split.training, kept), _only(split.test, kept), split.seed)
 
 
 def labelled(images: NDArray[np.uint8]) -> Gallery:

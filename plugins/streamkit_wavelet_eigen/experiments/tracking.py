@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.experiments.protocol import Split
+from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit
 from streamkit_wavelet_eigen.experiments.published import RUNS
 from streamkit_wavelet_eigen.experiments.results import Figure, figure_of
 from streamkit_wavelet_eigen.gallery import empty_gallery
@@ -90,7 +90,7 @@ def _ground(generator: np.random.Generator) -> NDArray[np.uint8]:
     return np.clip(texture, 0, 255).astype(np.uint8)
 
 
-def tracking_errors(splits: Sequence[Split], follow: Follow, runs: int = RUNS[-1]) -> list[float]:
+def tracking_errors(splits: Sequence[DatabaseSplit], follow: Follow, runs: int = RUNS[-1]) -> list[float]:
     """Mean centre error of each run over its 24 frames, px.
 
     Run r uses target r and split r, modulo their numbers: the space is learnt from that target's training

@@ -30,9 +30,9 @@ from streamkit.graph.processes.orders import (
     ENCODER,
     ORDERS,
     QUERIES,
-    Answer,
     Dropped,
     Order,
+    OrderResult,
     Setup,
     encode_failure,
     encode_message,
@@ -121,7 +121,7 @@ class Child:
                 os._exit(0)  # whatever threads libraries have left
 
     def _execute(self, order: Order) -> None:
-        answer = Answer(order.number)
+        answer = OrderResult(order.number)
         try:
             answer.value = getattr(self, f"_{order.name}")(*order.arguments)
         except Exception as error:

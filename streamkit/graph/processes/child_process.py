@@ -16,7 +16,15 @@ import msgspec
 
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.errors import ProcessDied
-from streamkit.graph.processes.orders import ENCODER, REPORTS, Answer, Order, Report, Setup, decode_failure
+from streamkit.graph.processes.orders import (
+    ENCODER,
+    REPORTS,
+    Order,
+    OrderResult,
+    Report,
+    Setup,
+    decode_failure,
+)
 from streamkit.handoff.library_threads import thread_variables
 
 CHILD = "streamkit.graph.processes.child"
@@ -61,7 +69,7 @@ class ChildProcess(threading.Thread):
         self._reported = reported
         self._ended = ended
         self._numbers = itertools.count(1)
-        self._answers: dict[int, Answer] = {}
+        self._answers: dict[int, OrderResult] = {}
         self._changed = threading.Condition()
         self._is_over = False
         self._is_set_up = threading.Event()
@@ -191,11 +199,11 @@ class ChildProcess(threading.Thread):
             self._control.send(ping, (), lambda: True)
 
     def _handle(self, report: Report) -> None:
-        if isinstance(report, Answer) and report.number:
+        if isinstance(report, OrderResult) and report.number:
             with self._changed:
                 self._answers[report.number] = report
                 self._changed.notify_all()
-        elif not isinstance(report, Answer):
+        elif not isinstance(report, OrderResult):
             self._reported(self, report)
 
     def _reap(self) -> None:

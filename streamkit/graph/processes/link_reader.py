@@ -7,7 +7,7 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from streamkit.crossing.channel import ChannelClosed
-from streamkit.crossing.link_counts import Connection
+from streamkit.crossing.link_counts import LinkConnection
 from streamkit.crossing.stream_codec import StreamDecoder
 from streamkit.element.base import POLL_S
 from streamkit.errors import StreamkitError
@@ -27,7 +27,7 @@ class LinkReader:
 
     def reset(self) -> None:
         """Resets the state of an earlier run."""
-        self._used: Connection | None = None
+        self._used: LinkConnection | None = None
         self._is_first_of_epoch = False
         self._epoch_offset = self._number_offset = 0
         self._highest_epoch, self._highest_number = 0, -1
@@ -59,7 +59,7 @@ class LinkReader:
         event = DiscontinuityEvent(self._epoch_offset, "the process upstream was started again")
         self._link.pads["src"].send_event(event)
 
-    def _forward(self, connection: Connection) -> None:
+    def _forward(self, connection: LinkConnection) -> None:
         """Sends on what comes through a connection, until EOS."""
         link, channel = self._link, connection.channel
         decoder = StreamDecoder(link.packages)
@@ -80,7 +80,7 @@ class LinkReader:
                     if isinstance(item, EosEvent):
                         return
 
-    def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
+    def _push(self, frame: Frame, decoder: StreamDecoder, connection: LinkConnection) -> None:
         src = self._link.pads["src"]
         frame = self._continued(frame)
         if frame.caps is not src.caps:

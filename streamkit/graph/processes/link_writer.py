@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from streamkit.crossing.channel import ChannelClosed
-from streamkit.crossing.link_counts import Connection
-from streamkit.crossing.stream_codec import Kind, StreamEncoder
+from streamkit.crossing.link_counts import LinkConnection
+from streamkit.crossing.stream_codec import LinkMessage, StreamEncoder
 from streamkit.element.base import POLL_S
 from streamkit.flow.events import CapsEvent, EndOfStream, EosEvent, Event, Flushing, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
@@ -34,7 +34,7 @@ class LinkWriter:
         self.has_sent_eos = False
         self._encoder = StreamEncoder()
         self._is_refused = self._has_gap = False
-        self._used: Connection | None = None
+        self._used: LinkConnection | None = None
 
     def disconnected(self) -> None:
         """The connection is closed: unmaps its shared memory."""
@@ -70,7 +70,7 @@ class LinkWriter:
                         self.has_sent_eos = isinstance(event, EosEvent)
                         return
 
-    def _connection(self) -> Connection:
+    def _connection(self) -> LinkConnection:
         """The open connection; a new reader gets caps and segment first.
 
         Raises:
@@ -91,14 +91,14 @@ class LinkWriter:
         self._used = connection
         return connection
 
-    def _wait_for_room(self, connection: Connection) -> None:
+    def _wait_for_room(self, connection: LinkConnection) -> None:
         """Reads what the reader has taken; waits while too much is on the way."""
         link, wait_s = self._link, 0.0
         while True:
             messages = link.receive(connection.channel, wait_s)
             for message in messages:
                 kind, released, is_over = msgspec.msgpack.decode(message)
-                if kind != Kind.DONE:
+                if kind != LinkMessage.DONE:
                     raise ValueError("the reading process has sent something unreadable")
                 for number in released:
                     self._encoder.slots.release(number)
@@ -112,7 +112,7 @@ class LinkWriter:
                 return
             wait_s = 0.0 if has_room else POLL_S
 
-    def _send(self, frame: Frame, connection: Connection) -> bool:
+    def _send(self, frame: Frame, connection: LinkConnection) -> bool:
         """Sends a frame, and counts it; False if that was cancelled."""
         is_sent = False
         connection.counts.count_sent()

@@ -51,7 +51,7 @@ class Failure(msgspec.Struct, tag=True):
     frame: str = ""
 
 
-class Answer(msgspec.Struct, tag=True):
+class OrderResult(msgspec.Struct, tag=True):
     """The result of an order."""
 
     number: int
@@ -77,7 +77,7 @@ class Dropped(msgspec.Struct, tag=True):
     count: int
 
 
-Report = Answer | Posted | Dropped
+Report = OrderResult | Posted | Dropped
 ENCODER = msgspec.msgpack.Encoder()
 REPORTS = msgspec.msgpack.Decoder(Report)
 ORDERS = msgspec.msgpack.Decoder(Setup | Order)

@@ -10,7 +10,7 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.crossing.channel import Channel
-from streamkit.crossing.link_counts import Connection, LinkCounts
+from streamkit.crossing.link_counts import LinkConnection, LinkCounts
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.flow.caps import Caps
@@ -48,7 +48,7 @@ class ProcessLink(Element):
         self.before_end: Callable[[], None] = lambda: None
         self.last_frame = memoryview(bytearray(8)).cast("q")
         self.waited_ns = 0
-        self._newest: Connection | None = None  # guarded by `changed`
+        self._newest: LinkConnection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # all that may be open
         self._is_given_up = False
         self._writer, self._reader = LinkWriter(self), LinkReader(self)
@@ -62,7 +62,7 @@ class ProcessLink(Element):
         """None of its own; it holds frames for an unlimited time."""
         return 0, None
 
-    def prepare_run(self) -> None:
+    def begin_run(self) -> None:
         """Resets the state of an earlier run; the connection stays."""
         self._is_given_up = False
         self._writer.reset()
@@ -83,7 +83,7 @@ class ProcessLink(Element):
         with self.changed:
             for old in self._channels:
                 old.shut_down()
-            self._newest = Connection(Channel(end), counts)
+            self._newest = LinkConnection(Channel(end), counts)
             self._channels.append(self._newest.channel)
             self.changed.notify_all()
         if self._writer.has_sent_eos:  # no thread is left to do it
@@ -121,7 +121,7 @@ class ProcessLink(Element):
         if self.reads:
             self._reader.run()
 
-    def open_connection(self) -> Connection:
+    def open_connection(self) -> LinkConnection:
         """Waits for a connection that is open.
 
         Raises:

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tracker import PlaneTracker
 
 FloatArray = npt.NDArray[np.float64]
 GreyArray = npt.NDArray[np.uint8]
@@ -151,17 +151,17 @@ def make_flight() -> Callable[..., Flight]:
 
 
 @pytest.fixture
-def make_tracker() -> Iterator[Callable[..., PlaneTracker]]:
-    """Makes a tracker with some settings; closed after the test."""
-    trackers: list[PlaneTracker] = []
+def make_registrar() -> Iterator[Callable[..., FrameRegistrar]]:
+    """Makes a registrar with some settings; closed after the test."""
+    registrars: list[FrameRegistrar] = []
 
-    def make(**settings: Any) -> PlaneTracker:
-        trackers.append(PlaneTracker(PlaneSettings(**settings)))
-        return trackers[-1]
+    def make(**settings: Any) -> FrameRegistrar:
+        registrars.append(FrameRegistrar(PlaneSettings(**settings)))
+        return registrars[-1]
 
     yield make
-    for tracker in trackers:
-        tracker.close()
+    for registrar in registrars:
+        registrar.close()
 
 
 @pytest.fixture(scope="session")

@@ -8,10 +8,10 @@ import pytest
 
 from streamkit import ElementFailure, Frame, Pipeline, Pose, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_stitcher.flight_plan.rectification import Camera, camera_tilt, levelling
+from streamkit_stitcher.flight_plan.rectification import CameraIntrinsics, camera_tilt, levelling
 
 SHAPE = (480, 640)
-CAMERA = Camera(600.0, distortion=(-0.2, 0.05, 0.0, 0.0))
+CAMERA = CameraIntrinsics(600.0, distortion=(-0.2, 0.05, 0.0, 0.0))
 LENS = {"focal_px": 600.0, "distortion": "-0.2,0.05,0,0"}
 
 

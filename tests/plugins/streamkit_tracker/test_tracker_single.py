@@ -6,7 +6,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from streamkit_tracker.observation import Continuity, Observation
+from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.report.reports import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
@@ -114,7 +114,7 @@ def test_a_lost_registration_lets_the_target_coast(scenes: ModuleType):
         if index == 0:
             tracker.start_target(image, truth, STEP)
             continue
-        report = tracker.step(image, Observation(0.04, Continuity.LOST) if lost else STEP)[0]
+        report = tracker.step(image, Observation(0.04, FrameContinuity.LOST) if lost else STEP)[0]
         states.append(report.state)
         error = float(np.hypot(*(report.window[:2] - truth[:2])))
     assert states[14:17] == [TargetState.COASTING] * 3
@@ -130,7 +130,7 @@ def test_a_cut_or_a_new_size_ends_every_target(scenes: ModuleType, how: str):
     tracker.start_target(*frames[0], STEP)
     tracker.step(frames[1][0], STEP)
     image = frames[2][0] if how == "cut" else frames[2][0][:-10]
-    continuity = Continuity.NEW if how == "cut" else Continuity.KNOWN
+    continuity = FrameContinuity.NEW if how == "cut" else FrameContinuity.KNOWN
     reports = tracker.step(image, Observation(0.04, continuity))
     assert [report.state for report in reports] == [TargetState.LOST]
     assert tracker.step(image, STEP) == ()

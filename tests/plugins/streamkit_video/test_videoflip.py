@@ -9,7 +9,7 @@ import pytest
 from streamkit import Detections, Frame, Registration, Track, Tracks, TrackState, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_video import TrueTargets
-from streamkit_video.arrangement import Direction, flip_homography
+from streamkit_video.arrangement import VideoDirection, flip_homography
 from tests.plugins.streamkit_video.peer import by_gstreamer, frames_of, needs_gstreamer
 
 SOURCE = "videotestsrc num-buffers=1 pattern=smpte ! video/x-raw, format={}, width=64, height=48"
@@ -62,8 +62,8 @@ def test_the_words_of_both_of_gstreamers_properties(words: str) -> None:
     assert (frame.caps["width"], frame.caps["height"]) == (48, 64)
 
 
-@pytest.mark.parametrize("direction", list(Direction))
-def test_the_homography_moves_pixels_as_the_image_does(direction: Direction) -> None:
+@pytest.mark.parametrize("direction", list(VideoDirection))
+def test_the_homography_moves_pixels_as_the_image_does(direction: VideoDirection) -> None:
     """A marked pixel is where the homography says."""
     image = np.zeros((5, 8), np.uint8)
     image[1, 6] = 255
@@ -71,8 +71,8 @@ def test_the_homography_moves_pixels_as_the_image_does(direction: Direction) -> 
     assert np.argwhere(BY_NUMPY[str(direction)](image)).tolist() == [[y, x]]
 
 
-@pytest.mark.parametrize("direction", list(Direction)[1:])
-def test_metadata_turns_with_the_pixels(direction: Direction) -> None:
+@pytest.mark.parametrize("direction", list(VideoDirection)[1:])
+def test_metadata_turns_with_the_pixels(direction: VideoDirection) -> None:
     """Centres, boxes, angles, covariances and homographies."""
     track = Track(
         3,

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from streamkit_view import replay as module
 from streamkit_view.history import HISTORY_S, History
-from streamkit_view.messages import TRACKS, VIDEO, Message
+from streamkit_view.messages import TRACKS, VIDEO, PageMessage
 from streamkit_view.replay import replay
 
 
-def packet(number: int, *, is_keyframe: bool = False) -> Message:
+def packet(number: int, *, is_keyframe: bool = False) -> PageMessage:
     """A video message of ten bytes."""
-    return Message(VIDEO, 0, b"%010d" % number, is_keyframe)
+    return PageMessage(VIDEO, 0, b"%010d" % number, is_keyframe)
 
 
 def filled(history: History, count: int, every_s: float) -> History:
@@ -50,7 +50,7 @@ def test_it_begins_at_the_keyframe_before() -> None:
     assert history.start(99.0) == 30
     records = History()
     for number in range(10):
-        records.note(Message(TRACKS, 0, str(number)), float(number))
+        records.note(PageMessage(TRACKS, 0, str(number)), float(number))
     assert records.start(4.5) == 5
     assert records.start(99.0) == 9
     assert History().start(1.0) == 0

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from streamkit_view.playback import Playback, pipeline_for, unplayable
+from streamkit_view.playback import PlayedPipeline, pipeline_for, unplayable
 
 SCRIPT = """
 import sys, time
@@ -18,10 +18,10 @@ sys.exit("error: rtsp://user:secret@drone/live cannot be opened")
 """
 
 
-def playback(seconds: float) -> Playback:
+def playback(seconds: float) -> PlayedPipeline:
     """A pipeline that compiles, and fails after a time."""
     script = SCRIPT.format(seconds=seconds)
-    return Playback("rtsp://user:secret@drone/live", "view/1", (sys.executable, "-c", script))
+    return PlayedPipeline("rtsp://user:secret@drone/live", "view/1", (sys.executable, "-c", script))
 
 
 def test_the_element_that_compiles_is_named(

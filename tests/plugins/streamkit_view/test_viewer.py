@@ -7,18 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_view import viewer as module
-from streamkit_view.messages import BACK, MOSAIC, SKIPPED, STATE, TRACKS, VIDEO, Message, binary_message
+from streamkit_view.messages import BACK, MOSAIC, SKIPPED, STATE, TRACKS, VIDEO, PageMessage, binary_message
 from streamkit_view.viewer import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
 
 
-def packet(number: int, *, is_keyframe: bool = False, size: int = 100) -> Message:
+def packet(number: int, *, is_keyframe: bool = False, size: int = 100) -> PageMessage:
     """A video message that begins with its number."""
-    return Message(VIDEO, 0, b"%08d" % number + bytes(size), is_keyframe)
+    return PageMessage(VIDEO, 0, b"%08d" % number + bytes(size), is_keyframe)
 
 
-def take_all(viewer: Viewer) -> list[Message]:
+def take_all(viewer: Viewer) -> list[PageMessage]:
     """What a page gets that confirms everything."""
-    taken: list[Message] = []
+    taken: list[PageMessage] = []
     while (message := viewer.next()) is not None:
         taken.append(message)
         viewer.confirm(len(taken))
@@ -87,7 +87,7 @@ def test_a_page_that_is_late_goes_on_at_the_next_keyframe(monkeypatch: pytest.Mo
     now = [0.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
     slow, fast = Viewer(), Viewer()
-    sent: list[Message] = []
+    sent: list[PageMessage] = []
     for number in range(260):
         now[0] = number * 0.04
         slow.offer(packet(number, is_keyframe=number % 25 == 0))
@@ -112,8 +112,8 @@ def test_of_pictures_and_states_only_the_newest_waits() -> None:
     viewer = Viewer()
     for number in range(10):
         viewer.offer(binary_message(MOSAIC, 0, b"{}", b"%d" % number, {}))
-        viewer.offer(Message(STATE, 0, str(number)))
-        viewer.offer(Message(TRACKS, 0, str(number)))
+        viewer.offer(PageMessage(STATE, 0, str(number)))
+        viewer.offer(PageMessage(TRACKS, 0, str(number)))
     taken = take_all(viewer)
     assert [message.kind for message in taken].count(TRACKS) == 10
     assert [message.kind for message in taken if message.kind != TRACKS] == [MOSAIC, STATE]
@@ -135,7 +135,7 @@ def test_the_past_begins_anew_with_what_says_so() -> None:
     for number in range(2000):
         viewer.offer(packet(number))
     viewer.select(0, is_live=False)
-    viewer.offer(Message(BACK, 0, "20"))
+    viewer.offer(PageMessage(BACK, 0, "20"))
     sent = [packet(number, is_keyframe=number == 0) for number in range(3)]
     for message in sent:
         viewer.offer(message)

@@ -10,9 +10,9 @@ from streamkit_zenoh.configuration import (
     LEASE_MS,
     MEETING_PORTS,
     MESSAGE_LIMIT_BYTES,
-    Mode,
     Reach,
     SessionFailure,
+    SessionMode,
     SessionSettings,
     configuration,
     local_configuration,
@@ -68,7 +68,7 @@ def test_the_default_listening_endpoint_is_limited(
     assert _found(settings, "scouting/multicast/enabled") is False
 
 
-@pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(mode=Mode.CLIENT)])
+@pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(mode=SessionMode.CLIENT)])
 def test_a_local_session_neither_scouts_nor_gossips(settings: SessionSettings) -> None:
     """It finds other sessions by the meeting ports alone."""
     config = local_configuration(settings, MEETING_PORTS[3])
@@ -103,7 +103,7 @@ def test_only_a_session_that_connects_follows_gossip(settings: SessionSettings, 
 )
 def test_an_encrypted_endpoint_limits_the_protocols(connect: str, protocols: list[str] | None) -> None:
     """A router may introduce plain-text peers: no link to them is opened."""
-    settings = SessionSettings(connect=connect, mode=Mode.PEER)
+    settings = SessionSettings(connect=connect, mode=SessionMode.PEER)
     assert _found(settings, "transport/link/protocols") == protocols
 
 
@@ -117,7 +117,7 @@ def test_properties_override_the_file(tmp_path: Path) -> None:
     settings = _settings(tmp_path / "z.json5", content)
     assert _found(settings, "mode") == "peer"
     assert _found(settings, "scouting/multicast/enabled") is True
-    above = _settings(tmp_path / "z.json5", content, connect="tcp/10.0.0.2:2", mode=Mode.CLIENT)
+    above = _settings(tmp_path / "z.json5", content, connect="tcp/10.0.0.2:2", mode=SessionMode.CLIENT)
     assert (_found(above, "mode"), _found(above, "connect/endpoints")) == ("client", ["tcp/10.0.0.2:2"])
 
 

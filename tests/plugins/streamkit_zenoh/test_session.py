@@ -11,9 +11,9 @@ import zenoh
 
 from streamkit_zenoh.configuration import (
     MEETING_PORTS,
-    Mode,
     Reach,
     SessionFailure,
+    SessionMode,
     SessionSettings,
     error_line,
 )
@@ -57,7 +57,7 @@ def test_a_client_without_endpoints_finds_a_session_of_this_machine(
     """By the meeting ports, as peers do."""
     open_test_session()
     publisher = open_test_session().declare_publisher(key)
-    client = open_test_session(mode=Mode.CLIENT)
+    client = open_test_session(mode=SessionMode.CLIENT)
     received = threading.Event()
     client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
@@ -74,7 +74,7 @@ def test_a_client_without_peer_fails_with_a_remedy(monkeypatch: pytest.MonkeyPat
     with pytest.raises(
         SessionFailure, match=r"no session answers at tcp/127\.0\.0\.1:1 to 2; start a publisher"
     ):
-        open_session(SessionSettings(mode=Mode.CLIENT))
+        open_session(SessionSettings(mode=SessionMode.CLIENT))
 
 
 def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
@@ -139,7 +139,7 @@ def test_a_client_connects_to_a_publisher_directly(
 ) -> None:
     """No router is needed between a client and the session it names."""
     publisher = open_test_session(listen=endpoint).declare_publisher(key)
-    client = open_test_session(mode=Mode.CLIENT, connect=endpoint)
+    client = open_test_session(mode=SessionMode.CLIENT, connect=endpoint)
     received = threading.Event()
     client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
     assert _wait_for(lambda: publisher.matching_status.matching)
@@ -175,11 +175,11 @@ def test_peers_meet_through_a_router(
     ("settings", "expected"),
     [
         (SessionSettings(), False),
-        (SessionSettings(mode=Mode.CLIENT), True),
+        (SessionSettings(mode=SessionMode.CLIENT), True),
         (SessionSettings(connect="tcp/127.0.0.1:1"), False),
         (SessionSettings(connect="tcp/10.0.0.1:1"), True),
         (SessionSettings(connect="tcp/10.0.0.1:1", listen="tcp/0.0.0.0:2"), False),
-        (SessionSettings(connect="tcp/10.0.0.1:1", mode=Mode.PEER), False),
+        (SessionSettings(connect="tcp/10.0.0.1:1", mode=SessionMode.PEER), False),
     ],
 )
 def test_auto_is_a_client_of_other_machines(settings: SessionSettings, expected: bool) -> None:
@@ -200,7 +200,7 @@ def test_a_client_without_its_router_fails(endpoint: str, monkeypatch: pytest.Mo
     """The error has a remedy."""
     monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
     with pytest.raises(SessionFailure, match="start the router or name another endpoint"):
-        open_session(SessionSettings(mode=Mode.CLIENT, connect=endpoint))
+        open_session(SessionSettings(mode=SessionMode.CLIENT, connect=endpoint))
 
 
 def test_opening_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from streamkit import Pipeline
-from streamkit_fleet.batch.plan import ClipPart, Recipe, keyframes_s, plan_file, split
+from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, keyframes_s, plan_file, split
 
-RECIPE = Recipe("filesrc location=${input} ! filesink location=${output}", {}, ".jsonl", 1.0, 0.5)
+RECIPE = BatchRecipe("filesrc location=${input} ! filesink location=${output}", {}, ".jsonl", 1.0, 0.5)
 
 
 def test_parts_begin_and_end_at_keyframes() -> None:

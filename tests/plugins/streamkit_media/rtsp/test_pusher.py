@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import msgspec
 import pytest
 
-from streamkit_media.rtsp.pusher import Kind, message, take_messages
+from streamkit_media.rtsp.pusher import PushMessage, message, take_messages
 
 Process = subprocess.Popen[bytes]
 
@@ -24,13 +24,13 @@ def order(port: int, timeout_s: float) -> bytes:
     """The message to connect to a port here."""
     url = f"rtsp://127.0.0.1:{port}/live"
     content = {"url": url, "options": {}, "codec": "h264", "width": 64, "height": 48, "timeout_s": timeout_s}
-    return message(Kind.OPEN, content)
+    return message(PushMessage.OPEN, content)
 
 
 def test_it_ends_without_input(process: Process) -> None:
     """The process ends by itself when its input does."""
     answers, _ = process.communicate(timeout=20)
-    assert take_messages(bytearray(answers)) == [(Kind.AWAKE, b""), (Kind.DONE, b"")]
+    assert take_messages(bytearray(answers)) == [(PushMessage.AWAKE, b""), (PushMessage.DONE, b"")]
     assert process.returncode == 0
 
 
@@ -38,7 +38,7 @@ def test_a_failure_is_its_last_answer(process: Process) -> None:
     """A refused connection is reported in FFmpeg's words."""
     answers, _ = process.communicate(order(1, 5.0), timeout=20)
     (_, (kind, content)) = take_messages(bytearray(answers))
-    assert kind is Kind.FAILED
+    assert kind is PushMessage.FAILED
     assert msgspec.msgpack.decode(content) == {"reason": "Connection refused", "is_refused": False}
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from streamkit_stitcher.flight_plan.rectification import (
     STRAIGHT_DOWN,
-    Camera,
+    CameraIntrinsics,
     camera_tilt,
     levelling,
     rotation,
@@ -41,7 +41,7 @@ def test_levelling_brings_the_nadir_to_the_centre(pitch, roll, sensor):
     """What lies straight below the camera comes to the principal point."""
     world = rotation(pitch, roll, 0.3) @ rotation(sensor[1], sensor[2], sensor[0])
     forward, right, down = world[2]
-    camera = Camera(600.0)
+    camera = CameraIntrinsics(600.0)
     inner = camera.matrix(SHAPE)
     seen = inner @ np.array([right, down, forward])
     mapped = levelling(camera, SHAPE, *camera_tilt(pitch, roll, sensor)) @ seen

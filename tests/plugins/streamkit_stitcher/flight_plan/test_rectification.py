@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from streamkit_stitcher.flight_plan.rectification import (
-    Camera,
+    CameraIntrinsics,
     inscribed_rectangle,
     levelling,
     rectification_maps,
@@ -15,19 +15,19 @@ from streamkit_stitcher.flight_plan.rectification import (
 )
 
 SHAPE = (480, 640)
-BENT = Camera(600.0, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+BENT = CameraIntrinsics(600.0, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
 
 
 def test_a_straight_level_camera_changes_nothing():
     """Without distortion and tilt every pixel stays."""
-    columns, rows = rectification_maps(Camera(600.0), SHAPE, np.eye(3), (640, 480), np.zeros(2))
+    columns, rows = rectification_maps(CameraIntrinsics(600.0), SHAPE, np.eye(3), (640, 480), np.zeros(2))
     assert columns[7, 9] == pytest.approx(9)
     assert rows[7, 9] == pytest.approx(7)
 
 
 def test_a_levelled_frame_is_that_of_a_camera_looking_down():
     """Points of a plane seen by a tilted camera come where the level one sees them."""
-    camera, roll, pitch = Camera(600.0), 0.08, -0.12
+    camera, roll, pitch = CameraIntrinsics(600.0), 0.08, -0.12
     ground = np.array([[-2.0, 1.0, 10.0], [1.5, -1.0, 10.0], [0.3, 2.0, 10.0]])
     turn = cv2.Rodrigues(np.array([0.0, roll, 0.0]))[0] @ cv2.Rodrigues(np.array([pitch, 0.0, 0.0]))[0]
     inner = camera.matrix(SHAPE)
@@ -42,7 +42,7 @@ def test_a_levelled_frame_is_that_of_a_camera_looking_down():
 def test_a_camera_that_sees_the_horizon_is_refused():
     """Beyond 45 degrees the ground may end."""
     with pytest.raises(ValueError, match=r"up to 45 degrees, got roll 0\.0 and pitch 60\.0"):
-        levelling(Camera(600.0), SHAPE, 0.0, math.radians(60))
+        levelling(CameraIntrinsics(600.0), SHAPE, 0.0, math.radians(60))
 
 
 def test_distortion_is_taken_out():

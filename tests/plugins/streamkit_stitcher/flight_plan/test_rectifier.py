@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_stitcher.flight_plan.rectification import Camera
+from streamkit_stitcher.flight_plan.rectification import CameraIntrinsics
 from streamkit_stitcher.flight_plan.rectifier import Rectifier, halved_maps
 
 SHAPE = (480, 640)
-BENT = Camera(600.0, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+BENT = CameraIntrinsics(600.0, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
 MOST = math.radians(8)
 
 
@@ -45,7 +45,7 @@ def test_too_much_tilt_is_levelled_as_far_as_the_limit():
 def test_a_lens_that_leaves_nothing_is_refused():
     """The error names the size and what to check."""
     with pytest.raises(ValueError, match=r"nothing can be cut out of 4 x 4 px .* focal length"):
-        Rectifier(Camera(600.0), (4, 4), 4.0, 0.0)
+        Rectifier(CameraIntrinsics(600.0), (4, 4), 4.0, 0.0)
 
 
 def test_maps_of_half_size_lie_between_those_of_full_size():

@@ -24,14 +24,14 @@ def difference_to_ground(mosaic, flight):
     return np.median(error), np.percentile(error, 95)
 
 
-def test_a_mosaic_of_measured_homographies_shows_the_true_ground(ground, make_flight, make_tracker):
+def test_a_mosaic_of_measured_homographies_shows_the_true_ground(ground, make_flight, make_registrar):
     """Placed and joined, the frames match the ground: the error is that of noise, not of doubled edges."""
     flight = make_flight(ground, 24, SMALL, cars=0, laps=0.3)
-    tracker, mosaic = make_tracker(reference=ReferenceChoice.FIRST, window=0), Mosaic(64_000_000)
+    registrar, mosaic = make_registrar(reference=ReferenceChoice.FIRST, window=0), Mosaic(64_000_000)
     for frame in flight.frames():
-        registered = tracker.track(frame)
-        if registered.change is not None:
-            mosaic.canvas.move_plane(registered.change)
+        registered = registrar.register(frame)
+        if registered.reference_change is not None:
+            mosaic.canvas.move_plane(registered.reference_change)
         if registered.keyframe:
             assert mosaic.add(frame, registered.to_reference)
     median, high = difference_to_ground(mosaic, flight)

@@ -9,14 +9,14 @@ from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.frame_store import FrameStore
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, Status
+from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
 
 SMALL = (360, 640)
 
 
 def registered(left=0.0, reference=0, **fields):
     """A placement shifted along x."""
-    given = {"status": Status.OK, "anchored": True} | fields
+    given = {"status": FrameStatus.OK, "measured": True} | fields
     return FrameRegistration(np.eye(3), translation(np.array([left, 0.0])), reference, **given)
 
 
@@ -49,7 +49,7 @@ def test_new_ground_and_keyframes_go_in(recorder, frame):
 
 def test_a_place_that_was_not_measured_never_goes_in(recorder, frame):
     """Lost and weak frames stay out, whatever ground they claim to show."""
-    assert not add(recorder, registered(500.0, status=Status.LOST, anchored=False), frame)
+    assert not add(recorder, registered(500.0, status=FrameStatus.LOST, measured=False), frame)
     assert recorder.finish() is None
 
 
@@ -111,7 +111,7 @@ def test_a_plane_that_moves_takes_its_mosaic_along(recorder, ground, tmp_path):
     """After a change of plane the next frame is painted next to the first, not on it."""
     add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-1000.0, 0.0]))
-    moved = registered(-700.0, 1, keyframe=True, change=step, rebase=step)
+    moved = registered(-700.0, 1, keyframe=True, reference_change=step, rebase=step)
     assert not recorder.is_new_plane(moved)
     add(recorder, moved, ground[:360, 300:940])
     assert recorder.finish().width == 940
@@ -123,7 +123,7 @@ def test_what_is_painted_stays_where_keyframes_are_put_right(recorder, ground, t
     """A local correction does not move painted frames."""
     add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-50.0, 0.0]))
-    add(recorder, registered(300.0, keyframe=True, change=step), ground[:360, 300:940])
+    add(recorder, registered(300.0, keyframe=True, reference_change=step), ground[:360, 300:940])
     assert recorder.finish().width == 940
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
     assert np.abs(found.astype(int) - ground[:360, :940]).max() <= 1
@@ -134,7 +134,7 @@ def test_a_frame_that_opens_a_plane_begins_another_mosaic(frame, tmp_path):
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png"), final=False))
     add(recorder, registered(keyframe=True), frame)
     step = translation(np.array([-1000.0, 0.0]))
-    opened = registered(0.0, 1, keyframe=True, change=step, opens_plane=True)
+    opened = registered(0.0, 1, keyframe=True, reference_change=step, opens_plane=True)
     assert recorder.is_new_plane(opened)
     recorder.finish()
     add(recorder, opened, frame)
@@ -164,7 +164,7 @@ def test_a_mosaic_is_painted_from_its_first_use_on(ground, tmp_path):
     assert recorder.is_empty
     add(recorder, registered(keyframe=True), ground[:360, :640])
     step = translation(np.array([-1000.0, 0.0]))
-    moved = registered(-700.0, 1, keyframe=True, change=step, rebase=step)
+    moved = registered(-700.0, 1, keyframe=True, reference_change=step, rebase=step)
     add(recorder, moved, ground[:360, 300:940])
     assert not recorder.is_empty
     assert np.abs(recorder.mosaic.image().astype(int) - ground[:360, :940]).max() <= 1

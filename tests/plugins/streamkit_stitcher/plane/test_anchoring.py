@@ -66,7 +66,7 @@ def test_coming_back_hands_over_to_the_earlier_keyframe(anchor, ground):
         anchor.register(view(ground, left), shift(float(left)), trusted=True)
     drifted = shift(96.0)
     placed = anchor.register(view(ground, 90), drifted, trusted=True)
-    assert placed.change is not None
+    assert placed.reference_change is not None
     assert not placed.keyframe
     assert placed.to_reference == pytest.approx(shift(90.0), abs=0.1)
 
@@ -119,5 +119,5 @@ def test_a_frame_matched_in_a_corner_is_registered_only_if_consecutive(matched_i
     anchor, frame, seen = matched_in_a_corner
     placed = anchor.register((frame,), shift(0.0), trusted=True, recognised=seen, consecutive=consecutive)
     assert placed.measured is consecutive
-    assert not placed.certain
+    assert not placed.fixes_whole_frame
     assert consecutive or not placed.keyframe

@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, translation
+from streamkit_stitcher.plane.frame_registration import FrameStatus
 from streamkit_stitcher.plane.keyframe_content import keyframe_content
 from streamkit_stitcher.plane.keyframes import KeyframeStore
 from streamkit_stitcher.plane.loop_closure import correlation
 from streamkit_stitcher.plane.settings import ReferenceChoice
-from streamkit_stitcher.plane.tracker import Status
 
 SHAPE = (450, 640)
 
@@ -19,18 +19,18 @@ def views(ground, places):
     return [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in places]
 
 
-def test_photographs_with_half_overlap_are_registered(aerial_ground, make_tracker):
+def test_photographs_with_half_overlap_are_registered(aerial_ground, make_registrar):
     """Strips there and back: every photograph is registered to a pixel, and the strips are tied together."""
     places = [(200 + 300 * n, 300) for n in range(4)] + [(1100 - 300 * n, 560) for n in range(4)]
-    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
     for frame, (x, y) in zip(views(aerial_ground, places), places, strict=True):
-        registered = tracker.track(frame)
-        assert registered.status is Status.OK
+        registered = registrar.register(frame)
+        assert registered.status is FrameStatus.OK
         assert registered.keyframe
         assert (
             np.abs(registered.to_reference - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 2.0
         )
-    plane = tracker.take_plane(current=True)
+    plane = registrar.take_plane(current=True)
     assert plane.finish() < 0.5
     assert any(host < 3 for own in (5, 6, 7) for host in plane.tied_to(own))
     first = plane.homographies[0]
@@ -40,12 +40,12 @@ def test_photographs_with_half_overlap_are_registered(aerial_ground, make_tracke
     plane.close()
 
 
-def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_tracker):
+def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_registrar):
     """Without common ground nothing is tied: the plane is another."""
-    tracker = make_tracker()
+    registrar = make_registrar()
     first, second = views(aerial_ground, [(100, 100), (2200, 1700)])
-    tracker.track(first)
-    assert tracker.track(second).status is Status.CUT
+    registrar.register(first)
+    assert registrar.register(second).status is FrameStatus.CUT
 
 
 def test_frames_correlate_at_their_true_shift_only(ground):

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import normalised
+from streamkit_stitcher.plane.frame_registration import FrameStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
-from streamkit_stitcher.plane.tracker import Status
 
 SHAPE = (450, 640)
 # A row of photographs, 300 px apart.
 PLACES = [(200 + 300 * number, 300) for number in range(8)]
 
 
-def registered(ground, tracker, order):
+def registered(ground, registrar, order):
     """The registrations of the photographs in some order."""
     frames = [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in PLACES]
-    return [tracker.track(frames[number]) for number in order]
+    return [registrar.register(frames[number]) for number in order]
 
 
 @pytest.mark.parametrize(
     "order", [(0, 1, 5, 6, 3, 2, 4), (6, 0, 3, 1, 5, 2, 4), (0, 6, 5, 1, 4, 3, 2)], ids=str
 )
-def test_planes_that_a_photograph_connects_become_one(aerial_ground, make_tracker, order):
+def test_planes_that_a_photograph_connects_become_one(aerial_ground, make_registrar, order):
     """In any order all photographs lie on one plane in the end, where they should to a pixel."""
-    tracker = make_tracker(reference=ReferenceChoice.FIRST)
-    found = registered(aerial_ground, tracker, order)
-    assert any(item.status is Status.CUT for item in found)
-    plane = tracker.take_plane(current=True)
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
+    found = registered(aerial_ground, registrar, order)
+    assert any(item.status is FrameStatus.CUT for item in found)
+    plane = registrar.take_plane(current=True)
     plane.finish()
     (homographies,) = plane.planes.values()
     assert len(homographies) == len(order)
@@ -39,23 +39,28 @@ def test_planes_that_a_photograph_connects_become_one(aerial_ground, make_tracke
     plane.close()
 
 
-def test_the_change_of_a_joined_plane_relates_its_frames(aerial_ground, make_tracker):
+def test_the_change_of_a_joined_plane_relates_its_frames(aerial_ground, make_registrar):
     """From one frame to the next `change @ previous @ to_previous` is the new homography, but at a cut."""
-    tracker = make_tracker(reference=ReferenceChoice.FIRST)
-    found = registered(aerial_ground, tracker, (0, 1, 2, 3, 6, 5, 4, 7))
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
+    found = registered(aerial_ground, registrar, (0, 1, 2, 3, 6, 5, 4, 7))
     assert [item.reference for item in found] == [0, 0, 0, 0, 1, 1, 1, 0]
-    assert found[-1].change is not None
-    assert found[-1].status is not Status.CUT
+    assert found[-1].reference_change is not None
+    assert found[-1].status is not FrameStatus.CUT
     for before, after in pairwise(found):
-        if after.status is not Status.CUT:
-            change = np.eye(3) if after.change is None else after.change
+        if after.status is not FrameStatus.CUT:
+            change = np.eye(3) if after.reference_change is None else after.reference_change
             expected = normalised(change @ before.to_reference @ after.to_previous)
             assert expected == pytest.approx(after.to_reference, abs=1e-6)
 
 
-def test_a_plane_that_is_met_again_continues(aerial_ground, make_tracker):
+def test_a_plane_that_is_met_again_continues(aerial_ground, make_registrar):
     """A photograph of an earlier plane is a cut to that plane, with its number."""
-    tracker = make_tracker(reference=ReferenceChoice.FIRST)
-    first, _, elsewhere, back = registered(aerial_ground, tracker, (0, 1, 5, 2))
-    assert (first.reference, elsewhere.reference, elsewhere.status) == (0, 1, Status.CUT)
-    assert (back.reference, back.status, back.anchored, back.change) == (0, Status.CUT, True, None)
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
+    first, _, elsewhere, back = registered(aerial_ground, registrar, (0, 1, 5, 2))
+    assert (first.reference, elsewhere.reference, elsewhere.status) == (0, 1, FrameStatus.CUT)
+    assert (back.reference, back.status, back.measured, back.reference_change) == (
+        0,
+        FrameStatus.CUT,
+        True,
+        None,
+    )

@@ -4,7 +4,7 @@ import pytest
 
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.following import KeyframeFollower
-from streamkit_stitcher.plane.frame_registration import Status
+from streamkit_stitcher.plane.frame_registration import FrameStatus
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 from streamkit_stitcher.plane.matching import KeyframeMatching
 
@@ -48,33 +48,33 @@ def blindness(monkeypatch):
 
 
 @pytest.fixture
-def tracker(make_tracker):
-    """A tracker, closed in the end."""
-    return make_tracker()
+def registrar(make_registrar):
+    """A registrar, closed in the end."""
+    return make_registrar()
 
 
-def test_relocalisation_becomes_rarer_while_the_motion_is_known(ground, make_flight, blindness, tracker):
+def test_relocalisation_becomes_rarer_while_the_motion_is_known(ground, make_flight, blindness, registrar):
     """Every other frame at first, then every sixteenth; all are weak, and none is lost."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
-    tracker.track(flight.frame(0))
+    registrar.register(flight.frame(0))
     registrations = []
     for blindness.number in range(1, 70):
-        registrations.append(tracker.track(flight.frame(blindness.number)))
-    assert {registered.status for registered in registrations} == {Status.WEAK}
-    assert not any(registered.anchored for registered in registrations)
+        registrations.append(registrar.register(flight.frame(blindness.number)))
+    assert {registered.status for registered in registrations} == {FrameStatus.WEAK}
+    assert not any(registered.measured for registered in registrations)
     assert blindness.looks == [1, 3, 5, 17, 33, 49, 65]
 
 
-def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blindness, tracker):
+def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blindness, registrar):
     """The first frame that matches is registered; after that, tries are frequent again."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
-    tracker.track(flight.frame(0))
+    registrar.register(flight.frame(0))
     for blindness.number in range(1, 30):
-        tracker.track(flight.frame(blindness.number))
+        registrar.register(flight.frame(blindness.number))
     blindness.on = False
-    assert tracker.track(flight.frame(30)).anchored
+    assert registrar.register(flight.frame(30)).measured
     blindness.on = True
     blindness.looks.clear()
     for blindness.number in range(31, 40):
-        assert tracker.track(flight.frame(blindness.number)).status is Status.WEAK
+        assert registrar.register(flight.frame(blindness.number)).status is FrameStatus.WEAK
     assert blindness.looks == [31, 33, 35]

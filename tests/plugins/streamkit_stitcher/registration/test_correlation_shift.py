@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project
+from streamkit_stitcher.plane.frame_registration import FrameStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
-from streamkit_stitcher.plane.tracker import Status
 from streamkit_stitcher.registration.correlation_shift import search_shift
 
 
@@ -21,7 +21,7 @@ def test_the_shift_is_found(aerial_ground, step):
     assert project(found, np.zeros((1, 2)))[0] == pytest.approx(step, abs=4)
 
 
-def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkeypatch, make_tracker):
+def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkeypatch, make_registrar):
     """Photographs of a survey are measured to a fraction of a pixel without SIFT."""
 
     def refuse(grey):
@@ -29,11 +29,11 @@ def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkey
 
     monkeypatch.setattr("streamkit_stitcher.plane.anchoring.describe", refuse)
     monkeypatch.setattr("streamkit_stitcher.plane.relocaliser.describe", refuse)
-    tracker = make_tracker(reference=ReferenceChoice.FIRST)
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
     places = [(300 + 210 * n, 400) for n in range(4)] + [(930 - 210 * n, 580) for n in range(4)]
     for x, y in places:
-        registered = tracker.track(aerial_ground[y : y + 450, x : x + 640])
-        assert registered.status is Status.OK
+        registered = registrar.register(aerial_ground[y : y + 450, x : x + 640])
+        assert registered.status is FrameStatus.OK
         first = places[0]
         apart = registered.to_reference[:2, 2] - (x - first[0], y - first[1])
         assert np.abs(apart).max() < 0.6

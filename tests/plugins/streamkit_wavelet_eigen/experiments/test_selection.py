@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from streamkit_wavelet_eigen.experiments.methods import RAW, choose
-from streamkit_wavelet_eigen.experiments.protocol import Split, splits
+from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit, splits
 from streamkit_wavelet_eigen.recipe import Recipe
 
 CANDIDATES = {
@@ -18,7 +18,7 @@ CANDIDATES = {
 
 
 @pytest.fixture(scope="module")
-def parts() -> list[Split]:
+def parts() -> list[DatabaseSplit]:
     """Two splits of four made-up targets, six noisy images each, four of them for training."""
     generator = np.random.default_rng(0)
     coarse = generator.integers(20, 230, (4, 1, 6, 6)).astype(np.uint8)
@@ -29,7 +29,7 @@ def parts() -> list[Split]:
     return list(splits(np.clip(noisy, 0, 255).astype(np.uint8), 4, 2))
 
 
-def test_each_split_chooses_one_candidate(parts: list[Split]) -> None:
+def test_each_split_chooses_one_candidate(parts: list[DatabaseSplit]) -> None:
     """As many choices as splits, a figure for each candidate, and one rate for each chosen one."""
     found = choose(parts, 4, CANDIDATES)
     assert sum(found["chosen"].values()) == 2
@@ -38,7 +38,7 @@ def test_each_split_chooses_one_candidate(parts: list[Split]) -> None:
     assert found["outer"] == {"mean": 100.0, "deviation": 0.0, "n": 2}
 
 
-def test_test_images_have_no_part_in_the_selection(parts: list[Split]) -> None:
+def test_test_images_have_no_part_in_the_selection(parts: list[DatabaseSplit]) -> None:
     """With noise for test images the choice is the same, and only the last figure falls."""
     noise = np.random.default_rng(1)
     spoilt = [

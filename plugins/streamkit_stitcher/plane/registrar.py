@@ -8,7 +8,12 @@ from typing import Final
 from streamkit.geometry.homography import IDENTITY, GreyArray, corner_shift, inverse, normalised
 from streamkit_kernels import prepare
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
-from streamkit_stitcher.plane.frame_registration import OK_STD, AnchoredFrame, FrameRegistration, Status
+from streamkit_stitcher.plane.frame_registration import (
+    OK_STD,
+    FrameRegistration,
+    FrameStatus,
+    KeyframeRegistration,
+)
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
@@ -42,7 +47,7 @@ _OFTEN: Final = 4
 _RARELY: Final = 16
 
 
-class PlaneTracker:
+class FrameRegistrar:
     """Registers the frames of a stream, one after the other, to a plane.
 
     Each frame is matched with the current keyframe near its predicted homography; where that fails, it is
@@ -98,7 +103,7 @@ class PlaneTracker:
         self._planes.begin_frame()
         return self._predict()
 
-    def track(self, grey: GreyArray) -> FrameRegistration:
+    def register(self, grey: GreyArray) -> FrameRegistration:
         """Registers the next frame; every matrix is finite.
 
         Frames no wider than the registration width are kept without a copy, and must not change.
@@ -111,18 +116,18 @@ class PlaneTracker:
             self._planes.retire()
             self._reset(shape)
         images, anchor = pyramid((grey,), self._level + 1), self._planes.anchor
-        if anchor is None or self._base is None:
+        if anchor is None or self._last_image is None:
             return self._start_plane(images)
         self._since_key += 1
         if anchor.keyframes.is_adjusting and self._since_key >= _ADOPT_AFTER:
             self._planes.adopt(anchor.keyframes.adopt())
-        return self._register(images, anchor, self._base)
+        return self._register(images, anchor, self._last_image)
 
     def _reset(self, shape: tuple[int, int]) -> None:
         """Drops all state but the keyframes; frames of `shape` follow."""
         self._shape = shape
         self._level = working_level(shape, self._settings.registration_width)
-        self._base: GreyArray | None = None
+        self._last_image: GreyArray | None = None
         self._motion, self._photographs = MotionPredictor(shape), PhotographRule(shape)
         self._lost = self._unmeasured = self._since_key = 0
 
@@ -135,8 +140,8 @@ class PlaneTracker:
         if image.is_blank:
             return self._predict()
         self._planes.start(images, self._level)
-        self._base = image.grey
-        status = Status.OK if self._planes.number == 0 else Status.CUT
+        self._last_image = image.grey
+        status = FrameStatus.OK if self._planes.number == 0 else FrameStatus.CUT
         return self._publish(
             FrameRegistration(
                 IDENTITY,
@@ -144,7 +149,7 @@ class PlaneTracker:
                 self._planes.number,
                 status,
                 keyframe=True,
-                anchored=True,
+                measured=True,
                 key_index=self._key_index,
             )
         )
@@ -183,14 +188,14 @@ class PlaneTracker:
         if image.is_blank:
             return self._predict()
         earlier = replace(self._working_image((base,), 0), factor=image.factor)
-        guess = normalised(inverse(self._planes.base) @ expected)
+        guess = normalised(inverse(self._planes.last_to_plane) @ expected)
         limits = self._settings.limits
         reach = min(1.0, limits.max_step * (1 + self._motion.predicted))
         motion = register(earlier, image, guess, replace(limits, max_step=reach))
         is_related = near is not None and near.share >= (_SAME_SCENE if near.at_rest else _RELATED)
         if near is not None and is_related and motion.model is MotionModel.HOMOGRAPHY:
             # Movers may win among the corners: the area decides.
-            measured = normalised(self._planes.base @ motion.matrix)
+            measured = normalised(self._planes.last_to_plane @ motion.matrix)
             moved = anchor.matching.align(images[self._level], before, std, measured)
             is_related = moved is None or moved.share <= _MORE * near.share
         if is_related:
@@ -216,31 +221,31 @@ class PlaneTracker:
                 return self._restart_plane(images)
         # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
         due = due or is_photograph
-        predicted = normalised(self._planes.base @ motion.matrix) if known else expected
+        predicted = normalised(self._planes.last_to_plane @ motion.matrix) if known else expected
         std = (motion.corner_std(self._shape) if known else _LOST_STD) + self._std_before
         trusted = motion.model is MotionModel.HOMOGRAPHY
         is_jump = consecutive or self._planes.has_jumped
         place = partial(anchor.register, images, predicted, consecutive=is_jump, predicted_std=std)
-        anchored = place(
+        keyframe_fit = place(
             trusted or recognised is not None,
             recognised=recognised,
             due=due and (trusted or recognised is not None),
         )
-        is_open = not (anchored.measured or anchored.keyframe or recognised is not None)
+        is_open = not (keyframe_fit.measured or keyframe_fit.keyframe or recognised is not None)
         # Where the motion is known but keyframes never match, as over relief, the tries become rarer.
         pause = _RARELY if known and consecutive and self._unmeasured > _OFTEN else 2
         if is_open and self._unmeasured % pause == 0:
             recognised = self._recognise(images, anchor)
             if recognised is not None:
-                anchored = place(trusted=True, recognised=recognised, due=due)
-        if not (known or recognised is not None or anchored.measured):
+                keyframe_fit = place(trusted=True, recognised=recognised, due=due)
+        if not (known or recognised is not None or keyframe_fit.measured):
             self._lost += 1
             self._unmeasured += 1
             # Without a frame that was followed these are photographs: each may begin a plane of its own.
             if motion.is_cut or self._lost > _MAX_LOST or is_photograph:
                 return self._restart_plane(images)
             return self._predict()
-        return self._accept(images, anchored, motion)
+        return self._accept(images, keyframe_fit, motion)
 
     @property
     def _key_index(self) -> int:
@@ -248,31 +253,35 @@ class PlaneTracker:
         return 0 if active is None else active.index
 
     def _accept(
-        self, images: Sequence[GreyArray], anchored: AnchoredFrame, motion: PairwiseMotion | None
+        self, images: Sequence[GreyArray], keyframe_fit: KeyframeRegistration, motion: PairwiseMotion | None
     ) -> FrameRegistration:
         """Publishes a registered frame, at the previous homography where nothing moved."""
-        self._planes.adopt(anchored.change)
-        to_reference = anchored.to_reference
-        if anchored.keyframe and self._planes.anchor is not None:
+        self._planes.adopt(keyframe_fit.reference_change)
+        to_reference = keyframe_fit.to_reference
+        if keyframe_fit.keyframe and self._planes.anchor is not None:
             self._since_key = 0
             to_reference = self._planes.add_keyframe(self._planes.anchor, images, to_reference, self._level)
         previous, before = self._previous, self._planes.before
-        self._base, self._planes.base = images[self._level], to_reference
+        self._last_image, self._planes.last_to_plane = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
         # The measurement fixes the whole frame.
-        is_certain = anchored.measured and anchored.certain and anchored.corner_std <= OK_STD
-        status = Status.OK if is_certain else Status.WEAK
-        steady = previous is not None and previous.status is not Status.LOST
-        if status is Status.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
+        is_certain = (
+            keyframe_fit.measured and keyframe_fit.fixes_whole_frame and keyframe_fit.corner_std <= OK_STD
+        )
+        status = FrameStatus.OK if is_certain else FrameStatus.WEAK
+        steady = previous is not None and previous.status is not FrameStatus.LOST
+        if status is FrameStatus.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
-            to_previous, to_reference, status = IDENTITY, before, Status.STILL
+            to_previous, to_reference, status = IDENTITY, before, FrameStatus.STILL
         if self._planes.has_jumped:
-            to_previous, status = IDENTITY, Status.CUT
-            self._planes.change = self._planes.rebase = None
+            to_previous, status = IDENTITY, FrameStatus.CUT
+            self._planes.reference_change = self._planes.rebase = None
         self._motion.update(to_previous)
         self._lost = 0
-        self._unmeasured = 0 if anchored.measured else self._unmeasured + 1
-        counted: AnchoredFrame | PairwiseMotion = anchored if anchored.measured or motion is None else motion
+        self._unmeasured = 0 if keyframe_fit.measured else self._unmeasured + 1
+        counted: KeyframeRegistration | PairwiseMotion = (
+            keyframe_fit if keyframe_fit.measured or motion is None else motion
+        )
         active = None if self._planes.anchor is None else self._planes.anchor.keyframes.active
         to_key = IDENTITY if active is None else normalised(inverse(active.to_reference) @ to_reference)
         return self._publish(
@@ -281,12 +290,12 @@ class PlaneTracker:
                 to_reference,
                 self._planes.number,
                 status,
-                keyframe=anchored.keyframe,
+                keyframe=keyframe_fit.keyframe,
                 matches=counted.matches,
                 inliers=counted.inliers,
                 rmse=counted.rmse,
-                corner_std=anchored.corner_std,
-                anchored=anchored.measured,
+                corner_std=keyframe_fit.corner_std,
+                measured=keyframe_fit.measured,
                 key_index=self._key_index,
                 to_key=to_key,
             )
@@ -299,14 +308,17 @@ class PlaneTracker:
         to_previous = normalised(inverse(self._planes.before) @ expected)
         std = self._std_before + corner_shift(to_previous, self._shape) + _LOST_STD
         return self._publish(
-            FrameRegistration(to_previous, expected, self._planes.number, Status.LOST, corner_std=std)
+            FrameRegistration(to_previous, expected, self._planes.number, FrameStatus.LOST, corner_std=std)
         )
 
     def _publish(self, registered: FrameRegistration) -> FrameRegistration:
         planes = self._planes
-        if planes.change is not None:
+        if planes.reference_change is not None:
             registered = replace(
-                registered, change=planes.change, rebase=planes.rebase, opens_plane=planes.has_opened
+                registered,
+                reference_change=planes.reference_change,
+                rebase=planes.rebase,
+                opens_plane=planes.has_opened,
             )
         self._previous, planes.before = registered, registered.to_reference
         self._std_before = registered.corner_std
