@@ -16,6 +16,7 @@ import msgspec
 from streamkit import ResourceError
 from streamkit.output.file import OutputFile
 
+BEGIN_LIMIT_S = 5.0
 END_LIMIT_S = 30.0
 
 
@@ -93,6 +94,9 @@ def start(cores: int | None = None) -> LocalRay:
             file.discard()
     except OSError as error:
         raise ResourceError(f"Ray cannot be started: {error}") from error
+    deadline_s = time.monotonic() + BEGIN_LIMIT_S
+    while not _is_running(local) and time.monotonic() < deadline_s:  # its command line is not there at once
+        time.sleep(0.01)
     process.returncode = 0  # it goes on without this process, which is no reason to warn
     return local
 

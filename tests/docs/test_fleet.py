@@ -20,17 +20,28 @@ LIMIT_S = 60.0  # of a command, on an idle machine
 @pytest.mark.timeout(300)
 def test_the_page_can_be_followed(tmp_path: Path) -> None:
     """A listing that opens with `# NAME` is a file; every call of streamkit ends with code 0."""
+    environment = {**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")}
+    try:
+        follow(tmp_path, environment)
+    finally:
+        subprocess.run(
+            [str(BINARY), "fleet", "down"], env=environment, timeout=patience(LIMIT_S), check=False
+        )
+
+
+def follow(folder: Path, environment: dict[str, str]) -> None:
+    """Writes the files and runs the commands of the page."""
     ran = 0
     for language, body in BLOCK.findall(PAGE.read_text("utf-8")):
         if name := re.match(r"# (\S+)\n", body):
-            (tmp_path / name[1]).write_text(body, encoding="utf-8")
+            (folder / name[1]).write_text(body, encoding="utf-8")
         lines = body.replace("\\\n", " ").splitlines() if language == "sh" else []
         for words in (shlex.split(line, comments=True) for line in lines if line.startswith("streamkit ")):
             done = subprocess.run(
-                [str(BINARY), *words[1:]], cwd=tmp_path, capture_output=True, text=True, check=False,
-                timeout=patience(LIMIT_S), env={**os.environ, "XDG_STATE_HOME": str(tmp_path / "state")},
+                [str(BINARY), *words[1:]], cwd=folder, capture_output=True, text=True, check=False,
+                timeout=patience(LIMIT_S), env=environment,
             )  # fmt: skip
             assert done.returncode == 0, f"{shlex.join(words)}\n{done.stderr}"
             ran += 1
     assert ran
-    assert (tmp_path / "copies" / "day" / "clip.mp4.h264").stat().st_size > 0
+    assert (folder / "copies" / "day" / "clip.mp4.h264").stat().st_size > 0

@@ -136,13 +136,18 @@ def vector_tile() -> bytes:
 def open_map(
     browser: Chrome, url: str, publish: Callable[[], None], wait_for: Callable[..., Any]
 ) -> Callable[[], bool]:
-    """Opens the page and publishes until the map shows all targets."""
+    """Opens the page and publishes until the map knows where the plane lies, shows all targets, and rests."""
     browser.get(url)
+    last = np.zeros(0)
 
     def is_shown() -> bool:
+        nonlocal last
         publish()
-        shows = "return Boolean(streamkit.earth.isFitted && streamkit.earth.map.loaded())"
-        return bool(browser.execute_script(shows)) and len(blobs(browser, YELLOW)) == len(PLACES_PX)
+        shows = "isFitted && streamkit.earth.map.loaded() && streamkit.earth.geo.error !== null"
+        if not browser.execute_script(f"return Boolean(streamkit.earth.{shows})"):
+            return False
+        before, last = last, pixels(browser)
+        return np.array_equal(before, last) and len(blobs(browser, YELLOW)) == len(PLACES_PX)
 
     wait_for(is_shown, 60)
     return is_shown
@@ -223,7 +228,7 @@ def test_the_mosaic_lies_on_the_map(
     )
     browser.execute_script(image)
     wait_for(lambda: has_colour(pixels(browser), RED).any())
-    assert is_shown()
+    wait_for(is_shown)
     red = has_colour(pixels(browser), RED)
     dots = blobs(browser, YELLOW)
     px = np.linalg.norm(dots[2] - dots[0]) / math.dist(PLACES_PX[2], PLACES_PX[0])
