@@ -88,8 +88,9 @@ class ZenohSink(SessionElement, Sink):
         session = self.open_zenoh(settings.cut_off_s)
         try:
             self._publication = Publication(
-                session, root, settings, streams, self.clock.utc_ns, self._failed, self.stopping,
-                lambda: () if self.host is None else self.host.elements(), self._element_statuses,
+                session, root, settings, streams, self.clock.utc_ns, self._failed, self._count_dropped,
+                self.stopping, lambda: () if self.host is None else self.host.elements(),
+                self._element_statuses,
             )  # fmt: skip
         except (InvalidQos, MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
@@ -111,7 +112,6 @@ class ZenohSink(SessionElement, Sink):
         publication.records.submit(frame, self.stopping)
         if self._publishes_frames and frame.caps.name != TRACKS_CAPS.name:
             self._publish_media(FRAME, frame)
-        self._count_drops(publication)
 
     @override
     def drain(self) -> None:
@@ -178,14 +178,10 @@ class ZenohSink(SessionElement, Sink):
         needs_tracks = (settings.tracks or settings.track) and not publishes_images
         if needs_tracks and (text := self._tally.shortfall()):
             self.post_warning(f"key={settings.key}: {text}", "shortfall")
-        is_closed = publication.close(limit_s, cancelled)
-        self._count_drops(publication)
-        if not is_closed:
+        if not publication.close(limit_s, cancelled):
             self.post_warning("a receiver takes nothing: the last records may be lost to it")
 
-    def _count_drops(self, publication: Publication) -> None:
-        """Counts what the senders, in their own threads, have dropped since the last call."""
-        for stream, reason, count in publication.drops():
-            place = f"{stream}: {reason}"
-            if count > self.drops[place]:
-                self.count_drop(place, count - self.drops[place])
+    def _count_dropped(self, reason: str, count: int) -> None:
+        """Counts what the senders drop in their own threads."""
+        with self.lock:
+            self.count_drop(reason, count)

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from typing import NamedTuple
 
 import zenoh
@@ -37,6 +38,7 @@ class NumberedStream:
         content_type: encoding and schema of the messages.
         qos: quality of service.
         cut_off_s: how long zenoh waits for a receiver that takes nothing.
+        dropped: called in any thread with the reason and number of messages that are not delivered.
 
     Attributes:
         name: of the stream.
@@ -53,6 +55,7 @@ class NumberedStream:
         content_type: str,
         qos: Qos,
         cut_off_s: float,
+        dropped: Callable[[str, int], object],
     ) -> None:
         self.name = name
         self.key = f"{root}/{name}"
@@ -61,6 +64,7 @@ class NumberedStream:
         self._drops: Counter[str] = Counter()
         self._run = run
         self._cut_off_s = cut_off_s
+        self._dropped = dropped
         self._next_number = self._settled_number = 0
         self._published = self._bytes = 0
         self._first_numbers: RecentDict[str, int] = RecentDict()
@@ -119,6 +123,7 @@ class NumberedStream:
         """Counts stamped messages that were not sent."""
         with self._lock:
             self._drops[reason] += count
+        self._dropped(f"{self.name}: {reason}", count)
 
     def add_receiver(self, name: str) -> None:
         """Stores the first number that a receiver is sent, whose subscription is known from now on."""

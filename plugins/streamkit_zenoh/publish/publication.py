@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Literal
 
 import zenoh
@@ -38,6 +38,7 @@ class Publication:
         media: which of `frame`, `mosaic` and `video` to publish.
         utc_ns: the clock.
         failed: called with what went wrong, from any thread.
+        dropped: called with stream and reason, and the number of messages not delivered, from any thread.
         cancelled: ends a wait for another publisher at the key.
         elements: gives the elements that can be controlled.
         statuses: gives what the elements have done so far.
@@ -62,6 +63,7 @@ class Publication:
         media: Iterable[str],
         utc_ns: Callable[[], int],
         failed: Callable[[Exception], None],
+        dropped: Callable[[str, int], object],
         cancelled: threading.Event,
         elements: Callable[[], Sequence[Element]],
         statuses: Callable[[], tuple[ElementStatus, ...]],
@@ -76,7 +78,7 @@ class Publication:
         self._root = root
         self._settings = settings
         self._utc_ns = utc_ns
-        self._failed = failed
+        self._failed, self._dropped = failed, dropped
         self._began_s = time.monotonic()
         self._run = utc_ns()
         self._has_ended = False
@@ -127,19 +129,20 @@ class Publication:
         ended = [executor.close(JOIN_LIMIT_S) for executor in self._executors]
         return is_closed and all(ended)
 
-    def drops(self) -> Iterator[tuple[str, str, int]]:
-        """Stream, reason and number of the messages not delivered."""
-        for stream in self._streams():
-            for drop in stream.drop_counts():
-                yield drop.stream, drop.reason, drop.count
-
     def _streams(self) -> list[NumberedStream]:
         return [self.tracks, *(sender.stream for sender in self.media.values())]
 
     def _stream(self, name: str, content_type: str) -> NumberedStream:
         cut_off_s = self._settings.cut_off_s
         return NumberedStream(
-            self._session, self._root, name, self._run, content_type, self._qos[name], cut_off_s
+            self._session,
+            self._root,
+            name,
+            self._run,
+            content_type,
+            self._qos[name],
+            cut_off_s,
+            self._dropped,
         )
 
     def _media_sender(self, name: str) -> MediaSender:

@@ -16,7 +16,9 @@ Opener = Callable[..., zenoh.Session]
 
 
 def _publisher(session: zenoh.Session, key: str) -> NumberedStream:
-    return NumberedStream(session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0)
+    return NumberedStream(
+        session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0, lambda *_: None
+    )
 
 
 def test_a_late_notification_has_no_effect(open_test_session: Opener, key: str) -> None:
