@@ -100,7 +100,7 @@ def test_masking_takes_time_in_proportion(piece: str) -> None:
         return time.process_time() - began
 
     once = min(cost_s(60_000) for _ in range(3))
-    assert cost_s(960_000) < 64 * max(once, 0.005)
+    assert min(cost_s(960_000) for _ in range(3)) < 64 * max(once, 0.005)
 
 
 def test_long_texts_are_bounded_and_say_so() -> None:

@@ -419,6 +419,6 @@ def test_everything_can_be_reached_and_has_a_name(
     ):
         if found.is_displayed() and found.tag_name != "table":
             assert found.accessible_name, found.get_attribute("outerHTML")
-    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    wait_for(lambda: browser.execute_script("return document.documentElement.scrollWidth") <= 390)
     note = wait_for(lambda: browser.find_element(By.ID, "note"))
     assert note.rect["x"] + note.rect["width"] <= 390  # also with a long key in it
