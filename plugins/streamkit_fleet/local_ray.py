@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from streamkit import ResourceError
-from streamkit.output.file import OutputFile
+from streamkit.output.file import write_whole
 
 BEGIN_LIMIT_S = 5.0
 END_LIMIT_S = 30.0
@@ -39,7 +39,7 @@ def _token() -> Path:
 def use_token() -> None:
     """Makes Ray in this process, and what it starts, ask for and show the token of the local Ray.
 
-    Ray listens on the machine's address: without a token, whoever reaches it could run programs here.
+    Ray listens on the machine's address: without a token, any host that reaches it could run programs here.
     """
     os.environ["RAY_AUTH_MODE"] = "token"
     os.environ["RAY_AUTH_TOKEN_PATH"] = str(_token())
@@ -86,12 +86,7 @@ def start(cores: int | None = None) -> LocalRay:
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
         local = LocalRay(f"127.0.0.1:{port}", process.pid)
-        file = OutputFile(record, is_whole=True)
-        try:
-            file.write(msgspec.json.encode(local))
-            file.finish()
-        finally:
-            file.discard()
+        write_whole(record, msgspec.json.encode(local))
     except OSError as error:
         raise ResourceError(f"Ray cannot be started: {error}") from error
     deadline_s = time.monotonic() + BEGIN_LIMIT_S

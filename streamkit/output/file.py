@@ -161,6 +161,20 @@ class OutputFile(io.FileIO):
                 written.unlink(missing_ok=True)
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Writes a file, in place of an older one when it is whole.
+
+    Raises:
+        OSError: it cannot be written; an older file is as it was.
+    """
+    file = OutputFile(path, is_whole=True)
+    try:
+        file.write(content)
+        file.finish()
+    finally:
+        file.discard()
+
+
 def is_special(path: Path) -> bool:
     """Whether a path is a device, pipe, socket, or an open file of this process."""
     if str(path).startswith(("/dev/", "/proc/")):

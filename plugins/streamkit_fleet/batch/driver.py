@@ -15,7 +15,7 @@ import ray
 from ray.exceptions import RayError
 
 from streamkit.masking import mask_secrets, presentable
-from streamkit.output.file import OutputFile
+from streamkit.output.file import write_whole
 from streamkit_fleet.batch.plan import BatchRecipe, Plan, plan_file
 from streamkit_fleet.batch.work import PARTS, Outcome, finish, run_part
 from streamkit_fleet.cluster import cluster_cores
@@ -191,12 +191,8 @@ class BatchDriver:
     def _save(self) -> None:
         """Writes the summary in place of the one before."""
         self._saved_s = time.monotonic()
-        file = OutputFile(self._folder / SUMMARY, is_whole=True)
-        try:
-            file.write(msgspec.json.format(msgspec.json.encode(self.summary), indent=1) + b"\n")
-            file.finish()
-        finally:
-            file.discard()
+        text = msgspec.json.format(msgspec.json.encode(self.summary), indent=1) + b"\n"
+        write_whole(self._folder / SUMMARY, text)
 
 
 def _reason(error: RayError) -> str:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit.output.file import OutputFile
+from streamkit.output.file import write_whole
 
 
 def check_target(path: Path) -> None:
@@ -34,9 +34,4 @@ def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     encoded, content = cv2.imencode(path.suffix, image)
     if not encoded:
         raise OSError(f"{path}: the image cannot be encoded as {path.suffix}; take .png or .jpg")
-    file = OutputFile(path, is_whole=True)
-    try:
-        file.write(content.tobytes())
-        file.finish()
-    finally:
-        file.discard()
+    write_whole(path, content.tobytes())
