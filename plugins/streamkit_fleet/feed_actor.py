@@ -11,13 +11,11 @@ import msgspec
 import ray
 from typing_extensions import override
 
-from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, Run, StreamkitError
+from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, RestartDelay, Run, StreamkitError
 from streamkit.masking import mask_secrets, presentable
 from streamkit_fleet.feeds import FeedSpec
 
 LOG_LINES = 1000
-FIRST_DELAY_S, LONGEST_DELAY_S = 1.0, 60.0
-SOUND_S = 60.0  # a run that lasted so long makes the next delay the first one again
 STOP_LIMIT_S = 15.0
 
 
@@ -113,7 +111,7 @@ class FeedActor:
 
     def _serve(self) -> None:
         """Runs the pipeline until it ends, is stopped, or cannot be built."""
-        delay_s = FIRST_DELAY_S
+        delay = RestartDelay()
         while not self._stopping.is_set():
             began_s = time.monotonic()
             try:
@@ -124,12 +122,9 @@ class FeedActor:
                 return
             if code == 0:
                 break
-            if time.monotonic() - began_s >= SOUND_S:
-                delay_s = FIRST_DELAY_S
             self._state, self._reason = "waiting", self._lines[-1] if self._lines else ""
             self._restarts += 1
-            self._stopping.wait(delay_s)
-            delay_s = min(LONGEST_DELAY_S, 2 * delay_s)
+            self._stopping.wait(delay.after(time.monotonic() - began_s))
         self._state, self._reason = "ended", ""
 
     def _play(self) -> int:

@@ -11,12 +11,11 @@ from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from streamkit import ANY, ElementFailure, Pipeline, choose_source, mask_secrets
+from streamkit import ANY, STREAMKIT_COMMAND, ElementFailure, Pipeline, choose_source, mask_secrets
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
 PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
-COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
 
 
 def is_source(text: str) -> bool:
@@ -156,7 +155,7 @@ class PlayedPipeline:
 @contextmanager
 def playing(location: str, key: str, video: str = "") -> Iterator[PlayedPipeline]:
     """A playback that is ended with the block."""
-    playback = PlayedPipeline(location, key, COMMAND, video)
+    playback = PlayedPipeline(location, key, STREAMKIT_COMMAND, video)
     try:
         yield playback
     finally:

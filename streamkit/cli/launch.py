@@ -170,7 +170,9 @@ def launch(
         _print_summary(statistics, summary)
     if stats_file is not None:
         try:
-            _write_whole(stats_file, to_json(statistics) + "\n")
+            from streamkit.output.file import write_whole
+
+            write_whole(stats_file, (to_json(statistics) + "\n").encode())
         except OSError as error:
             display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
             code = code or 1
@@ -203,11 +205,10 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
 
 def _supervise() -> NoReturn:
     """Runs this command in a child, without `--supervise`, until it ends cleanly."""
-    from streamkit.service.supervisor import Supervisor
+    from streamkit.service.supervisor import STREAMKIT_COMMAND, Supervisor
 
     words = [word for word in sys.argv[1:] if word != "--supervise"]
-    command = [sys.executable, "-c", "from streamkit.cli.main import main; main()", *words]
-    supervisor = Supervisor(command, lambda line: typer.echo(line, err=True))
+    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], lambda line: typer.echo(line, err=True))
     raise typer.Exit(supervisor.run())
 
 
@@ -255,18 +256,6 @@ def to_json(value: Struct) -> str:
 
     plain = presentable_value(msgspec.to_builtins(value), mask_secrets)
     return msgspec.json.encode(plain).decode()
-
-
-def _write_whole(path: Path, text: str) -> None:
-    """Writes a file, in place of an older one when it is whole."""
-    from streamkit.output.file import OutputFile
-
-    file = OutputFile(path, is_whole=True)
-    try:
-        file.write(text.encode())
-        file.finish()
-    finally:
-        file.discard()
 
 
 def _exit(code: int) -> NoReturn:

@@ -36,7 +36,7 @@ class Run:
         eos_on_shutdown: whether the first interrupt sends EOS and waits for it.
         verbose: whether to print caps, states and every message.
         quiet: whether to print errors only.
-        monitor: told of the beginning, the end, and several times a second that the run goes on.
+        monitor: notified of the beginning and the end, and several times a second while the run goes on.
 
     Attributes:
         interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.

@@ -1,4 +1,4 @@
-"""Monitor: the health of a pipeline, told to systemd and asked for by probes."""
+"""Monitor: the health of a pipeline, reported to systemd and read by probes."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class Monitor:
                 self.age_sums_s[row.element] += row.age_ns / 1e9
 
     def _notify(self, text: str) -> None:
-        """Sends a line to systemd's socket; where there is none, or nobody listens, nothing happens.
+        """Sends a line to systemd's socket; without one, or a listener, nothing happens.
 
         Source: sd_notify(3).
         """

@@ -6,6 +6,7 @@ import ctypes
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -15,8 +16,29 @@ RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # tells the child how many there were 
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
 PR_SET_PDEATHSIG = 1
 FIRST_DELAY_S, LONGEST_DELAY_S = 1.0, 60.0
-SOUND_S = 60.0  # a child that ran so long makes the next delay the first one again
+SOUND_S = 60.0  # a run that lasted so long makes the next delay the first one again
+# The command line, in a process of its own.
+STREAMKIT_COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class RestartDelay:
+    """Delays that double up to a minute while runs fail soon.
+
+    Args:
+        first_s: the first one, s.
+    """
+
+    def __init__(self, first_s: float = FIRST_DELAY_S) -> None:
+        self._first_s = self._next_s = first_s
+
+    def after(self, lasted_s: float) -> float:
+        """The delay before the next run, s, after one that lasted so long."""
+        if lasted_s >= SOUND_S:
+            self._next_s = self._first_s
+        delay_s = self._next_s
+        self._next_s = min(LONGEST_DELAY_S, 2 * delay_s)
+        return delay_s
 
 
 class Supervisor:
@@ -35,7 +57,7 @@ class Supervisor:
     ) -> None:
         self._command = list(command)
         self._report = report
-        self._first_delay_s = self._delay_s = first_delay_s
+        self._delay = RestartDelay(first_delay_s)
         self._stopping = threading.Event()
         self._child: subprocess.Popen[bytes] | None = None
         self.restarts = 0
@@ -49,14 +71,12 @@ class Supervisor:
                 code = self._run_once()
                 if code in CLEAN_EXITS or self._stopping.is_set():
                     return code if code >= 0 else 128 - code
-                if time.monotonic() - began_s >= SOUND_S:
-                    self._delay_s = self._first_delay_s
+                delay_s = self._delay.after(time.monotonic() - began_s)
                 self.restarts += 1
                 how = f"ended with code {code}" if code > 0 else f"was ended by signal {-code}"
-                self._report(f"warning: the pipeline {how}; restart {self.restarts} in {self._delay_s:g} s")
-                if self._stopping.wait(self._delay_s):
+                self._report(f"warning: the pipeline {how}; restart {self.restarts} in {delay_s:g} s")
+                if self._stopping.wait(delay_s):
                     return 0
-                self._delay_s = min(LONGEST_DELAY_S, 2 * self._delay_s)
         finally:
             for number, handler in earlier.items():
                 signal.signal(number, handler)
