@@ -22,6 +22,8 @@ DEPLOY = Path(__file__).parents[3] / "deploy"
 OPENMETRICS = {"Accept": "application/openmetrics-text; version=1.0.0"}
 TEXT = "fakesrc num-buffers=20 ! queue ! sorter ! valve drop=true name=closed ! fakesink name=out"
 METRIC = re.compile(r"\b(?:(?:streamkit|process)_\w+|up\b)")
+GROUPED = re.compile(r"(?:by|ignoring) \(([^)]+)\)")
+SELECTED = re.compile(r'(\w+)=~?"')
 
 
 class Sorter(Transform):
@@ -115,12 +117,16 @@ def rules() -> dict[str, str]:
     return alerts | {panel["title"]: one["expr"] for panel in panels for one in panel["targets"]}
 
 
-def test_alerts_and_dashboard_ask_for_metrics_that_are_there(monitor: Monitor) -> None:
-    """Each name in an expression is one that a scrape has; brackets are closed."""
+def test_alerts_and_dashboard_are_valid_and_ask_for_what_is_there(monitor: Monitor) -> None:
+    """Prometheus' grammar and types accept each expression; a scrape has each of its names and labels."""
+    parser = pytest.importorskip("promql_parser")
     monitor.reconnects["src"] = monitor.restarts["bin"] = 1
-    there = {one.name for one in samples(monitor)} | {"up"}  # by Prometheus itself
+    found = samples(monitor)
+    names = {one.name for one in found} | {"up"}  # by Prometheus itself, as are two labels
+    labels = {label for one in found for label in one.labels} | {"instance", "job"}
     for name, expression in rules().items():
+        parser.parse(expression)
         assert METRIC.search(expression), name
-        assert set(METRIC.findall(expression)) <= there, name
-        for opening, closing in ("()", "[]", "{}"):
-            assert expression.count(opening) == expression.count(closing), name
+        assert set(METRIC.findall(expression)) <= names, name
+        grouped = [label for group in GROUPED.findall(expression) for label in group.split(", ")]
+        assert {*grouped, *SELECTED.findall(expression)} <= labels, name
