@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 import urllib.request
+import uuid
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +21,7 @@ from streamkit_fleet import control
 from streamkit_fleet.cluster import connected
 from streamkit_fleet.feed_actor import FeedStatus
 from streamkit_fleet.feeds import FeedSpec
+from streamkit_zenoh import TrackSubscriber
 from tests.slowness import patience
 
 SMALL = {"object_store_memory": 80_000_000, "include_dashboard": False}
@@ -123,6 +127,41 @@ def test_a_dead_node_loses_no_feed(nodes: Nodes) -> None:
     assert after["roof"].pid == before["roof"].pid
     control.stop(["gate", "roof"])
     assert control.statuses() == []
+
+
+@pytest.mark.timeout(240)
+def test_a_subscriber_sees_each_run_whole(nodes: Nodes) -> None:
+    """A feed's process dies, then its node: each start is a later run, and every gap in a run is counted."""
+    for _ in range(2):
+        nodes.cluster.add_node(num_cpus=1, resources={"site-d": 1}, object_store_memory=80_000_000)
+    publish = LIVE.replace("fakesink name=${name}", "zenohsink key=${name}")
+    key = f"test/{uuid.uuid4().hex}"
+    seen: dict[int, list[int]] = defaultdict(list)  # numbers of the frames, by run
+    with TrackSubscriber(key, ring=100_000, ask_last=False) as subscriber:
+
+        def listen() -> None:
+            for update in subscriber.updates():
+                if update.record is not None:
+                    seen[update.run].append(update.record.seq)
+
+        thread = threading.Thread(target=listen, daemon=True)
+        thread.start()
+        spec = FeedSpec(text=publish, set={"name": key}, cores=0.2, tags=["site-d"])
+        control.apply({"gate": spec})
+        first = wait_for(lambda found: all_ready(found) and len(seen) == 1)["gate"]
+        os.kill(first.pid, signal.SIGKILL)
+        second = wait_for(lambda found: all_ready(found) and len(seen) == 2)["gate"]
+        host = next(node for node in nodes.cluster.list_all_nodes() if node.node_id == second.node)
+        nodes.cluster.remove_node(host, allow_graceful=False)
+        wait_for(lambda found: all_ready(found) and len(seen) == 3)
+        control.stop(["gate"])
+        counts = subscriber.counts
+    thread.join(patience(10))
+    assert list(seen) == sorted(seen)
+    assert counts.restarts == 2
+    gaps = sum(numbers[-1] - numbers[0] + 1 - len(numbers) for numbers in seen.values())
+    assert gaps == counts.lost
+    assert all(numbers == sorted(numbers) for numbers in seen.values())
 
 
 @pytest.mark.timeout(240)
