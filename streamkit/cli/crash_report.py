@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import faulthandler
 import mmap
@@ -47,6 +48,7 @@ class CrashReport:
                 offset += len(line)
             with contextlib.suppress(OSError):  # no shell: only the traceback is printed
                 self._process = self._watcher(record.fileno())
+        atexit.register(self.close)  # Ctrl-C may come before or after the signals are handled
 
     def _watcher(self, record: int) -> subprocess.Popen[bytes]:
         inherited = os.dup(record)
@@ -63,6 +65,7 @@ class CrashReport:
 
     def close(self) -> None:
         """Ends the shell process without a report."""
+        atexit.unregister(self.close)
         process, self._process = self._process, None
         if process is None:
             return

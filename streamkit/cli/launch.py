@@ -176,7 +176,7 @@ def launch(
         except OSError as error:
             display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
             code = code or 1
-    _exit(code)
+    _exit(code, abandons_start=run.abandons_start)
 
 
 @contextlib.contextmanager
@@ -258,13 +258,15 @@ def to_json(value: Struct) -> str:
     return msgspec.json.encode(plain).decode()
 
 
-def _exit(code: int) -> NoReturn:
-    """Exits, even if a library's thread does not end."""
+def _exit(code: int, *, abandons_start: bool) -> NoReturn:
+    """Exits, even if a thread does not end: an error, unless it is that of an interrupted start."""
     left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
-    if left:
+    if left and not abandons_start:
         names = ", ".join(thread.name for thread in left)
         typer.echo(presentable(f"error: threads did not end: {names}"), err=True)
+        code = code or 1
+    if left:
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(code or 1)
+        os._exit(code)
     raise typer.Exit(code)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from streamkit.cli.crash_report import CrashReport
-from streamkit.errors import ElementFailure, StartCancelled, StateError, StreamkitError
+from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ class Run:
         interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.
         statistics: counters at the end, before the pipeline is stopped.
         shortfalls: warnings that something the pipeline is for was not made.
+        abandons_start: whether an interrupted start has not returned, such as one that compiles loops.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class Run:
         self.quiet = quiet
         self.monitor = monitor
         self.interrupts = 0
+        self.abandons_start = False
         self.statistics: RunStatistics | None = None
         self.shortfalls: list[str] = []
         self._is_watching = self._is_starting = False
@@ -105,8 +107,7 @@ class Run:
                 self.monitor.begin()
             return self._watch()
         except StreamkitError as error:
-            if isinstance(error, ElementFailure) and isinstance(error.cause, StartCancelled):
-                self._print_interrupt("stopped before it played")
+            if isinstance(error, ElementFailure) and self._is_cancelled(error):
                 return 0
             self._print_traceback(error)
             return self._fail(str(error))
@@ -115,6 +116,17 @@ class Run:
             self._print_caps()
             self.statistics = self.display.measure_last()
             gc.unfreeze()
+
+    def _is_cancelled(self, error: ElementFailure) -> bool:
+        """Whether an interrupt made the start fail; says so."""
+        self.abandons_start = bool(self.interrupts) and isinstance(error.cause, HangDetected)
+        if self.abandons_start:
+            self._print_interrupt(f"stopped while {error.element} was starting")
+        elif isinstance(error.cause, StartCancelled):
+            self._print_interrupt("stopped before it played")
+        else:
+            return False
+        return True
 
     def _stop(self) -> int:
         """Stops the pipeline; returns 1 if a call of an element was abandoned."""

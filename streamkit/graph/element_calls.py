@@ -13,7 +13,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.watchdog import hang_of, hang_warning
 
 POLL_S = 0.1
-CANCEL_GRACE_S = 5.0  # time for an interrupted call to return
+CANCEL_GRACE_S = 0.5  # time for an interrupted call to return: Ctrl-C ends a start within 1 s
 
 
 @dataclass(frozen=True)
@@ -89,13 +89,14 @@ class ElementCall(threading.Thread):
             raise self._error
 
 
-def start_element(element: Element, limits: CallLimits) -> None:
-    """Starts an element.
+def start_element(element: Element, started: list[Element], limits: CallLimits) -> None:
+    """Starts an element, and adds it to those that have to be stopped.
 
     Raises:
         ElementFailure: `start` failed, was cancelled (`StartCancelled`), or did not return after that
             (`HangDetected`).
     """
+    started.append(element)
     element.stopping.clear()
     element.rearm()
     element.is_flushing = False
@@ -113,6 +114,7 @@ def start_element(element: Element, limits: CallLimits) -> None:
     try:
         call.check(CANCEL_GRACE_S)
     except HangDetected as cause:
+        started.remove(element)  # its `stop` must not run beside its `start`
         raise element.failure(cause) from cause
     except Exception as cause:
         if not was_cancelled:

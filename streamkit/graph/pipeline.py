@@ -117,7 +117,6 @@ class Pipeline:
                 check_files(self.graph.elements)
             except FileConflict as error:
                 raise error.element.failure(error) from None
-            self._cancelled.clear()
             self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
             self.timing.reset()
             self.timing.running.set()
@@ -129,6 +128,7 @@ class Pipeline:
             except BaseException:
                 stop_elements(self._started, self._limits())
                 self._processes.stop()
+                self._cancelled.clear()
                 raise
             self._change_state(State.READY)
 
@@ -196,7 +196,7 @@ class Pipeline:
                 self._playback.flush()
 
     def cancel(self) -> None:
-        """Cancels a start or stop in progress; safe in any thread or signal handler.
+        """Cancels a start or stop in progress, or the next start; safe in any thread or signal handler.
 
         The start raises `ElementFailure` (of `StartCancelled`) after stopping started elements; the stop
         abandons calls that did not return.
@@ -224,6 +224,7 @@ class Pipeline:
             stuck = self._end_streaming(self.graph.elements)
             stuck += stop_elements(self._started, self._limits())
             self._processes.stop()
+            self._cancelled.clear()
             self._change_state(State.NULL)
             self.ended.set()
         check_ended(stuck, STOP_LIMIT_S)
@@ -321,8 +322,7 @@ class Pipeline:
         element.pipeline_error = lambda: self.error
         if not self.graph.is_local(element):
             return
-        self._started.append(element)
-        start_element(element, self._limits())
+        start_element(element, self._started, self._limits())
         element.is_playing = self.state in (State.PAUSED, State.PLAYING)
 
     def _set_playing(self, value: bool) -> None:

@@ -17,6 +17,7 @@ from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, HangDetected, ProcessDied, StartCancelled, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bins import Bin
+from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ChildProcess
 from streamkit.graph.processes.merged_statistics import merge_statistics
@@ -88,7 +89,7 @@ class Processes:
             if cancelled.is_set():
                 raise StartCancelled("the start of the processes was interrupted")
         except BaseException as error:
-            self.stop()
+            self.stop(is_cancelled=cancelled.is_set())
             if isinstance(error, ElementFailure) or not isinstance(error, StreamkitError):
                 raise
             raise self._parts[0].failure(error, -1) from error
@@ -144,14 +145,15 @@ class Processes:
                 part.child.silence_limit_s = 0.0
             part.try_order("stop")
 
-    def stop(self) -> None:
-        """Ends every child: kills those that do not end in time."""
+    def stop(self, *, is_cancelled: bool = False) -> None:
+        """Ends every child: kills those that do not end in time, soon if their start was cancelled."""
         self.begin_stop()
-        deadline = time.monotonic() + max(STOP_LIMIT_S, self._watchdog_s)
+        limit_s = CANCEL_GRACE_S if is_cancelled else max(STOP_LIMIT_S, self._watchdog_s)
+        deadline = time.monotonic() + limit_s
         for part in self._parts:
             while (child := part.child) is not None:  # a restart may be about to replace it
                 child.join(max(0.0, deadline - time.monotonic()))
-                child.kill("has not ended in time and was killed")
+                child.kill("" if is_cancelled else "has not ended in time and was killed")
                 child.join()
                 if child.reason.startswith("has not"):
                     self._post(Message(MessageKind.WARNING, part.home.name, str(child.death())))

@@ -57,11 +57,11 @@ def launch(tmp_path: Path) -> Launch:
     (info / "METADATA").write_text("Name: faulty\nVersion: 1\n", encoding="utf-8")
     (info / "entry_points.txt").write_text("[streamkit.elements]\nfaulty = faulty:Faulty\n", encoding="utf-8")
 
-    def start(*arguments: str) -> subprocess.Popen[str]:
+    def start(*arguments: str, environment: dict[str, str] | None = None) -> subprocess.Popen[str]:
         path = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
         return subprocess.Popen(
             [*COMMAND, *arguments],
-            env={**os.environ, "PYTHONPATH": path},
+            env={**os.environ, "PYTHONPATH": path, **(environment or {})},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -90,12 +90,41 @@ def test_a_clean_run_prints_no_crash_report(launch: Launch) -> None:
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize("where", ["start", "stop"])
-def test_one_interrupt_abandons_a_hanging_call(launch: Launch, where: str) -> None:
-    """The process ends within the grace period."""
+@pytest.mark.parametrize(
+    ("lens", "when"),
+    [
+        ("faulty name=lens where=start", "while lens was starting"),
+        ("( process=true faulty name=lens where=start )", "before it played"),
+    ],
+)
+def test_one_interrupt_abandons_a_start(launch: Launch, lens: str, when: str) -> None:
+    """One that compiles loops returns much later; the line is plain."""
+    process = launch(f"fakesrc num-buffers=9 ! {lens} ! fakesink")
+    assert process.stdout is not None
+    assert process.stdout.readline() == "inside\n"
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (0, f"interrupt: stopped {when}\n")
+
+
+def test_an_interrupt_while_loops_compile_is_a_clean_stop(launch: Launch, tmp_path: Path) -> None:
+    """Without machine code in the cache; each loop takes seconds."""
     process = launch(
-        "--watchdog-s", "1", f"fakesrc num-buffers=9 ! faulty name=lens where={where} ! fakesink"
+        "dronetestsrc ! stitch ! fakesink", environment={"NUMBA_CACHE_DIR": str(tmp_path / "empty")}
     )
+    assert process.stderr is not None
+    assert "loops are being compiled" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)  # compiling takes longer
+    assert process.returncode == 0
+    assert errors in (
+        f"interrupt: stopped {when}\n" for when in ("while stitch0 was starting", "before it played")
+    )
+
+
+def test_one_interrupt_abandons_a_hanging_stop(launch: Launch) -> None:
+    """The process ends within the grace period."""
+    process = launch("--watchdog-s", "1", "fakesrc num-buffers=9 ! faulty name=lens where=stop ! fakesink")
     assert process.stdout is not None
     assert process.stdout.readline() == "inside\n"
     began = time.monotonic()
@@ -103,7 +132,7 @@ def test_one_interrupt_abandons_a_hanging_call(launch: Launch, where: str) -> No
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert time.monotonic() - began < 30
-    assert f"its {where} has not returned" in errors
+    assert "its stop has not returned" in errors
     assert "lens" in errors
 
 
