@@ -15,7 +15,7 @@ from streamkit.cli.main import make_app
 def launch(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     """Runs the command in this process, without leaving it."""
 
-    def leave(code: int) -> None:
+    def leave(code: int, **_: Any) -> None:
         raise typer.Exit(code)
 
     monkeypatch.setattr("streamkit.cli.launch._exit", leave)
