@@ -16,55 +16,79 @@ TEXTURE_SHARE = np.float32(0.2357)
 FLOOR = np.float32(5.0)  # squared sum of gradients over four cells; keeps flat parts from becoming noise
 
 
-def gradient_channels(patch: Float32Array) -> Float32Array:
-    """Oriented gradients of a patch, normalised by the four blocks around each cell.
+def gradient_channels(patches: Float32Array) -> Float32Array:
+    """Oriented gradients of patches, normalised by the four blocks around each cell.
 
     Args:
-        patch: float32[rows, columns], both multiples of 4.
+        patches: float32[n, rows, columns], rows and columns multiples of 4.
 
     Returns:
-        float32[31, rows / 4, columns / 4]: 18 directions, 9 without sign, 4 sums over the directions.
+        float32[n, 31, rows / 4, columns / 4]: 18 directions, 9 without sign, 4 sums over the directions.
 
     Source: Felzenszwalb, Girshick, McAllester and Ramanan, Object Detection with Discriminatively Trained
     Part-Based Models, TPAMI 2010, section 6.
     """
-    rows, columns = patch.shape
-    channels = np.empty((CHANNELS, rows // CELL, columns // CELL), np.float32)
+    count, rows, columns = patches.shape
+    channels = np.empty((count, CHANNELS, rows // CELL, columns // CELL), np.float32)
     angles = np.arange(HALF) * (np.pi / HALF)
-    directions = np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
-    _normalise(_histograms(patch, directions), channels)
+    _fill(patches, np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32), channels)
     return channels
 
 
 @compiled
-def _histograms(patch: Float32Array, directions: Float32Array) -> Float32Array:
-    """Gradients by direction, float32[18, rows / 4 + 2, columns / 4 + 2] with a border of one cell."""
+def _fill(patches: Float32Array, directions: Float32Array, channels: Float32Array) -> None:
+    """Fills in the channels of every patch; `directions` float32[2, 9] are unit vectors."""
+    rows, columns = channels.shape[2:]
+    cells = np.empty((DIRECTIONS, rows + 2, columns + 2), np.float32)
+    for index in range(len(patches)):
+        cells[:] = 0
+        _histograms(patches[index], directions, cells)
+        _normalise(cells, channels[index])
+
+
+@compiled
+def _histograms(patch: Float32Array, directions: Float32Array, cells: Float32Array) -> None:
+    """Adds gradients by direction to float32[18, rows / 4 + 2, columns / 4 + 2], with a border of one cell.
+
+    Each step is a loop of its own over a row, so that the processor takes several samples at once.
+    """
     rows, columns = patch.shape
-    cells = np.zeros((DIRECTIONS, rows // CELL + 2, columns // CELL + 2), np.float32)
     step, half = np.float32(1 / CELL), np.float32(0.5)
+    across, down, strength = np.empty((3, columns), np.float32)
+    nearest = np.empty(columns, np.int32)
     for row in range(rows):
+        upper, line, lower = patch[max(row - 1, 0)], patch[row], patch[min(row + 1, rows - 1)]
+        across[0], across[-1] = line[1] - line[0], line[-1] - line[-2]
+        for column in range(1, columns - 1):
+            across[column] = line[column + 1] - line[column - 1]
+        for column in range(columns):
+            down[column] = lower[column] - upper[column]
+            strength[column], nearest[column] = np.float32(0), np.int32(0)
+        for index in range(HALF):
+            cosine, sine = directions[0, index], directions[1, index]
+            forward, backward = np.int32(index), np.int32(index + HALF)
+            for column in range(columns):
+                along = cosine * across[column] + sine * down[column]
+                # read before the choice: a read in one of two branches keeps the loop scalar
+                most, held = strength[column], nearest[column]
+                direction = forward if along > 0 else backward
+                nearest[column] = direction if abs(along) > most else held
+                strength[column] = max(abs(along), most)
+        for column in range(columns):
+            strength[column] = np.sqrt(across[column] * across[column] + down[column] * down[column])
         place = (row + half) * step + half
         top = int(place)
         below = place - top
-        upper, lower = max(row - 1, 0), min(row + 1, rows - 1)
         for column in range(columns):
-            x = patch[row, min(column + 1, columns - 1)] - patch[row, max(column - 1, 0)]
-            y = patch[lower, column] - patch[upper, column]
-            best, direction = np.float32(0), 0
-            for index in range(HALF):
-                along = directions[0, index] * x + directions[1, index] * y
-                if abs(along) > best:
-                    best, direction = abs(along), index if along > 0 else index + HALF
-            strength = np.sqrt(x * x + y * y)
             place = (column + half) * step + half
             left = int(place)
             right = place - left
-            upper_part, lower_part = strength * (1 - below), strength * below
+            direction = nearest[column]
+            upper_part, lower_part = strength[column] * (1 - below), strength[column] * below
             cells[direction, top, left] += upper_part * (1 - right)
             cells[direction, top, left + 1] += upper_part * right
             cells[direction, top + 1, left] += lower_part * (1 - right)
             cells[direction, top + 1, left + 1] += lower_part * right
-    return cells
 
 
 @compiled
@@ -78,24 +102,21 @@ def _normalise(cells: Float32Array, channels: Float32Array) -> None:
     blocks = energy[:-1, :-1] + energy[:-1, 1:] + energy[1:, :-1] + energy[1:, 1:] + FLOOR
     scales = np.float32(1) / np.sqrt(blocks)
     half = np.float32(0.5)
+    textures = channels[DIRECTIONS + HALF :]
+    textures[:] = 0
     for row in range(rows - 2):
-        for column in range(columns - 2):
-            around = (
-                scales[row, column],
-                scales[row, column + 1],
-                scales[row + 1, column],
-                scales[row + 1, column + 1],
-            )
-            for block in range(4):
-                total = np.float32(0)
-                for direction in range(DIRECTIONS):
-                    total += min(cells[direction, row + 1, column + 1] * around[block], CLIP)
-                channels[DIRECTIONS + HALF + block, row, column] = TEXTURE_SHARE * total
-            for direction in range(DIRECTIONS + HALF):
+        upper, lower = scales[row], scales[row + 1]
+        for direction in range(DIRECTIONS + HALF):
+            for column in range(columns - 2):
                 value = cells[direction % DIRECTIONS, row + 1, column + 1]
                 if direction >= DIRECTIONS:
                     value += cells[direction - HALF, row + 1, column + 1]
-                total = np.float32(0)
-                for block in range(4):
-                    total += min(value * around[block], CLIP)
-                channels[direction, row, column] = half * total
+                first, second = min(value * upper[column], CLIP), min(value * upper[column + 1], CLIP)
+                third, fourth = min(value * lower[column], CLIP), min(value * lower[column + 1], CLIP)
+                channels[direction, row, column] = half * (first + second + third + fourth)
+                if direction < DIRECTIONS:
+                    textures[0, row, column] += first
+                    textures[1, row, column] += second
+                    textures[2, row, column] += third
+                    textures[3, row, column] += fourth
+    textures *= TEXTURE_SHARE

@@ -84,8 +84,8 @@ class RegionFeatures:
         wider = window[None].copy()
         wider[:, LENGTH : WIDTH + 1] = side
         factor = shrink_factor(wider[0], (SAMPLES, SAMPLES), sampler.shape)
-        patch = sampler.sample(wider, (SAMPLES, SAMPLES), factor).reshape(SAMPLES, SAMPLES)
-        gradients = gradient_channels(patch)
+        patch = sampler.sample(wider, (SAMPLES, SAMPLES), factor)
+        gradients = gradient_channels(patch.reshape(1, SAMPLES, SAMPLES))[0]
         levels = patch.reshape(GRID, CELL, GRID, CELL).mean(axis=(1, 3)) + MIDDLE_GREY
         chroma = sampler.sample_chroma(wider, (GRID, GRID))
         colours, bins = np.empty((COLOUR_CHANNELS, GRID * GRID), np.float32), np.empty(GRID * GRID, np.int64)

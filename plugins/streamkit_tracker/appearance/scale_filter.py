@@ -70,7 +70,7 @@ class ScaleFilter:
         windows[:, LENGTH : WIDTH + 1] *= self._factors[:, None]
         factor = shrink_factor(window, self._patch, sampler.shape)
         patches = sampler.sample(windows, self._patch, factor).reshape(SIZES, *self._patch)
-        features = np.stack([gradient_channels(patch).ravel() for patch in patches])
+        features = gradient_channels(patches).reshape(SIZES, -1)
         features -= COMMON_SHARE * features.mean(axis=0)
         return np.fft.rfft(np.fft.ifftshift(features * self._hann[:, None], axes=0), axis=0)
 

@@ -67,6 +67,8 @@ def check_windows(targets: TargetRows, detected: FloatArray, step_s: float) -> N
     targets["restart"] = False
     awake = ~targets["manual"] & (targets["state"] != TENTATIVE)
     index = np.flatnonzero(awake & (targets["detection"] >= 0) & ~targets["crowded"])
+    if not len(index):
+        return
     rows = targets[index]
     seen, window, mean = detected[rows["detection"]], rows["window"], rows["mean"]
     window[:, :2] = np.where(rows["recognised"][:, None], window[:, :2], mean[:, :2])
