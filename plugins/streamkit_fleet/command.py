@@ -67,15 +67,25 @@ def up(
 
 @fleet.command()
 def apply(table: TableArgument, address: AddressOption = None, wait_s: WaitOption = 30.0) -> None:
-    """Starts, stops and replaces feeds until what runs is what the table says; others go on undisturbed."""
+    """Starts, stops and replaces feeds until what runs is what the table says; others go on undisturbed.
+
+    Exit code 1 if a feed is refused: its machine has no room for what it was measured to need.
+    """
     with _connected(address):
         from streamkit_fleet import control
         from streamkit_fleet.feeds import read_feeds
 
-        for name, what in sorted(control.apply(read_feeds(table)).items()):
+        feeds = read_feeds(table)
+        done = control.apply(feeds)
+        for name, what in sorted(done.items()):
             typer.echo(f"{what:9} {name}")
         for line in control.wait_ready(wait_s):
             typer.echo(f"note: {presentable(line)}", err=True)
+        new = {name: feed for name, feed in feeds.items() if done[name] != "unchanged"}
+        refused = control.admit(new, wait_s)
+        for name, reason in refused.items():
+            typer.echo(f"refused   {name}: {reason}", err=True)
+    raise typer.Exit(int(bool(refused)))
 
 
 @fleet.command()
@@ -96,10 +106,10 @@ def status(
         for row in found:
             typer.echo(msgspec.json.encode(row).decode())
     else:
-        columns = ("feed", "state", "node", "frames", "dropped", "restarts", "metrics", "missing")
+        columns = ("feed", "state", "node", "cores", "frames", "dropped", "restarts", "metrics", "missing")
         grid = Table(*columns, box=None)
         for row in found:
-            counts = (row.frames, row.dropped, row.restarts)
+            counts = (f"{row.cores:.2f}", row.frames, row.dropped, row.restarts)
             grid.add_row(row.name, row.state, row.node[:8], *map(str, counts), row.metrics, row.reason)
         Console(width=None if os.isatty(1) else 200).print(grid)
     raise typer.Exit(int(not all(row.ready or row.state == "ended" for row in found)))

@@ -11,6 +11,7 @@ from ray.exceptions import RayError
 from ray.util import list_named_actors
 
 from streamkit import ResourceError
+from streamkit_fleet.admission import excess
 from streamkit_fleet.feed_actor import STOP_LIMIT_S, FeedActor, FeedStatus
 from streamkit_fleet.feeds import FeedSpec
 
@@ -89,7 +90,8 @@ def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
         if name not in known:
             done[name] = "started"
         else:
-            done[name] = "unchanged" if known[name].digest == feed.digest else "replaced"
+            is_same = known[name].digest == feed.digest and known[name].state != "refused"
+            done[name] = "unchanged" if is_same else "replaced"
     stop(name for name, what in done.items() if what in ("stopped", "replaced"))
     for name, what in done.items():
         if what in ("started", "replaced"):
@@ -110,15 +112,44 @@ def wait_ready(limit_s: float) -> list[str]:
     return [f"{one.name}: {one.reason}{room if one.state == 'restarting' else ''}" for one in late]
 
 
+def admit(new: Mapping[str, FeedSpec], limit_s: float) -> dict[str, str]:
+    """Refuses those of the new feeds whose machines have no room for their measured cost.
+
+    Args:
+        new: the feeds that may be refused.
+        limit_s: how long to wait for the measurement; a feed without one is admitted.
+
+    Returns:
+        Why, by feed.
+    """
+    deadline_s = time.monotonic() + limit_s
+    while True:
+        ready = {status.name: status for status in statuses() if status.ready}
+        if all(ready[name].cores for name in ready.keys() & new) or time.monotonic() >= deadline_s:
+            break
+        time.sleep(POLL_S)
+    refused: dict[str, str] = {}
+    for node in ray.nodes():  # type: ignore[no-untyped-call]
+        needs = {name: one.cores for name, one in ready.items() if one.node == node["NodeID"]}
+        here = {name: feed for name, feed in new.items() if name in needs}
+        refused |= excess(needs, node["Resources"].get("CPU", 0.0), here)
+    _wait([actor.refuse.remote(refused[name]) for name, actor in running().items() if name in refused])
+    return refused
+
+
 def stop(names: Iterable[str]) -> None:
     """Ends the streams of feeds, so that files are completed, then their processes."""
     actors = running()
     ending = {name: actors[name] for name in names if name in actors}
-    refs = [actor.stop.remote() for actor in ending.values()]
-    if refs:
-        ray.wait(refs, num_returns=len(refs), timeout=STOP_LIMIT_S + 5.0)
+    _wait([actor.stop.remote() for actor in ending.values()])
     for actor in ending.values():
         ray.kill(actor, no_restart=True)
+
+
+def _wait(stops: list[Any]) -> None:
+    """Waits until streams have ended."""
+    if stops:
+        ray.wait(stops, num_returns=len(stops), timeout=STOP_LIMIT_S + 5.0)
 
 
 def drain(node: str, feeds: Mapping[str, FeedSpec]) -> list[str]:

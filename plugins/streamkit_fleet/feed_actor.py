@@ -13,6 +13,7 @@ from typing_extensions import override
 
 from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, RestartDelay, Run, StreamkitError
 from streamkit.masking import mask_secrets, presentable
+from streamkit_fleet.admission import CostMeter
 from streamkit_fleet.feeds import FeedSpec
 
 LOG_LINES = 1000
@@ -23,8 +24,10 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
     """How a feed is.
 
     Attributes:
-        state: starting, playing, waiting (to start again), ended, failed; restarting if it does not answer.
+        state: starting, playing, waiting (to start again), ended, failed, refused (no room); restarting if it
+            does not answer.
         ready: whether it is of use; `reason` says what is missing.
+        cores: that it needs to hold its frame rate, as measured; 0 before.
         restarts: of the pipeline in this process.
         frames, dropped: since the pipeline started.
         metrics: HOST:PORT, or "".
@@ -37,6 +40,7 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""
     node: str = ""
     pid: int = 0
+    cores: float = 0.0
     restarts: int = 0
     frames: int = 0
     dropped: int = 0
@@ -71,7 +75,9 @@ class FeedActor:
         self._stopping = threading.Event()
         self._monitor: Monitor | None = None
         self._run: Run | None = None
+        self._cost: CostMeter | None = None
         self._metrics = ""
+        os.nice(feed.nice)  # of this thread and of those that it starts; Ray's own go on as before
         self._thread = threading.Thread(target=self._serve, name=f"streamkit:feed:{name}", daemon=True)
         self._thread.start()
 
@@ -82,6 +88,8 @@ class FeedActor:
         reason, rows = self._reason, []
         if self._state == "playing" and self._monitor is not None:
             reason, rows = self._monitor.missing(), self._monitor.pipeline.statistics()
+            if self._cost is not None:
+                self._cost.update()
         return FeedStatus(
             name=self._name,
             state=self._state,
@@ -89,6 +97,7 @@ class FeedActor:
             reason=reason,
             node=ray.get_runtime_context().get_node_id(),
             pid=os.getpid(),
+            cores=0.0 if self._cost is None else self._cost.cores,
             restarts=self._restarts,
             frames=max((row.frames_in for row in rows), default=0),
             dropped=sum(sum(row.dropped.values()) for row in rows),
@@ -106,6 +115,11 @@ class FeedActor:
         if self._run is not None:
             self._run.interrupt()
         self._thread.join(STOP_LIMIT_S)
+
+    def refuse(self, reason: str) -> None:
+        """Ends the stream for want of room; the feed stays to say so."""
+        self.stop()
+        self._state, self._reason = "refused", reason
 
     # The thread.
 
@@ -136,6 +150,7 @@ class FeedActor:
         pipeline = Pipeline.parse(self._feed.text, self._feed.variables())
         self._monitor = monitor = Monitor(pipeline, {})
         monitor.pipeline_restarts = self._restarts
+        self._cost = CostMeter(pipeline, self._feed.frame_rate)
         log = FeedLog(pipeline)
         log.kept = self._lines
         self._run = run = Run(

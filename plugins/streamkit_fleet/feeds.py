@@ -6,7 +6,7 @@ import hashlib
 import os
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -25,6 +25,8 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         secrets: values of its variables by reference: "env:NAME" or "file:PATH", read where the feed runs.
         cores, gpus: that Ray reserves for it.
         memory_mb: that Ray reserves for it, MB; 0 is none.
+        frame_rate: that it must hold, 1/s; a feed for whose measured cost there is no room is refused.
+        nice: of its process, 0 to 19; where cores are short, feeds with a higher one drop frames first.
         tags: custom resources of the machines it may run on, as of `ray start --resources`.
         max_restarts: by Ray, of a process that died; -1 is no limit.
         metrics: HOST:PORT of its metrics; port 0 takes a free one; "" is none.
@@ -37,6 +39,8 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     cores: float = 1.0
     gpus: float = 0.0
     memory_mb: int = 0
+    frame_rate: float = 25.0
+    nice: Annotated[int, msgspec.Meta(ge=0, le=19)] = 0
     tags: list[str] = []
     max_restarts: int = -1
     metrics: str = "127.0.0.1:0"

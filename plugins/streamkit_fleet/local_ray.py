@@ -80,6 +80,7 @@ def start(cores: int | None = None) -> LocalRay:
         with open(token, "w", encoding="ascii") as file_of_token:
             file_of_token.write(secrets.token_hex(32))
         use_token()
+        os.environ.setdefault("RAY_worker_niceness", "0")  # its 15 leaves `nice` of a feed no room
         with (record.parent / "ray.log").open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "ray.scripts.scripts", "start", *options],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import threading
 import time
@@ -42,6 +43,7 @@ def nodes() -> Iterator[Nodes]:
     """A head and a second node."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FEED_SECRET", SECRET)
+        patch.setenv("RAY_worker_niceness", "0")
         patch.setenv("RAY_health_check_period_ms", "500")
         patch.setenv("RAY_health_check_failure_threshold", "3")
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, **SMALL})
@@ -162,6 +164,29 @@ def test_a_subscriber_sees_each_run_whole(nodes: Nodes) -> None:
     gaps = sum(numbers[-1] - numbers[0] + 1 - len(numbers) for numbers in seen.values())
     assert gaps == counts.lost
     assert all(numbers == sorted(numbers) for numbers in seen.values())
+
+
+@pytest.mark.timeout(240)
+def test_a_feed_without_room_is_refused_with_the_numbers(nodes: Nodes) -> None:
+    """The measured cost decides; the feed stays stopped, says why, and is tried again by the next apply."""
+    small = feed("small", frame_rate=0.001, nice=3)
+    control.apply({"small": small})
+    big = feed("big", frame_rate=1e6)
+    table = {"small": small, "big": big}
+    assert control.apply(table) == {"small": "unchanged", "big": "started"}
+    wait_for(lambda found: all_ready(found) and len(found) == 2)
+    refused = control.admit({"big": big}, patience(20))
+    said = r"no room: for 1e\+06 frames/s it needs \d+\.\d\d of 1 cores, .* there \d\.\d\d; set"
+    assert re.match(said, refused["big"])
+    found = wait_for(lambda found: found["big"].state == "refused")
+    assert found["big"].reason == refused["big"]
+    assert found["small"].ready
+    assert os.getpriority(os.PRIO_PROCESS, found["small"].pid) == min(os.nice(0) + 3, 19)
+    table["big"] = feed("big", frame_rate=0.001)
+    assert control.apply(table)["big"] == "replaced"
+    wait_for(all_ready)
+    assert control.admit({"big": table["big"]}, patience(20)) == {}
+    control.stop(table)
 
 
 @pytest.mark.timeout(240)

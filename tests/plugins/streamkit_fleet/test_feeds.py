@@ -67,6 +67,7 @@ def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytes
         ("[feeds.a]\ntext='fakesrc ! nothing'", "feed a: .*nothing"),
         ("[feeds.a]\ncolour=1", "feed a: .*colour"),
         ("[feeds.a]\nfile='gone.pipe'", "feed a: .*gone.pipe"),
+        ("[feeds.a]\ntext='fakesrc ! fakesink'\nnice=-1", "feed a: .*nice"),
         ("[feeds.a]\ntext='fakesrc ! fakesink'\nsecrets={p='hunter2'}", "a secret is a reference"),
         ("[feeds", "cannot read the feeds"),
     ],
