@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import gc
 import os
 import signal
 import sys
@@ -139,13 +140,14 @@ def launch(
         _supervise()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
-        from msgspec import structs
-
-        from streamkit.cli.run import Run
-        from streamkit.service.monitor import Monitor
-
         as_json = json_errors or log_format is LogFormat.JSON
-        pipeline = build(source, as_json=as_json)
+        with without_collection():
+            from msgspec import structs
+
+            from streamkit.cli.run import Run
+            from streamkit.service.monitor import Monitor
+
+            pipeline = build(source, as_json=as_json)
         if processes is ProcessChoice.AUTO:
             from streamkit.cli.processes import choose_processes
 
@@ -191,6 +193,16 @@ def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
         if not quiet:
             typer.echo("interrupt: stopped before it played", err=True)
         raise typer.Exit(0) from None
+
+
+@contextlib.contextmanager
+def without_collection() -> Iterator[None]:
+    """Context without garbage collection: there is no garbage among what imports make."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def build(source: Description, *, as_json: bool) -> Pipeline:

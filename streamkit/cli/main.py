@@ -5,7 +5,9 @@ This module has no slow imports, so that Ctrl-C is handled from the beginning.
 
 from __future__ import annotations
 
+import atexit
 import errno
+import gc
 import io
 import os
 import sys
@@ -57,6 +59,7 @@ def secure_streams() -> None:
 def main() -> None:
     """Entry point of the command line."""
     secure_streams()
+    atexit.register(gc.freeze)  # no search for garbage in memory that the kernel takes back at once
     arguments = sys.argv[1:]
     try:
         make_app()()
