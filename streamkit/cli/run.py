@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import inspect
 import os
 import signal
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from streamkit.cli.crash_report import CrashReport
@@ -18,6 +20,7 @@ from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
+    from streamkit.element.base import Element
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
     from streamkit.service.monitor import Monitor
@@ -109,8 +112,7 @@ class Run:
         except StreamkitError as error:
             if isinstance(error, ElementFailure) and self._is_cancelled(error):
                 return 0
-            self._print_traceback(error)
-            return self._fail(str(error))
+            return self._fail(str(error), error)
         finally:
             self._is_watching = self._is_starting = False
             self._print_caps()
@@ -152,8 +154,7 @@ class Run:
                 self.monitor.beat()
             if message is not None:
                 if message.kind is MessageKind.ERROR:
-                    self._print_traceback(message.error)
-                    return self._fail(message.text)
+                    return self._fail(message.text, message.error)
                 if message.kind is MessageKind.EOS:
                     return 0
             if self.interrupts > handled:
@@ -234,15 +235,26 @@ class Run:
             self._retrying.discard(source)
             self.display.print_line(f"note: {source}: connected again")
 
-    def _print_traceback(self, error: BaseException | None) -> None:
-        """With -v: prints the traceback of an unexpected exception in an element."""
+    def _fail(self, text: str, error: Exception | None = None) -> int:
+        """Prints an error; of an unexpected exception also the place, and with -v the traceback."""
         cause = error.__cause__ if error is not None else None
-        if self.verbose and cause is not None and not isinstance(cause, StreamkitError):
-            self.display.print_line("".join(traceback.format_exception(cause, chain=False)).rstrip())
-
-    def _fail(self, text: str) -> int:
+        source = error.element if isinstance(error, ElementFailure) else ""
+        if cause is not None and not isinstance(cause, StreamkitError):
+            if self.verbose:
+                self.display.print_line("".join(traceback.format_exception(cause, chain=False)).rstrip())
+            element = next((e for e in self.pipeline.graph.elements if e.name == source), None)
+            text += f" ({place_of(cause, element)})"
         self.display.print_line(f"error: {text}")
         return 1
+
+
+def place_of(error: BaseException, element: Element | None) -> str:
+    """File and line where an exception left the code of an element, as "file.py:12"; else where it arose."""
+    frames = traceback.extract_tb(error.__traceback__)
+    folder = Path(inspect.getfile(type(element))).parent if element is not None else None
+    own = [frame for frame in frames if folder in Path(frame.filename).parents]
+    last = (own or frames)[-1]
+    return f"{Path(last.filename).name}:{last.lineno}"
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
@@ -259,7 +260,8 @@ def test_a_failed_start_is_code_1(launch: Callable[..., Result], register: Regis
 
     register(fails=Fails)
     done = launch("fakesrc ! fails")
-    assert (done.exit_code, done.stderr) == (1, "error: fails0: OSError: no device\n")
+    place = f"{Path(__file__).name}:{Fails.start.__code__.co_firstlineno + 1}"
+    assert (done.exit_code, done.stderr) == (1, f"error: fails0: OSError: no device ({place})\n")
 
 
 def test_a_connection_that_is_back_is_told(
@@ -285,7 +287,7 @@ def test_a_connection_that_is_back_is_told(
 def test_verbose_prints_the_traceback_of_a_failed_element(
     launch: Callable[..., Result], register: Register, method: str
 ) -> None:
-    """With -v the traceback precedes the error; without it the error is one line."""
+    """With -v the traceback precedes the error; without it the error is one line with file and line."""
 
     def fail(self: Sink, *_: Frame) -> None:
         raise LookupError("never foreseen")
@@ -296,7 +298,21 @@ def test_verbose_prints_the_traceback_of_a_failed_element(
     assert f'{Path(__file__).name}", line {fail.__code__.co_firstlineno + 1}, in fail' in reported
     plain = launch("fakesrc num-buffers=1 ! fails").stderr
     assert plain.startswith("error: fails0: LookupError: never foreseen")
+    assert plain.endswith(f" ({Path(__file__).name}:{fail.__code__.co_firstlineno + 1})\n")
     assert plain.count("\n") == 1
+
+
+def test_an_error_within_a_library_names_the_line_that_calls_it(
+    launch: Callable[..., Result], register: Register
+) -> None:
+    """And not a line of the library, which the author of the element does not know."""
+
+    def render(self: Sink, _: Frame) -> None:
+        textwrap.indent(None, "")  # type: ignore[arg-type]
+
+    register(fails=type("Fails", (Sink,), {"sink": "ANY", "render": render, "__doc__": "Fails."}))
+    place = f"{Path(__file__).name}:{render.__code__.co_firstlineno + 1}"
+    assert launch("fakesrc num-buffers=1 ! fails").stderr.endswith(f" ({place})\n")
 
 
 @pytest.mark.parametrize(
