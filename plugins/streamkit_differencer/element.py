@@ -113,6 +113,10 @@ class FrameDiff(Transform):
         self._last_event = ModelChange.NONE
 
     @override
+    def wants_upstream(self) -> tuple[str, ...]:
+        return ("stitch",) if self.motion in (MotionSource.AUTO, MotionSource.METADATA) else ()
+
+    @override
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
         width, height = sink_caps.integer("width"), sink_caps.integer("height")
         self._differencer.region = self._region.mask(width, height) if self._region is not None else None

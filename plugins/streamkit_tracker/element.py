@@ -91,6 +91,10 @@ class ParticleTrack(Transform):
         self._last: Frame | None = None
         self._warned = False
 
+    def wants_upstream(self) -> tuple[str, ...]:
+        """Elements whose detections and registration it follows."""
+        return ("stitch", "framediff")
+
     def property_changed(self, name: str) -> None:
         """A window set while playing starts one more target in the next frame; a bad one leaves the old."""
         if name != "window":

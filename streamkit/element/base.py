@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from streamkit.element.pad import Pad, PadOwner
@@ -118,6 +118,10 @@ class Element(PadOwner):
     def interrupt(self) -> None:
         """Wakes a blocking call of the streaming thread; called from another thread when stopping."""
         self.wake()
+
+    def wants_upstream(self) -> Collection[str]:
+        """Types of elements whose metadata it uses: a note says so where one is downstream instead."""
+        return ()
 
     def check_properties(self) -> None:
         """Raises `PropertyError` where properties do not fit; called at the build and before the start."""

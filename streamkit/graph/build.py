@@ -25,7 +25,7 @@ from streamkit.graph.assignments import (
 )
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph, auto_name
+from streamkit.graph.graph import Graph, auto_name, downstream, walk
 from streamkit.graph.linking import LinkEnd, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
@@ -95,8 +95,19 @@ class GraphBuilder:
                     pad.known_caps = pad.template.caps  # a query would never return
         else:
             self._negotiate()
+            self._check_order()
             cut(self.graph, self._places)
         return self.graph
+
+    def _check_order(self) -> None:
+        """Notes elements downstream of one that uses their metadata."""
+        for element in self.graph.elements:
+            for other in walk(downstream(element), downstream):
+                if other.factory in element.wants_upstream():
+                    what = (
+                        f"{element.name} does not get what {other.name} measures: put {other.name} before it"
+                    )
+                    self.graph.warnings.append(("order", what))
 
     def _negotiate(self) -> None:
         try:

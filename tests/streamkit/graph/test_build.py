@@ -328,3 +328,16 @@ def test_a_misspelt_attribute_is_refused_before_the_start() -> None:
             pipeline.play()
         del pipeline["s"].num_bufers
         pipeline.run(timeout_s=20)
+
+
+def test_an_element_downstream_of_one_that_uses_its_metadata_is_noted() -> None:
+    """Whatever stands between; not in another branch, and not in the right order."""
+    text = "videotestsrc ! framediff ! queue ! stitch ! fakesink"
+    what = "framediff0 does not get what stitch0 measures: put stitch0 before it"
+    assert build(text, {}).warnings == [("order", what)]
+    for fine in (
+        "videotestsrc ! stitch ! framediff ! fakesink",
+        "videotestsrc ! framediff motion=own ! stitch ! fakesink",
+        "videotestsrc ! tee name=t ! framediff ! fakesink t. ! stitch ! fakesink",
+    ):
+        assert not build(fine, {}).warnings
