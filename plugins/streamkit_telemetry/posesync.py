@@ -81,6 +81,7 @@ class PoseSync(Combine):
         self._counts = {"frames": 0, "paired": 0, "stale": 0, "without": 0}
         self._largest_gap_ns = 0
         self._telemetry_has_ended = "telemetry" not in self.pads
+        self._lacks_stream = False
         video = self.pads["sink"].peer
         self._is_live = video is not None and video.element.query_live()
         self._file: TelemetryFile | None = None
@@ -164,6 +165,9 @@ class PoseSync(Combine):
                 for sample in self._pad_reader.finish():
                     self._add(sample)
                 self._telemetry_has_ended = True
+                # The source, which has warned of it, ends a pad without a stream before its first frame.
+                has_begun = self._held or self._counts["frames"]
+                self._lacks_stream = self._file is None and not has_begun
             self._push_all(is_end=False)
             super().receive_event(pad, event)
 
@@ -177,6 +181,8 @@ class PoseSync(Combine):
             counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
             described = f"in the file {self._file.reader.describe()}"
         self.post_message("telemetry", **self._counts, **counts, largest_gap_ns=self._largest_gap_ns)
+        if self._lacks_stream and not any(counts.values()):
+            return
         if not any(counts.values()):
             self.post_warning(
                 "no frame has got a pose: no telemetry came; link the source's klv or subtitle to "

@@ -46,7 +46,7 @@ class TelemetryParse(Transform):
         self.post_message("telemetry", **counts)
         if complaint := self._decoder.complaint(at_end=True):
             self.post_warning(complaint)
-        if not counts["poses"]:
+        if self._last is not None and not counts["poses"]:
             self.post_warning(f"no position in the telemetry: {self._decoder.describe()}")
 
     def _line(self, frame: Frame, sample: Sample) -> Frame:

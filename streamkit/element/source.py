@@ -131,7 +131,7 @@ class Source(Element):
             pass
         if self.stopping.is_set():
             raise Flushing(self.name)
-        for pad in list(self.src_pads()):
+        for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
             pad.is_eos = True
             pad.send_event(EOS)
 

@@ -1,4 +1,6 @@
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -240,3 +242,17 @@ def test_hostile_packets_leave_the_frames_alone() -> None:
         assert [m.text for m in harness.messages if m.kind is MessageKind.WARNING] == [
             "1 telemetry values left out so far: not of the length or range of their tag"
         ]
+
+
+def test_a_video_without_telemetry_has_one_warning(tmp_path: Path) -> None:
+    """That of the source; with --strict the code is 1."""
+    run = [str(Path(sys.executable).with_name("streamkit")), "launch"]
+    video = tmp_path / "flight.mp4"
+    subprocess.run([*run, f"videotestsrc num-buffers=5 ! videofilesink location={video}"], check=True)
+    text = (
+        f"filesrc name=file location={video} file.video ! decode ! posesync name=pose ! fakesink "
+        "file.klv ! tee name=klv klv. ! pose.telemetry klv. ! queue ! telemetryparse ! fakesink"
+    )
+    done = subprocess.run([*run, "--strict", text], check=False, capture_output=True, text=True, timeout=60)
+    assert done.stderr == f"warning: file: {video}: it holds no stream for the pad klv\n"
+    assert done.returncode == 1
