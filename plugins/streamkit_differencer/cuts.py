@@ -49,7 +49,7 @@ class CutDetector:
     _unlike: int = 0
 
     def reset(self) -> None:
-        """Starts anew with the next frame."""
+        """Starts again with the next frame."""
         self._known = self._last = None
         self._calm = self._unlike = 0
 

@@ -64,7 +64,7 @@ class FrameDiff(Transform):
     update the background.
 
     The pad `mask` carries the foreground mask: 255 moving, 128 stopped, 50 shadow, 0 background.
-    Messages `model` report when the background is started anew (`new`; `reset` after a cut), moved to
+    Messages `model` report when the background starts from scratch (`new`; `reset` after a cut), moved to
     another canvas (`reanchor`), adapted to a change of exposure (`gain`), held because frames cannot be
     registered or may show another scene (`held`) and updated again (`resumed`); messages `crowded` report
     frames with more than `max-objects`.

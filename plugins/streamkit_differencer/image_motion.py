@@ -36,7 +36,7 @@ SPREAD_CELLS = 6
 MOST_LEVELS, SMALLEST_LEVEL_PX = 3, 36
 # The fit ends when a step moves no corner by more, px.
 SMALLEST_STEP_PX = 0.02
-# Weight of the previous step in the normal equations, per patch: none moves along an edge for ever.
+# Weight of the previous step in the normal equations, per patch: none drifts along an edge without end.
 DAMPING = 1e-3
 # Columns of the parameters of a homography that a similarity combines: turn, scale, shift along x and y.
 SIMILARITY = np.array(

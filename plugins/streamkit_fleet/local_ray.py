@@ -93,7 +93,7 @@ def start(cores: int | None = None) -> LocalRay:
     deadline_s = time.monotonic() + BEGIN_LIMIT_S
     while not _is_running(local) and time.monotonic() < deadline_s:  # its command line is not there at once
         time.sleep(0.01)
-    process.returncode = 0  # it goes on without this process, which is no reason to warn
+    process.returncode = 0  # it outlives this process, which is no reason to warn
     return local
 
 

@@ -22,7 +22,7 @@ _GROWTH: Final = 1 / 8
 
 
 class LiveGround:
-    """Fits the current plane to the earth as the flight goes on."""
+    """Fits the current plane to the earth while the flight continues."""
 
     def __init__(self) -> None:
         self._views: deque[FrameView] = deque(maxlen=_MOST_VIEWS)
@@ -70,7 +70,7 @@ class LiveGround:
         self._geo, self._added, self._last_s = None, 0, -math.inf
 
     def _add(self, view: FrameView) -> None:
-        """Adds a view where the last one is old enough, and fits anew once there are enough others."""
+        """Adds a view where the last one is old enough, and fits again once there are enough others."""
         position = view.position
         time_s = position.time_s if isinstance(position, GroundView) else None
         if time_s is not None and 0 <= time_s - self._last_s < _INTERVAL_S:

@@ -125,7 +125,7 @@ class LiveMosaic:
             self._executor.submit_waiting(partial(self._show, frame.pts, self._element.flushes))
 
     def start_writing(self, plane: KeyframeMap | None) -> None:
-        """Writes the mosaics so far while the stream goes on."""
+        """Writes the mosaics so far while the stream continues."""
         writing = self._recorder.start_writing(partial(self._adjusted, plane), self._announce)
         writing.add_done_callback(lambda done: self._plane_written(plane, done))
 

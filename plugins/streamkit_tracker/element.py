@@ -55,7 +55,7 @@ class ParticleTrack(Transform):
     """Attaches tracks of what moves: detections start them, layered particle filters follow them.
 
     Reads the frame's registration, detections and features where there are any. A detection seen `birth-hits`
-    times that has moved over the ground becomes a confirmed track. Without detections a track goes on by its
+    times that has moved over the ground becomes a confirmed track. Without detections a track is found by its
     appearance, then coasts with a growing covariance, at most as long as it was detected and no longer than
     `coast`; a detection continues it under its old id, even after it was not reported any more. `window`
     starts one target by hand, also while playing; it needs no detections, coasts while it is not seen, and is

@@ -110,7 +110,7 @@ class _Call(Future[Any]):
 
 def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> zenoh.Session:
     endpoints = connected(config)
-    # A peer would silently retry for ever with a wrong certificate.
+    # A peer would silently retry forever with a wrong certificate.
     for endpoint in endpoints:
         fault = certificate_fault(endpoint, config)
         if fault is not None:

@@ -39,7 +39,7 @@ class Run:
         eos_on_shutdown: whether the first interrupt sends EOS and waits for it.
         verbose: whether to print caps, states and every message.
         quiet: whether to print errors only.
-        monitor: notified of the beginning and the end, and several times a second while the run goes on.
+        monitor: notified of the beginning and the end, and several times a second while the run continues.
 
     Attributes:
         interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.

@@ -19,10 +19,10 @@ ELEMENTS = {
         "autovideosink ximagesink xvimagesink glimagesink waylandsink fpsdisplaysink",
     "livesrc uri=udp://@:PORT": "udpsrc",
     "livesrc uri=URL": "rtmpsrc rtmp2src souphttpsrc hlsdemux hlsdemux2 tcpclientsrc",
-    "livesrc uri=udp://127.0.0.1:PORT, with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:PORT beside it":
+    "livesrc uri=udp://127.0.0.1:PORT, with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:PORT running":
         "srtsrc srtclientsrc",
     "livesrc uri=udp://127.0.0.1:PORT, with gst-launch-1.0 v4l2src ! videoconvert ! x264enc tune=zerolatency "
-    "! mpegtsmux ! udpsink port=PORT beside it":
+    "! mpegtsmux ! udpsink port=PORT running":
         "v4l2src",
     "rtspclientsink, or zenohsink": "udpsink tcpserversink srtsink rtmpsink rtmp2sink webrtcbin",
     "videoconvert, which negotiation inserts itself": "autovideoconvert videoconvertscale glcolorconvert",

@@ -37,7 +37,7 @@ class Bus:
         self._queue.put(message)
 
     def flush(self) -> None:
-        """Discards unread messages, and counts anew."""
+        """Discards unread messages and resets the counters."""
         self.counts.clear()
         while self._queue.get() is not None:
             continue

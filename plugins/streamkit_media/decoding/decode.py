@@ -250,7 +250,7 @@ class Decode(Transform):
         if reason not in self._reported:
             self._reported.add(reason)
             where = f" at {frame.describe()}" if frame is not None else ""
-            self.post_warning(f"a packet could not be decoded{where}: {reason}; going on with the next")
+            self.post_warning(f"a packet could not be decoded{where}: {reason}; continuing with the next")
 
     def _shown(self, decoded: Decoded) -> list[Frame]:
         self._frames_decoded += len(decoded)

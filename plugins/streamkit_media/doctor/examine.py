@@ -143,7 +143,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
     pose, klv = _pose_parts(seen)
     if not pose and (sidecar := telemetry_beside(location)) is not None:
         checks[-1] = Check(
-            "telemetry", Verdict.GOOD, f"none inside; {sidecar.name} beside it has the positions"
+            "telemetry", Verdict.GOOD, f"none inside; {sidecar.name} next to it has the positions"
         )
         pose = f" ! posesync location={in_description(str(sidecar))}"
     source = f"filesrc name=s location={mask_secrets(in_description(location))}"

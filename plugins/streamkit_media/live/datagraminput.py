@@ -136,7 +136,7 @@ class DatagramInput:
     def packets(
         self, container: InputContainer, streams: Sequence[Stream], left_s: Callable[[], float]
     ) -> Iterator[Packet[Stream]]:
-        """The packets until `cut`; raises `ConnectionLost` where the sender begins anew."""
+        """The packets until `cut`; raises `ConnectionLost` where the sender restarts."""
         pieces = self._until_restart(read_packets(container, *streams), streams[0])
         if not self._low_latency:
             yield from pieces

@@ -13,7 +13,7 @@ RTP_HEADER_BYTES = 12
 RTP_VERSION = 2
 MPEG_TS = 33  # RTP's payload type
 NUMBERS = 1 << 16
-MAX_GAP, MAX_LATE = 3000, 100  # beyond them the sender counts anew (RFC 3550, appendix A.1)
+MAX_GAP, MAX_LATE = 3000, 100  # beyond them the sender has restarted its numbers (RFC 3550, appendix A.1)
 
 
 @dataclass

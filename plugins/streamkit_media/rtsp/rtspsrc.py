@@ -73,7 +73,7 @@ class RtspSrc(LiveSource):
         if not isinstance(failure, TimedOut | UnsupportedTransport):
             return False
         self._carrier = SourceTransport.TCP
-        self.post_warning(f"{self._where}: nothing came over UDP; going on over TCP")
+        self.post_warning(f"{self._where}: nothing came over UDP; continuing over TCP")
         return True
 
     @override

@@ -131,7 +131,7 @@ class MosaicRecorder:
             self._stride *= 2
 
     def save(self) -> None:
-        """Writes the current mosaic as painted so far, and goes on with it; see `MosaicFrames.save`."""
+        """Writes the current mosaic as painted so far, and keeps painting it; see `MosaicFrames.save`."""
         self._do(partial(self.frames.save, self._coverage.covered_px))
 
     def start_writing(

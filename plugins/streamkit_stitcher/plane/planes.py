@@ -75,7 +75,7 @@ class Planes:
         self.anchor = None
 
     def leave(self, number: int | None = None) -> None:
-        """Goes on with another plane that is unrelated to the current one: a new one, or that of `number`."""
+        """Continues with another plane, unrelated to the current one: a new one, or that of `number`."""
         self.number = self._new_number() if number is None else number
         self.before, self.has_jumped = IDENTITY, True
         if not self.keeps_earlier:

@@ -60,7 +60,7 @@ class Moment(msgspec.Struct, frozen=True):
 
     Attributes:
         frame: its number at the source.
-        epoch: goes up when the seconds start anew.
+        epoch: increases when the seconds start from 0 again.
         seconds: time in the stream, or None.
         place: of the frame, or None.
         target: the row of the track.

@@ -164,7 +164,7 @@ class World:
 class SensorNoise:
     """White noise in whole grey levels, nearly normal: each value is one of 256 quantiles.
 
-    A frame takes its noise from a random offset of one long table, much cheaper than drawing it anew: two
+    A frame takes its noise from a random offset of one long table, much cheaper than drawing new noise: two
     frames have the same values at different pixels.
     """
 

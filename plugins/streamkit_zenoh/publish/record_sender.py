@@ -187,7 +187,7 @@ class RecordSender:
 
     def _delete(self, ids: Iterable[int], attachment: bytes) -> None:
         for number in sorted(ids):
-            # Never dropped: receivers would keep a target that has ended for ever.
+            # Never dropped: receivers would keep an ended target forever.
             self._session.delete(
                 f"{self._track_key}/{number}",
                 congestion_control=zenoh.CongestionControl.BLOCK,

@@ -54,7 +54,7 @@ def cut(graph: Graph, places: dict[Element, Place]) -> None:
     graph.run_only(None)
     for element, home in graph.homes.items():
         if home.restart and isinstance(element, Source) and not element.is_live:
-            what = f"{element.name} would begin anew when the process of {home.name} is started again"
+            what = f"{element.name} would start over when the process of {home.name} is started again"
             raise DescriptionError(
                 "could-not-set-property", what, places.get(element), "move it out of the bin, or omit restart"
             )

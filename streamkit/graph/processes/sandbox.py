@@ -50,7 +50,7 @@ def enter_sandbox(files: Iterable[str]) -> str:
     """Restricts this process and all threads that it starts from now on, for good.
 
     Args:
-        files: that may be read, beside those of Python, its packages and the system.
+        files: that may be read, in addition to those of Python, its packages and the system.
 
     Returns:
         What does not hold here, in words, or "".

@@ -161,7 +161,7 @@ def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> Non
     assert len(frames) == 12
     assert [m.text for m in harness.messages if m.kind == "warning"] == [
         "a packet could not be decoded at frame seq=1000 pts=0.000 s: Invalid data found when "
-        "processing input; going on with the next"
+        "processing input; continuing with the next"
     ]
     assert drops == {"undecodable packet: Invalid data found when processing input": 3}
 

@@ -222,7 +222,7 @@ def test_auto_turns_to_tcp(network: Any, fault: str) -> None:
         while (message := pipeline.bus.pop(0)) is not None:
             told.append(str(message.fields.get("transport") or message.text))
     assert [word for word in told if word in ("udp", "tcp")] == ["udp", "tcp"]
-    assert [text for text in told if "nothing came over UDP; going on over TCP" in text]
+    assert [text for text in told if "nothing came over UDP; continuing over TCP" in text]
 
 
 def test_auto_stays_with_udp_where_that_works(network: Any) -> None:
