@@ -140,7 +140,7 @@ class ObjectSettings:
         "height above them; objects that drive slowly towards the camera may be lost; 0 is off.",
     )
     median: int = setting(
-        5, min=0, max=13, live=True, unit="px", doc="Width of the median filter on the foreground; 0 is off."
+        7, min=0, max=13, live=True, unit="px", doc="Width of the median filter on the foreground; 0 is off."
     )
     fill_holes: bool = setting(True, live=True, doc="Fills what foreground encloses.")
     min_area: int = setting(
@@ -159,8 +159,9 @@ class ObjectSettings:
         live=True,
         doc="Merge criterion, the paper's J_mn: gap between fragments, or scatter of cells in a cluster.",
     )
+    # What creeps changes at its front and rear only: this is a fortieth of its length in quiet_frames.
     min_change: float = setting(
-        0.25,
+        0.05,
         min=0.0,
         max=1.0,
         live=True,
