@@ -90,7 +90,7 @@ class PlayedPipeline:
         if self._pipeline == "camera.pipe":
             self._variables["source"] = source
         self._process: subprocess.Popen[bytes] | None = None
-        self._last_line = ""
+        self._last_line = self._error = ""
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -99,7 +99,7 @@ class PlayedPipeline:
         with self._lock, as_file(files("streamkit_view") / "pipelines") as folder:
             if self._is_closed or (self._process is not None and self._process.poll() is None):
                 return
-            self._last_line = ""
+            self._last_line = self._error = ""
             arguments = ["launch", "-f", str(folder / self._pipeline)]
             for name, value in self._variables.items():
                 arguments += ["--set", f"{name}={value}"]
@@ -119,10 +119,12 @@ class PlayedPipeline:
 
     @property
     def failure(self) -> str:
-        """The last line that a failed pipeline printed; "" while it runs, and after its end."""
+        """The first error that a failed pipeline printed; "" while it runs, and after its end."""
         with self._lock:
-            if self._is_closed or self._process is None or not self._process.poll():
+            if self._is_closed or self._process is None:
                 return ""
+            if self._error or not self._process.poll():
+                return self._error
             return self._last_line or f"the pipeline ended with {self._process.returncode}"
 
     @property
@@ -137,6 +139,8 @@ class PlayedPipeline:
             while line := lines.readline(LINE_LIMIT_BYTES):
                 text = mask_secrets(line.decode(errors="replace").strip())
                 self._last_line = text.removeprefix("warning: ") or self._last_line
+                if text.startswith("error: "):
+                    self._error = self._error or text
                 print(text, file=sys.stderr, flush=True)
 
     def close(self) -> None:

@@ -50,6 +50,14 @@ def text(browser: Chrome, name: str) -> str:
     return browser.find_element(By.ID, name).text
 
 
+LONG_TEXT = """
+const element = document.querySelector(arguments[0]);
+for (let shown = element; shown; shown = shown.parentElement) shown.hidden = false;
+element.textContent = "x".repeat(120);
+return document.documentElement.scrollWidth;
+"""
+
+
 def set_screen(browser: Chrome, width: int, height: int, scale: int = 1) -> None:
     """The size of the window, px; a phone where the scale is 2."""
     metrics = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": scale > 1}
@@ -166,6 +174,17 @@ def test_a_video_that_browsers_do_not_decode_is_shown_in_images(
     first = canvas(browser, "video")[:, :, :3].astype(int)
     assert first.std() > 20
     wait_for(lambda: np.abs(canvas(browser, "video")[:, :, :3] - first).mean() > 1)
+
+
+@pytest.mark.timeout(180)
+def test_a_camera_that_cannot_be_reached_is_shown_with_the_error(
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any]
+) -> None:
+    """The pipeline's own line, in the red bar."""
+    browser.get(start_view("rtsp://127.0.0.1:1/live").url)
+    wait_for(lambda: text(browser, "state") not in ("", "connecting", "waiting"))
+    assert text(browser, "state") == "lost"
+    assert text(browser, "fault").startswith("error: rtspsrc0: rtsp://127.0.0.1:1/live: no connection")
 
 
 @pytest.mark.timeout(180)
@@ -422,3 +441,7 @@ def test_everything_can_be_reached_and_has_a_name(
     wait_for(lambda: browser.execute_script("return document.documentElement.scrollWidth") <= 390)
     note = wait_for(lambda: browser.find_element(By.ID, "note"))
     assert note.rect["x"] + note.rect["width"] <= 390  # also with a long key in it
+    wait_for(lambda: browser.find_elements(By.CSS_SELECTOR, "#figures dt"))
+    for name in ("#figures dt", "#explain", "#fault"):  # an element may have a name without end
+        width = browser.execute_script(LONG_TEXT, name)
+        assert width <= 390, name
