@@ -18,6 +18,7 @@ from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.video import raw_video_caps
 from streamkit.graph.pipeline import Pipeline
+from streamkit.output.names import FileNames
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +37,7 @@ class SourceChoice(NamedTuple):
     """What reads a location.
 
     Attributes:
-        element: filesrc, rtspsrc or livesrc.
+        element: filesrc, multifilesrc, rtspsrc or livesrc.
         property: its property for the location.
         is_live: whether frames that nothing takes in time are lost.
     """
@@ -53,7 +54,8 @@ def choose_source(location: str) -> SourceChoice:
         return SourceChoice("rtspsrc", "location", True)
     if "://" in location and (parts.scheme not in FILE_SCHEMES or parts.path.endswith(".m3u8")):
         return SourceChoice("livesrc", "uri", True)
-    return SourceChoice("filesrc", "location", False)
+    is_pattern = not parts.scheme and FileNames(location).has_number and not os.path.isfile(location)
+    return SourceChoice("multifilesrc" if is_pattern else "filesrc", "location", False)
 
 
 class VideoReader:
@@ -149,8 +151,8 @@ def open(
     lost; of a camera, the newest are kept. Few frames are held in either case.
 
     Args:
-        source: a file, a URL, or an iterable of images: uint8[h, w] grey, uint8[h, w, 3] BGR or
-            uint8[h, w, 4] BGRA, which are copied, or frames with times of their own.
+        source: a file, image files by number (img/%06d.jpg), a URL, or an iterable of images: uint8[h, w]
+            grey, uint8[h, w, 3] BGR or uint8[h, w, 4] BGRA, which are copied, or frames with their times.
         description: elements between the source and the loop, as "stitch ! framediff ! particletrack".
         format: pixel format of the frames: BGR, RGB, GRAY8, BGRA, RGBA, I420 or NV12.
         framerate: of images, frames/s.
@@ -182,6 +184,9 @@ def open(
         raise
     if items is None:
         pipeline[SOURCE].set_property(choice.property, location)
+        if choice.element == "multifilesrc":
+            numbers = [number for _, number in FileNames(location).existing()]
+            pipeline[SOURCE].set_property("start-index", min(numbers, default=0))
     return VideoReader(pipeline, items, timeout_s)
 
 

@@ -16,8 +16,8 @@ import typer
 from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
-from streamkit.cli.description import fail_json
-from streamkit.errors import CapsSyntax, CapsTooLarge, Place
+from streamkit.cli.description import USAGE_EXIT, fail_json
+from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place
 from streamkit.flow.caps import Caps, Structure, read_value
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
 from streamkit.flow.caps_serialize import type_name, write_plain
@@ -132,26 +132,28 @@ def caps(
     The value operations work on single values as they stand in a field and
     print {"result": text, "type", "value"}; deserialize takes a type and a text.
 
-    A bad text prints {"error": {"code", "message", "line", "column", "length",
-    "hint"}} on stderr and ends with exit code 2.
+    A bad text ends with exit code 2 and an error on stderr: on a terminal the
+    line with a mark, else {"error": {"code", "message", "line", "column",
+    "length", "hint"}}.
     """
+    fail = functools.partial(_fail, as_json=as_json)
     name = operation.replace("_", "-")
     found = OPERATIONS.get(SYNONYMS.get(name, name))
     if mode not in ("zigzag", "first"):
-        fail_json("usage", f"--mode takes zigzag or first, got {mode!r}")
+        fail("usage", f"--mode takes zigzag or first, got {mode!r}")
     if found is None:
-        fail_json("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
+        fail("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
     if mode == "first" and name == "intersect":
         found = FIRST
     if len(texts) != found.count and (found.count or len(texts) < 2):
-        fail_json("usage", f"{name} takes {found.count or '2 or more'} texts, got {len(texts)}")
+        fail("usage", f"{name} takes {found.count or '2 or more'} texts, got {len(texts)}")
     try:
         result = found.result(texts)
     except CapsSyntax as error:
         text = next((text for text in texts if repr(text)[:-1] in str(error)), texts[0])
-        _fail_syntax(error, text)
+        fail("syntax", error.rule, text, place=place_in(text, error), hint=error.hint)
     except CapsTooLarge as error:
-        fail_json("too-large", str(error))
+        fail("too-large", str(error))
     is_text = sys.stdout.isatty() and not as_json
     typer.echo(as_text(result) if is_text else json.dumps(result, indent=2))
 
@@ -166,10 +168,21 @@ def as_text(found: dict[str, Any]) -> str:
     return "\n".join(f"{name.replace('_', ' ')}: {words[answer]}" for name, answer in found.items())
 
 
-def _fail_syntax(error: CapsSyntax, text: str) -> NoReturn:
+def _fail(
+    code: str, message: str, text: str = "", *, as_json: bool, place: Place | None = None, hint: str = ""
+) -> NoReturn:
+    """Exits because of a bad text or usage: with lines for people on a terminal, else a JSON object."""
+    if as_json or not sys.stderr.isatty():
+        fail_json(code, message, place, hint)
+    error = DescriptionError(code, message, place, hint)
+    typer.echo(error.pointed(text, "caps") if place is not None else f"error: {error}", err=True)
+    raise typer.Exit(USAGE_EXIT)
+
+
+def place_in(text: str, error: CapsSyntax) -> Place:
+    """Line and column of an error."""
     before = text[: error.position]
-    line, column = before.count("\n") + 1, error.position - (before.rfind("\n") + 1) + 1
-    fail_json("syntax", error.rule, Place(line, column, error.length), error.hint)
+    return Place(before.count("\n") + 1, error.position - before.rfind("\n"), error.length)
 
 
 def describe_caps(caps: Caps) -> dict[str, Any]:

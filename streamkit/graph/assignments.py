@@ -71,6 +71,11 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
             value = None if declaration.optional else ""
         elif declaration.kind is str:
             value = unquote_string(value or "")
+            if value[:1] == value[-1:] == "'" and len(value) > 1:
+                what = (
+                    f"{element.name}: {item.name} keeps its single quotes, as in gst-launch: use double ones"
+                )
+                warnings.append(("quotes", what))
         element.set_property(item.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):

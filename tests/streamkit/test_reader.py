@@ -6,6 +6,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -194,11 +195,20 @@ def test_a_camera_that_is_not_there_is_an_error() -> None:
         next(streamkit.open("rtsp://127.0.0.1:9/none"))
 
 
+def test_image_files_by_number_are_read_from_the_lowest(tmp_path: Path) -> None:
+    """Which need not be 0."""
+    for number in (7, 8, 9):
+        cv2.imwrite(str(tmp_path / f"{number:03d}.png"), np.full((24, 32), number, np.uint8))
+    with streamkit.open(tmp_path / "%03d.png", format="GRAY8") as frames:
+        assert [int(frame.data[0, 0]) for frame in frames] == [7, 8, 9]
+
+
 @pytest.mark.parametrize(
     ("location", "element", "is_live"),
     [
         ("flight.mp4", "filesrc", False),
         ("C:/flight.mp4", "filesrc", False),
+        ("img/%06d.jpg", "multifilesrc", False),
         ("https://host/flight.mp4", "filesrc", False),
         ("https://host/live.m3u8?x=1", "livesrc", True),
         ("udp://@239.1.2.3:5000", "livesrc", True),

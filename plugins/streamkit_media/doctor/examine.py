@@ -6,12 +6,13 @@ import re
 from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit, urlunsplit
 
-from streamkit import StreamkitError, mask_secrets
-from streamkit.output.names import is_network, local_path
+from streamkit import StreamkitError, choose_source, mask_secrets
+from streamkit.output.names import FileNames, is_network, local_path
 from streamkit_media.container import check_file
 from streamkit_media.doctor.checks import stream_checks
 from streamkit_media.doctor.report import Check, Report, Verdict
@@ -123,6 +124,8 @@ def _live_line(location: str, properties: Mapping[str, Any], seen: Seen) -> str:
 
 
 def _examine_file(location: str, timeout_s: float) -> Report:
+    if choose_source(location).element == "multifilesrc":  # the first stands for all
+        location = str(min(FileNames(location).existing(), default=(location, 0), key=itemgetter(1))[0])
     where, checks = mask_secrets(location), list[Check]()
     if not is_network(location):
         try:

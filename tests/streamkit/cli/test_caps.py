@@ -1,6 +1,11 @@
 """`streamkit caps`: computes with caps, prints JSON, reports the place of errors."""
 
 import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -206,3 +211,19 @@ def test_text_that_is_no_utf8_is_refused() -> None:
 def test_results_are_text_on_a_terminal(arguments: tuple[str, ...], text: str) -> None:
     """One line for each structure or answer."""
     assert as_text(json.loads(CliRunner().invoke(make_app(), ["caps", *arguments, "--json"]).stdout)) == text
+
+
+def test_errors_are_text_on_a_terminal() -> None:
+    """With a mark below the fault; --json prints the object there, too."""
+    command = [str(Path(sys.executable).with_name("streamkit")), "caps", "parse", "a/b, width="]
+    printed = []
+    for options in ((), ("--json",)):
+        master, slave = pty.openpty()
+        done = subprocess.run([*command, *options], stderr=slave, timeout=60, check=False)
+        os.close(slave)
+        printed.append(os.read(master, 10_000).decode().replace("\r", ""))
+        os.close(master)
+        assert done.returncode == 2
+    mark = " " * (4 + len("a/b, width="))
+    assert printed[0] == f"caps:1:12: expected a value, got 'the end'\n    a/b, width=\n{mark}^\n"
+    assert json.loads(printed[1])["error"]["column"] == 12

@@ -103,6 +103,14 @@ def test_a_value_of_the_wrong_type_for_a_read_only_property_is_refused(register:
     assert caught.value.code == "could-not-set-property"
 
 
+def test_single_quotes_are_kept_and_noted(register: Register) -> None:
+    """gst-launch knows double ones only."""
+    register(coder=Coder)
+    graph = build("coder place='a b'", {})
+    assert graph.elements[0].properties_set() == {"place": "'a b'"}
+    assert [code for code, _ in graph.warnings] == ["quotes"]
+
+
 def test_a_second_name_is_reported() -> None:
     """n04: the first counts."""
     graph = build("fakesrc name=a name=b ! fakesink", {})

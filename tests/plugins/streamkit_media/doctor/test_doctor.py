@@ -207,6 +207,15 @@ def test_a_photograph(streamkit_data: Path) -> None:
     assert f"location={path.parent}/DJI_%04d.JPG start-index=20 ! decode ! stitch" in report.pipeline
 
 
+def test_photographs_by_number(streamkit_data: Path) -> None:
+    """The first stands for all."""
+    folder = streamkit_data / "mosaic" / "brighton_beach"
+    report = examine(str(folder / "DJI_%04d.JPG"), 1, 5, "tcp")
+    number = min(int(path.stem[4:]) for path in folder.glob("DJI_*.JPG"))
+    assert f"multifilesrc location={folder}/DJI_%04d.JPG start-index={number} ! decode" in report.pipeline
+    assert examine(str(folder / "none%d.jpg"), 1, 5, "tcp").checks[0].verdict is Verdict.BAD
+
+
 def test_a_frame_without_a_number(streamkit_data: Path) -> None:
     """One image without a position gets a line that shows it, and no tracking."""
     report = examine(str(streamkit_data / "mosaic" / "aerial_cc0.jpg"), 1, 5, "tcp")
