@@ -5,6 +5,8 @@ from __future__ import annotations
 import inspect as python_inspect
 import json
 import re
+import shutil
+import sys
 import textwrap
 from collections.abc import Container
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +20,7 @@ from streamkit.errors import DescriptionError, PluginBroken
 if TYPE_CHECKING:
     from streamkit.element.base import Element
 
+PARAGRAPH_BREAK = re.compile(r"(?<=\S)\n(?=\S)")  # within a paragraph of a docstring
 ATTRIBUTES = re.compile(r"^Attributes:\n(?:[ ]+.*\n?|\n(?=[ ]))*", re.MULTILINE)
 
 
@@ -49,7 +52,10 @@ def inspect(
     else:
         from streamkit.element.registry import element_class
 
-        typer.echo(as_text(facts, set() if everything else inherited(element_class(element))))
+        text = as_text(facts, set() if everything else inherited(element_class(element)))
+        typer.echo(
+            "\n".join(map(fitted, PARAGRAPH_BREAK.sub(" ", text).split("\n"))) if is_terminal() else text
+        )
 
 
 def _list_all(*, as_json: bool) -> None:
@@ -67,7 +73,22 @@ def _list_all(*, as_json: bool) -> None:
     for entry in entries:
         summary = (entry.docstring() or entry.target).partition("\n")[0]
         package = "" if entry.package == "streamkit" else f"  ({entry.package} {entry.version})"
-        typer.echo(f"{entry.name:<{width}}  {summary}{package}")
+        line = f"{entry.name:<{width}}  {summary}{package}"
+        typer.echo(fitted(line, width + 2) if is_terminal() else line)
+
+
+def is_terminal() -> bool:
+    """Whether people read the output, in a window of some width."""
+    return sys.stdout.isatty()
+
+
+def fitted(line: str, indent: int | None = None) -> str:
+    """A line in as many as the terminal's width takes, the further ones indented like it, or by `indent`."""
+    by = len(line) - len(line.lstrip()) if indent is None else indent
+    width = shutil.get_terminal_size().columns
+    return textwrap.fill(
+        line, width, subsequent_indent=" " * by, break_on_hyphens=False, break_long_words=False
+    )
 
 
 def describe_element(name: str) -> dict[str, Any]:

@@ -1,7 +1,13 @@
 """`streamkit inspect`: lists elements and describes one."""
 
+import contextlib
 import json
+import os
+import pty
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -142,3 +148,22 @@ def test_every_core_element_is_documented(name: str) -> None:
     assert all(item["doc"].endswith(".") for item in found["properties"])
     built = build(found["example"], {})
     assert name in {element.factory for element in built.elements}
+
+
+@pytest.mark.parametrize("arguments", [(), ("particletrack",)])
+def test_lines_fit_the_terminal(arguments: tuple[str, ...]) -> None:
+    """The words are the same; a program gets each sentence in one line."""
+    command = [str(Path(sys.executable).with_name("streamkit")), "inspect", *arguments]
+    piped = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+    master, slave = pty.openpty()
+    with subprocess.Popen(command, stdout=slave, env={**os.environ, "COLUMNS": "80"}) as process:
+        os.close(slave)
+        shown = b""
+        with contextlib.suppress(OSError):  # how Linux reports the end of a terminal
+            while part := os.read(master, 65536):
+                shown += part
+        os.close(master)
+    assert process.returncode == 0
+    lines = shown.decode().splitlines()
+    assert max(map(len, lines)) <= 80 < max(map(len, piped.splitlines()))
+    assert " ".join(lines).split() == piped.split()
