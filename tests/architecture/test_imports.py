@@ -28,7 +28,7 @@ ALLOWED = {
     "elements": {"masking", "errors", "flow", "element", "handoff"},
     "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
-    "reader": {"masking", "errors", "flow", "element", "graph"},
+    "reader": {"masking", "errors", "flow", "element", "graph", "output"},
     "service": {"masking", "errors", "flow", "graph"},
     "cli": {"masking", "errors", "flow", "element", "graph", "service", "handoff", "output"},
 }

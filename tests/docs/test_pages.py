@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
 from streamkit.graph.build import build
+from tests.slowness import patience
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
@@ -49,7 +50,10 @@ def test_a_page_can_be_followed(page: str, tmp_path: Path) -> None:
         if language == "python":
             calls.append([sys.executable, "-c", body])
         for call in calls:
-            done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+            limit_s = patience(60)
+            done = subprocess.run(
+                call, cwd=tmp_path, capture_output=True, text=True, timeout=limit_s, check=False
+            )
             assert done.returncode == 0, f"{shlex.join(call)}\n{done.stderr}"
 
 
