@@ -95,8 +95,7 @@ class LinkWriter:
         """Reads what the reader has taken; waits while too much is on the way."""
         link, wait_s = self._link, 0.0
         while True:
-            messages = link.receive(connection.channel, wait_s)
-            for message in messages:
+            for message in link.receive(connection.channel, wait_s):
                 kind, released, is_over = msgspec.msgpack.decode(message)
                 if kind != LinkMessage.DONE:
                     raise ValueError("the reading process has sent something unreadable")
@@ -107,10 +106,9 @@ class LinkWriter:
                     raise EndOfStream(link.name)
             if link.stopping.is_set() or link.is_flushing:
                 raise Flushing(link.name)
-            has_room = connection.counts.on_the_way < link.capacity
-            if has_room and not messages:
+            if connection.counts.on_the_way < link.capacity:
                 return
-            wait_s = 0.0 if has_room else POLL_S
+            wait_s = POLL_S
 
     def _send(self, frame: Frame, connection: LinkConnection) -> bool:
         """Sends a frame, and counts it; False if that was cancelled."""
