@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import functools
+import gc
 import os
 import resource
 import signal
@@ -150,6 +151,7 @@ class Child:
         timing = self._pipeline.timing
         timing.follow(base_ns, latency_ns)
         self._pipeline.play()
+        gc.freeze()  # garbage collection of imported objects would block a live feed for 60 ms
         timing.follow(base_ns, latency_ns)
 
     def _pause(self) -> None:
