@@ -9,6 +9,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
+from streamkit_tracks.report.costs import cost_table, read_costs
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath, collect_run
 
 MOST_CROPS = 60
@@ -23,6 +24,10 @@ def report(
     video: Annotated[
         Path | None, typer.Option(help="The video that the tracks are of: adds pictures of the targets.")
     ] = None,
+    stats: Annotated[
+        Path | None,
+        typer.Option(help="Counters of the run from launch --stats-file: adds each element's cost."),
+    ] = None,
     run: Annotated[
         int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
     ] = None,
@@ -34,8 +39,9 @@ def report(
         found, number, count = read_run(file, run)
         if count > 1 and run is None:
             typer.echo(f"note: {file} has {count} runs, this is run {number}; see --run", err=True)
+        costs = "" if stats is None else cost_table(read_costs(stats))
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
-        write_page(found, file.name, output, frame, crops)
+        write_page(found, file.name, output, frame, crops, costs)
     except (OSError, StreamkitError) as error:
         _fail(str(error))
     except ImportError as error:
@@ -59,7 +65,9 @@ def read_run(file: Path, wanted: int | None) -> tuple[RecordedRun, int, int]:
     return collect_run(record for of, record in RecordFile(file) if of == number), number, count
 
 
-def write_page(run: RecordedRun, title: str, output: Path, frame: bytes, crops: dict[int, bytes]) -> None:
+def write_page(
+    run: RecordedRun, title: str, output: Path, frame: bytes, crops: dict[int, bytes], costs: str
+) -> None:
     """Writes the page.
 
     Raises:
@@ -69,7 +77,7 @@ def write_page(run: RecordedRun, title: str, output: Path, frame: bytes, crops: 
     from streamkit_tracks.report.figures import draw_figures
     from streamkit_tracks.report.page import build_page
 
-    page = build_page(run, title, draw_figures(run), frame, crops)
+    page = build_page(run, title, draw_figures(run), frame, crops, costs)
     output.parent.mkdir(parents=True, exist_ok=True)
     output.write_text(page, encoding="utf-8")
 

@@ -27,6 +27,7 @@ def build_page(
     figures: Mapping[str, tuple[str, bytes]],
     frame: bytes,
     crops: Mapping[int, bytes],
+    costs: str = "",
 ) -> str:
     """The page.
 
@@ -36,6 +37,7 @@ def build_page(
         figures: caption and SVG by heading.
         frame: JPEG of the frame with the most targets; empty without a video.
         crops: JPEG of each target, by id.
+        costs: what elements cost, HTML.
     """
     head = (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
@@ -49,7 +51,7 @@ def build_page(
     for heading, (caption, svg) in figures.items():
         image = _image(svg, "image/svg+xml", f"{heading}: {caption}")
         parts.append(f"<h2>{escape(heading)}</h2>{_figure(image, caption)}")
-    parts.append(_table(run.shown_paths(), crops))
+    parts += [costs, _table(run.shown_paths(), crops)]
     return "\n".join([*parts, "</body></html>\n"])
 
 

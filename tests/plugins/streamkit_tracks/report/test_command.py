@@ -91,3 +91,19 @@ def test_missing_folders_are_made(run: tuple[Path, Path], tmp_path: Path) -> Non
     page = tmp_path / "new" / "page.html"
     assert report(run[0], "-o", page).returncode == 0
     assert page.exists()
+
+
+def test_the_cost_of_each_element(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """From the counters of a run, the costliest first and without queues; another file is refused."""
+    stats, page = tmp_path / "stats.json", tmp_path / "page.html"
+    text = "videotestsrc num-buffers=5 ! queue ! identity name=<slow> sleep-time=20000 ! fakesink"
+    subprocess.run([BINARY, "launch", text, "--stats-file", stats], check=True, timeout=patience(60))
+    assert report(run[0], "--stats", stats, "-o", page).returncode == 0
+    rows = re.findall("<tr>((?:<td>[^<]*</td>){5})</tr>", page.read_text())
+    cells = [re.findall("<td>(.*?)</td>", row) for row in rows]
+    assert cells[0][4] == "&lt;slow&gt;"
+    assert {row[4] for row in cells} == {"&lt;slow&gt;", "videotestsrc0", "fakesink0"}
+    assert float(cells[0][1]) > 19
+    done = report(run[0], "--stats", run[1], "-o", page)
+    assert done.returncode == 1
+    assert "launch --stats-file" in done.stderr
