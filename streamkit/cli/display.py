@@ -41,6 +41,10 @@ class Display:
         self.began_s = self._drawn_s = time.monotonic()
         self.last: RunStatistics | None = None
 
+    def begin(self) -> None:
+        """Counts the time from now on: before, elements have started, and perhaps compiled loops."""
+        self.began_s = time.monotonic()
+
     def measure(self) -> RunStatistics:
         """Current statistics."""
         return RunStatistics(

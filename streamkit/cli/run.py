@@ -103,6 +103,7 @@ class Run:
         try:
             self.pipeline.play()
             self._is_starting = False
+            self.display.begin()
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
             self._is_watching = True

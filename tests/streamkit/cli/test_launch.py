@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
@@ -300,6 +301,23 @@ def test_verbose_prints_the_traceback_of_a_failed_element(
     assert plain.startswith("error: fails0: LookupError: never foreseen")
     assert plain.endswith(f" ({Path(__file__).name}:{fail.__code__.co_firstlineno + 1})\n")
     assert plain.count("\n") == 1
+
+
+def test_the_time_of_the_start_is_not_that_of_the_run(
+    launch: Callable[..., Result], register: Register
+) -> None:
+    """Else rates and the time left would be wrong after loops were compiled."""
+    start_s = 2.0
+
+    class Slow(Talkative):
+        """Takes its time."""
+
+        def start(self) -> None:
+            time.sleep(start_s)
+
+    register(slow=Slow)
+    done = launch("--stats=json", "fakesrc num-buffers=3 ! slow")
+    assert json.loads(done.stdout)["elapsed_s"] < start_s
 
 
 def test_an_error_within_a_library_names_the_line_that_calls_it(
