@@ -47,6 +47,8 @@ MOVES = 0.5
 class Objects:
     """Objects of a frame, in pixels at full resolution, largest first.
 
+    Each is a region of the image that moves: one thing, a part of one, or several that are close together.
+
     Attributes:
         centroids: float64[n, 2], x y, the centre of the foreground.
         boxes: float64[n, 4], x0 y0 x1 y1, the outer edges of the foreground.
