@@ -15,7 +15,9 @@ from streamkit_tracker.targets import COASTING, CONFIRMED, TargetState, TargetTa
 from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
 
 STATES = tuple(TargetState)
-LARGEST_DOUBT = 0.5  # sides; a dormant target whose position is less certain is kept without a report
+# sides; a dormant target whose position is less certain is kept without a report
+LARGEST_DOUBT, OBJECT_DOUBT = 0.5, 0.1
+SETTLED_S = 1.0  # of detections beyond its gaps: boxes of false detections seldom last
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
 
@@ -84,7 +86,11 @@ def report(
     """
     hidden = (table.rows["state"] == COASTING) & dormant(table.rows, settings.lost_frames)
     if hidden.any():
-        hidden &= position_doubt(table.rows) >= (0.0 if observation.are_objects else LARGEST_DOUBT)
+        doubt = position_doubt(table.rows)
+        if observation.are_objects:
+            hidden &= (doubt >= OBJECT_DOUBT) | (table.rows["credit_s"] < SETTLED_S)
+        else:
+            hidden &= doubt >= LARGEST_DOUBT
     index = np.flatnonzero(~hidden)
     if not len(index):
         return ()
