@@ -44,13 +44,13 @@ TARGET = np.dtype(
         ("frames_undetected", np.int64),
         ("frames_unseen", np.int64),
         ("score", np.float64),  # similarity to the template, kept from the last comparison
+        ("last_place", np.float64, 2),  # x y of the window when it was last recognised, px of that frame
         # what detections have shown
         ("box", np.float64, 2),  # width and height of the upright box, px
         ("detected_s", np.float64),  # time it was detected by itself
         ("offset", np.float64, 2),  # of the detections from the window on average, px
         ("misfits", np.int64),  # frames in which window and detection did not overlap enough
         # of this frame
-        ("previous", np.float64, 2),  # x y of the window in the previous frame, in its pixels
         ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
         ("detection", np.int64),  # row of the frame's detections; -1 is none
         ("gate", np.float64),  # distance of the detection, standard deviations
@@ -150,7 +150,7 @@ class TargetTable:
         row["id"], row["manual"], row["window"], row["drawn_angle"] = self.next_id, manual, window, window[4]
         row["mean"][0, :2], row["box"] = window[:2], window[2:4]
         row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
-        row["credit_s"], row["score"] = INITIAL_CREDIT_S, 1.0
+        row["credit_s"], row["score"], row["last_place"] = INITIAL_CREDIT_S, 1.0, window[:2]
         row["predicted"] = row["gate"] = row["similarity"] = np.nan
         row["detection"] = -1
         row["hits"], row["hits"][0, 0] = np.nan, 1.0

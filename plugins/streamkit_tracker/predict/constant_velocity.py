@@ -40,7 +40,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_o
         are_objects: whether detections are whole objects.
     """
     rows, homography = table.rows, invertible(to_previous)
-    rows["previous"] = rows["window"][:, :2]
+    rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
     if homography is not None:
         # the trail of a target that its detections have confirmed is not used any more
         held: list[Trail | Particles] = [

@@ -153,7 +153,7 @@ def _expect_manual(
         if target["frames_unseen"] > 0:
             predicted[:2] += target["mean"][2:] * observation.step_s
         unmoved = predicted.copy()
-        unmoved[:2] = target["previous"]
+        unmoved[:2] = target["last_place"]
         appearance.response = find_response(
             appearance.discriminator,
             evidence,

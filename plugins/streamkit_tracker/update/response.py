@@ -41,18 +41,22 @@ def find_response(
         evidence: of this target.
         sampler: has been shown the frame.
         predicted: float64[5].
-        unmoved: float64[5], where the camera holds a target that it follows: in the place of the previous
-            frame.
+        unmoved: float64[5], where the camera holds a target that it follows: at the place in the picture
+            where it was last seen.
         frames_unseen: since the target was last seen; the search grows with them.
     """
-    best = discriminator.respond(sampler, predicted)
+    # a filter finds any usual motion in the picture; a registration may be wrong, or the camera may follow
+    best = discriminator.respond(sampler, predicted if frames_unseen > 0 else unmoved)
     if frames_unseen > 0:
-        others = [search_place(predicted, frames_unseen)]
+        others = [search_place(unmoved if frames_unseen % 2 else predicted, frames_unseen)]
     else:
         # a region fades towards its rim: a large motion is seen well only from near the target
         side = math.sqrt(best.sides[0] * best.sides[1])
-        others = [best.window] if math.dist(best.position, predicted[:2].tolist()) > FAR * side else []
-        others += [unmoved] if math.dist(unmoved[:2], predicted[:2]) > MOVED * side else []
+        is_far = math.dist(best.position, unmoved[:2].tolist()) > FAR * side
+        others = [best.window] if is_far else []
+        is_doubtful = is_far or not evidence.is_clear(best.peak, best.sharpness)
+        if is_doubtful and math.dist(unmoved[:2], predicted[:2]) > MOVED * side:
+            others.append(predicted)
     if frames_unseen > 0 and best.sharpness >= LEAST_SHARPNESS:
         turned = np.array([0, 0, 0, 0, TURN_CHANGE])
         others += [best.window + sign * turned for sign in (1, -1)]

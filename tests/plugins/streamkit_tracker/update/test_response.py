@@ -50,6 +50,7 @@ def found(
     now: np.ndarray,
     predicted: np.ndarray,
     unmoved: np.ndarray | None = None,
+    frames_unseen: int = 0,
 ) -> Response | None:
     """Evidence of a textured target that trembled for ten frames where it was drawn, and is elsewhere."""
     generator = np.random.default_rng(4)
@@ -64,7 +65,7 @@ def found(
         evidence.judge(0.02, (usual.peak, usual.sharpness), informative=True, unseen=False)
     sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
     unmoved = predicted if unmoved is None else unmoved
-    return find_response(discriminator, evidence, sampler, predicted, unmoved, 0)
+    return find_response(discriminator, evidence, sampler, predicted, unmoved, frames_unseen)
 
 
 @pytest.mark.parametrize("step", [(30.0, 0.0), (-12.0, 26.0)])
@@ -81,6 +82,24 @@ def test_a_target_that_stops_is_found_where_it_was(scenes: ModuleType):
     """Though it was expected to go on by more than a side."""
     drawn = np.array([150.0, 120, 40, 34, 0.0])
     response = found(scenes, drawn, drawn, drawn + np.array([44.0, 0, 0, 0, 0]))
+    assert response is not None
+    assert math.dist(response.position, drawn[:2]) < 1.0
+
+
+def test_a_target_that_stands_on_the_ground_is_found_where_the_camera_has_moved_it(scenes: ModuleType):
+    """By more than a side in one frame."""
+    drawn = np.array([150.0, 120, 40, 34, 0.0])
+    now = drawn + np.array([52.0, 0, 0, 0, 0])
+    response = found(scenes, drawn, now, now, unmoved=drawn)
+    assert response is not None
+    assert math.dist(response.position, now[:2]) < 1.0
+
+
+def test_an_unseen_target_is_found_again_where_it_was_last_in_the_picture(scenes: ModuleType):
+    """The camera has followed it, while the ground has carried the prediction away."""
+    drawn = np.array([150.0, 120, 40, 34, 0.0])
+    away = drawn + np.array([120.0, 60, 0, 0, 0])
+    response = found(scenes, drawn, drawn, away, unmoved=drawn, frames_unseen=1)
     assert response is not None
     assert math.dist(response.position, drawn[:2]) < 1.0
 
