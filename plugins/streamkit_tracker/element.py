@@ -60,7 +60,8 @@ class ParticleTrack(Transform):
     `coast`; a detection continues it under its old id, even after it was not reported any more. `window`
     starts one target by hand, also while playing; it needs no detections, coasts while it is not seen, and is
     searched in a circle that grows until `coast` has passed. Targets end, each reported once as lost, on a
-    cut, a new plane without a mapping, a new frame size, or a new epoch without registration.
+    cut, a new plane without a mapping, a new frame size, or a new epoch without registration, but for those
+    drawn by hand that are still in their place in a frame of the same size.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! fakesink

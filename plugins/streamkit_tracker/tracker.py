@@ -18,9 +18,10 @@ from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import BoolArray, TargetTable, dormant, followed
+from streamkit_tracker.targets import COASTING, BoolArray, TargetTable, dormant, followed
 from streamkit_tracker.update.detected_box import check_windows, follow_detections, follow_objects
 from streamkit_tracker.update.measurement import learn_appearances, measure
+from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
 
 
@@ -85,13 +86,13 @@ class MultiTargetTracker:
         """
         targets, settings = self.targets, self.settings
         targets.drop_lost()
+        self._sampler.set_frame(image, observation.chroma)
         if not self._carry(image, observation):
             return report(targets, observation, settings)
         began = time.perf_counter()
         self._frames += 1
         rows, step_s, are_objects = targets.rows, observation.step_s, observation.are_objects
         detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
-        self._sampler.set_frame(image, observation.chroma)
         free = associate(targets, detected, observation, settings)
         pass_time(rows, step_s, settings.coast, settings.birth_window)
         follow_detections(rows, detected, step_s, are_objects)
@@ -121,8 +122,14 @@ class MultiTargetTracker:
         self._shape = (image.shape[0], image.shape[1])
         if is_resized or observation.continuity is FrameContinuity.NEW:
             cause = "the frame's size changed" if is_resized else "a cut, or a plane without a mapping"
-            for row in range(len(targets.models)):
-                targets.lose(row, cause)
+            begin_frame(targets.rows)
+            targets.causes = {}
+            targets.rows["state"] = COASTING
+            targets.rows["frames_unseen"] += 1
+            for row, model in enumerate(targets.models):
+                # a registration that fails is taken for a cut; a filter can tell
+                if is_resized or not is_in_place(model, targets.rows["window"][row], self._sampler):
+                    targets.lose(row, cause)
             return False
         predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
         begin_frame(targets.rows)

@@ -9,6 +9,7 @@ import numpy as np
 
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.targets import TargetModel
 from streamkit_tracker.update.evidence import LEAST_SHARPNESS, Evidence
 from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
@@ -70,6 +71,14 @@ def find_response(
         return None
     grown = discriminator.growth(sampler, best.window)
     return replace(best, sides=(best.sides[0] * grown, best.sides[1] * grown))
+
+
+def is_in_place(model: TargetModel, window: FloatArray, sampler: WindowSampler) -> bool:
+    """Whether the filter of a target drawn by hand finds it near its window, float64[5], as after a gap."""
+    if model.appearance is None or model.appearance.discriminator is None:
+        return False
+    response = model.appearance.discriminator.respond(sampler, window)
+    return model.evidence.is_credible(response.peak, response.sharpness, frames_unseen=1)
 
 
 def search_place(window: FloatArray, frames_unseen: int) -> FloatArray:

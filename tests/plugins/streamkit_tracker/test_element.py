@@ -135,7 +135,8 @@ def test_a_new_epoch_without_registration_ends_the_tracks(scenes: ModuleType):
     with Harness("particletrack", window="150,100,48,34") as harness:
         for index, image in enumerate(sequence[:3]):
             harness.push(Frame(image, caps, seq=index))
-        assert states_of(harness.push(Frame(sequence[3], caps, seq=3, epoch=1))) == ["lost"]
+        elsewhere = np.zeros_like(sequence[3])
+        assert states_of(harness.push(Frame(elsewhere, caps, seq=3, epoch=1))) == ["lost"]
 
 
 def test_a_window_by_hand_is_followed_without_any_metadata(scenes: ModuleType):

@@ -129,11 +129,28 @@ def test_a_cut_or_a_new_size_ends_every_target(scenes: ModuleType, how: str):
     tracker = MultiTargetTracker()
     tracker.start_target(*frames[0], STEP)
     tracker.step(frames[1][0], STEP)
-    image = frames[2][0] if how == "cut" else frames[2][0][:-10]
+    other = np.random.default_rng(3).integers(0, 255, frames[2][0].shape, np.uint8)
+    image = other if how == "cut" else frames[2][0][:-10]
     continuity = FrameContinuity.NEW if how == "cut" else FrameContinuity.KNOWN
     reports = tracker.step(image, Observation(0.04, continuity))
     assert [report.state for report in reports] == [TargetState.LOST]
     assert tracker.step(image, STEP) == ()
+
+
+def test_a_drawn_target_outlives_a_cut_that_is_none(scenes: ModuleType):
+    """A failed registration is taken for a cut; the target coasts for that frame and is followed on."""
+    frames = list(scenes.TurningScene(frames=6))
+    tracker = MultiTargetTracker()
+    tracker.start_target(*frames[0], STEP)
+    states = []
+    for index, (image, truth) in enumerate(frames[1:], 1):
+        continuity = FrameContinuity.NEW if index == 3 else FrameContinuity.KNOWN
+        (report,) = tracker.step(image, Observation(0.04, continuity))
+        states.append(report.state)
+        error = float(np.hypot(*(report.window[:2] - truth[:2])))
+    assert states[2] is TargetState.COASTING
+    assert states[-1] is TargetState.CONFIRMED
+    assert error < 1.5
 
 
 def test_camera_motion_is_taken_out_before_prediction(scenes: ModuleType):
