@@ -15,6 +15,7 @@ import pytest
 
 from streamkit import Element
 from streamkit.element import registry
+from tests.process_option import use_processes
 from tests.slowness import patience, slowness
 
 ROOT = Path(__file__).parents[1]
@@ -32,6 +33,20 @@ COMMANDS = {
 
 
 SLOWNESS = pytest.StashKey[tuple[Path, float]]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Adds the option of `process_option`."""
+    parser.addoption("--process-of", metavar="ELEMENT", help="run each such element in a process of its own")
+
+
+@pytest.fixture(autouse=True)
+def process_of(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Follows `--process-of`."""
+    if factory := request.config.getoption("--process-of"):
+        if request.node.get_closest_marker("one_process"):
+            pytest.skip("about one process")
+        use_processes(factory, monkeypatch)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

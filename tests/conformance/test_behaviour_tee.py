@@ -164,6 +164,7 @@ def test_branches_leave_while_frames_flow() -> None:
     assert [frame.seq for frame in stays] == list(range(3000))
 
 
+@pytest.mark.one_process
 def test_branches_come_and_go_in_a_pipeline() -> None:
     """t-stress: added and removed while playing; the branch that was there gets every frame."""
     text = "fakesrc num-buffers=5000 ! tee name=t ! queue ! appsink name=out max-buffers=8"
@@ -184,6 +185,7 @@ def test_branches_come_and_go_in_a_pipeline() -> None:
     assert numbers == list(range(len(numbers)))
 
 
+@pytest.mark.one_process
 def test_two_sinks_without_queues_do_not_preroll() -> None:
     """t-preroll: the first sink holds its frame, so the second never gets one: the pipeline stays ASYNC."""
     with Pipeline.parse("fakesrc ! tee name=t t. ! fakesink t. ! fakesink") as pipeline:

@@ -19,6 +19,7 @@ def test_every_branch_gets_every_frame() -> None:
     assert [pipeline[f"fakesink{n}"].count for n in range(15)] == [3] * 15
 
 
+@pytest.mark.one_process
 def test_branches_share_the_frame() -> None:
     """t-shared: the same object, not a copy."""
     with Pipeline.parse(
@@ -103,6 +104,7 @@ def test_flow_results_of_branches_are_combined(
             take(Frame(b"", ANYTHING))
 
 
+@pytest.mark.one_process
 def test_a_branch_that_ends_ends_the_stream() -> None:
     """t-flow: the source ends then, and EOS reaches all; the second branch is one frame behind."""
     pipeline = Pipeline.parse("fakesrc num-buffers=10 ! tee name=t t. ! fakesink num-buffers=3 t. ! fakesink")
