@@ -34,6 +34,10 @@ _HELD: Final = 0.5
 _AS_GOOD: Final = 0.95
 # By how much a camera that was always where it was at the keyframe is surer to be so than the frame tells.
 _PERSISTENCE: Final = 0.5
+# Error of the worst corner that each frame is tested for, px, and frames over which tests add up at rest.
+_DOUBTED: Final = 2.0
+_MEMORY: Final = 300
+_SAME: Final = 1e-6
 # Blocks stand for patches of the keyframe, with numbers beyond those of patches and features.
 _FIRST_BLOCK: Final = 1 << 19
 
@@ -50,6 +54,7 @@ class DenseMatcher:
         self._deviation = _FIRST_DEVIATION
         self._covariance, self._std = np.zeros((8, 8)), 0.0
         self._rest, self._seen = _FIRST_REST, 0
+        self._resting = _RestEvidence()
 
     def match(
         self,
@@ -82,17 +87,31 @@ class DenseMatcher:
             self._prior(before_std / factor),
             preferred={0: self._rest, 1: 0.0},
             rival=None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
+            doubted=_DOUBTED / factor,
         )
         self._learn(found)
-        kept, std, away = found.prediction, found.corner_std * factor, found.away * factor
-        if kept is None and followed is not None and found.rival > _AS_GOOD and followed.corner_std < std:
+        kept, std = found.prediction, self._error_of(found, keyframe, before, before_std)
+        is_better = followed is not None and followed.corner_std < found.corner_std * factor
+        if kept is None and followed is not None and is_better and found.rival > _AS_GOOD:
             return followed
         to_key = from_reduced(inverse(found.key_to_frame), factor) if kept is None else motions[kept]
-        if kept == 0:
+        return _match(found, to_key, factor, std, kept is not None)
+
+    def _error_of(
+        self, found: DenseAlignment, keyframe: Keyframe, before: FloatArray, before_std: float
+    ) -> float:
+        """The predicted error at the worst corner, px: of the fit, and of motions that cannot be excluded."""
+        factor = keyframe.factor
+        std, away = found.corner_std * factor, found.away * factor
+        if found.prediction == 0:
             std = math.hypot(std, away) * (1 - _PERSISTENCE * self._rest)
-        if kept == 1:
+        if found.prediction == 1:
             std = min(math.hypot(std, away), math.hypot(before_std, _HELD * away))
-        return _match(found, to_key, factor, math.hypot(SMALLEST_CORNER_STD * factor, std), kept is not None)
+        was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
+        if found.prediction != 0 or not was_at_rest:
+            self._resting = _RestEvidence(keyframe.index)
+        doubt = _DOUBTED * math.sqrt(self._resting.add(found.evidence))
+        return math.hypot(SMALLEST_CORNER_STD * factor, std, doubt)
 
     def _prior(self, before_std: float) -> FloatArray:
         """Covariance of the step from a prediction, float64[8, 8], px.
@@ -123,6 +142,29 @@ class DenseMatcher:
         if len(self._levels) > _CACHED:
             del self._levels[next(iter(self._levels))]
         return levels
+
+
+class _RestEvidence:
+    """Evidence that a camera is where its frames are held, over the frames that it rested at one place.
+
+    Args:
+        keyframe: number of the keyframe that it is compared with.
+    """
+
+    def __init__(self, keyframe: int = -1) -> None:
+        self.keyframe = keyframe
+        self._sum, self._variance = np.zeros(8), 0.0
+
+    def add(self, evidence: FloatArray) -> float:
+        """Adds a frame's `DenseAlignment.evidence`; returns the probability that another motion is right.
+
+        Movers that hide the scene speak against the truth for some frames; a camera that drifts off does so
+        in every frame from then on.
+        """
+        kept = 1 - 1 / _MEMORY
+        self._sum, self._variance = kept * self._sum + evidence, kept**2 * self._variance + 1
+        deviations = float(self._sum.min()) / math.sqrt(self._variance)
+        return math.erfc(deviations / math.sqrt(2)) / 2
 
 
 def _match(

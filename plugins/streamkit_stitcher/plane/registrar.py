@@ -1,5 +1,6 @@
 """Registration of each frame of a stream to a reference plane."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -31,6 +32,8 @@ from streamkit_stitcher.registration.pairwise import (
 from streamkit_stitcher.registration.patches import pyramid
 
 _MAX_LOST: Final = 25
+# Largest predicted error of the motion since the previous frame, px: two deviations are 2 px.
+_OK_STEP_STD: Final = 1.0
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
@@ -264,12 +267,16 @@ class FrameRegistrar:
         previous, before = self._previous, self._planes.before
         self._last_image, self._planes.last_to_plane = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
-        # The measurement fixes the whole frame.
+        steady = previous is not None and previous.status is not FrameStatus.LOST
+        std = keyframe_fit.corner_std
+        # The measurement fixes the whole frame, and the motion since a previous frame that was seen.
         is_certain = (
-            keyframe_fit.measured and keyframe_fit.fixes_whole_frame and keyframe_fit.corner_std <= OK_STD
+            keyframe_fit.measured
+            and keyframe_fit.fixes_whole_frame
+            and std <= OK_STD
+            and not (steady and math.hypot(self._std_before, std) > _OK_STEP_STD)
         )
         status = FrameStatus.OK if is_certain else FrameStatus.WEAK
-        steady = previous is not None and previous.status is not FrameStatus.LOST
         if status is FrameStatus.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
             to_previous, to_reference, status = IDENTITY, before, FrameStatus.STILL

@@ -45,6 +45,7 @@ class DenseAlignment:
         away: distance of that prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
         rival: agreement of the rival, as a part of that of the motion; 0 without one.
+        evidence: float64[8], against each motion that is `doubted` px off, see `DenseLevel.evidence`.
     """
 
     key_to_frame: FloatArray
@@ -59,6 +60,7 @@ class DenseAlignment:
     away: float
     rmse: float
     rival: float
+    evidence: FloatArray
 
 
 _AGREEING: Final = 0.5
@@ -80,17 +82,14 @@ _LEAST_AGREEMENT: Final = 1e-6
 _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
 
 
-def _refined(
-    levels: Sequence[DenseLevel], textures: Sequence[SingleArray], start: FloatArray, covariance: FloatArray
-) -> tuple[FloatArray, FloatArray, BlockComparison]:
-    """`DenseLevel.refine` from coarse to fine; `start` and `covariance` are in px of the finest level."""
-    motion = to_reduced(start, 2 ** len(levels))
-    for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
-        size = 2 ** (len(levels) - 1 - number)
-        motion, posterior, compared = level.refine(
-            image, from_reduced(motion, 2), to_reduced(start, size), covariance / size**2
-        )
-    return motion, posterior, compared
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A motion, where its search began, its covariance, and the comparison there."""
+
+    start: FloatArray
+    motion: FloatArray
+    posterior: FloatArray
+    compared: BlockComparison
 
 
 def align_densely(
@@ -100,6 +99,7 @@ def align_densely(
     covariance: FloatArray,
     preferred: Mapping[int, float] = MappingProxyType({}),
     rival: FloatArray | None = None,
+    doubted: float = 2.0,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
 
@@ -116,59 +116,95 @@ def align_densely(
         rival: another motion, keyframe to frame, that the agreement of the result is compared with. It wins
             with evidence from all over the frame, as a mover offers the motion of its own part of it; so does
             the shift at which the textures correlate best.
+        doubted: error of the worst corner that the result is tested for, px.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
     """
     textures = [texture(image) for image in levels_of(grey)]
-    coarsest = 2 ** (len(levels) - 1)
-    reduced = [to_reduced(prediction, coarsest) for prediction in predictions]
-    scores = [levels[0].compare(textures[0], prediction).agreement for prediction in reduced]
-    chosen = int(np.argmax(scores))
-    start = predictions[chosen]
-    motion, posterior, best = _refined(levels, textures, start, covariance)
     finest, image = levels[-1], textures[-1]
+    best = _near(levels, textures, predictions, covariance)
     share = 0.0
     if rival is not None:
         other = finest.compare(image, rival)
-        share = other.agreement / max(_LEAST_AGREEMENT, best.agreement)
-        if finest.evidence(other, best) > _EVIDENT:
-            start = rival
-            motion, posterior, best = finest.refine(image, start, start, _RIVAL_COVARIANCE)
-    shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
-    is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
-    if is_near and corner_shift(inverse(shift) @ motion, finest.shape) > _ELSEWHERE:
-        moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
-        if finest.evidence(moved[2], best) > _EVIDENT:
-            start, (motion, posterior, best) = shift, moved
-    step = finest.step_of(inverse(start) @ motion)
-    kept, found, away = None, motion, 0.0
-    allowed = np.linalg.inv(posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
-    for number, surety in preferred.items():
-        apart = finest.step_of(inverse(predictions[number]) @ found)
-        other = finest.compare(image, predictions[number])
-        held, as_good = (low + surety * (high - low) for low, high in (_HELD, _AS_GOOD))
-        if apart @ allowed @ apart < held and other.agreement > as_good * best.agreement:
-            motion, kept, best = predictions[number], number, other
-            away = corner_shift(inverse(motion) @ found, finest.shape)
-            step = finest.step_of(inverse(start) @ motion)
-            break
+        share = other.agreement / max(_LEAST_AGREEMENT, best.compared.agreement)
+        if finest.evidence(other, best.compared) > _EVIDENT:
+            best = _Fit(rival, *finest.refine(image, rival, rival, _RIVAL_COVARIANCE))
+    best = _elsewhere(levels, textures, best)
+    kept = _preferred(finest, image, predictions, best, preferred)
+    motion = best.motion if kept is None else predictions[kept]
+    compared = best.compared if kept is None else finest.compare(image, motion)
     chance = np.mean([finest.compare(image, motion @ translation(np.array(by))).agreement for by in _WRONG])
-    agreement = max(0.0, float((best.agreement - chance) / (1 - chance)))
-    x, y = finest.corner_slopes
-    variance = np.einsum("ic,ij,jc->c", x, posterior, x) + np.einsum("ic,ij,jc->c", y, posterior, y)
-    agreeing = np.flatnonzero(best.weights > _AGREEING)
+    agreeing = np.flatnonzero(compared.weights > _AGREEING)
     return DenseAlignment(
         motion,
-        agreement,
-        float(np.sqrt(variance.max())),
-        posterior,
-        step,
+        max(0.0, float((compared.agreement - chance) / (1 - chance))),
+        finest.corner_std(best.posterior),
+        best.posterior,
+        finest.step_of(inverse(best.start) @ motion),
         finest.centres[agreeing],
         agreeing,
-        int(np.count_nonzero(best.visible)),
+        int(np.count_nonzero(compared.visible)),
         kept,
-        away,
-        float(np.sqrt(best.variance)),
+        0.0 if kept is None else corner_shift(inverse(motion) @ best.motion, finest.shape),
+        float(np.sqrt(compared.variance)),
         share,
+        finest.evidence_nearby(image, motion, compared, doubted),
     )
+
+
+def _refined(
+    levels: Sequence[DenseLevel], textures: Sequence[SingleArray], start: FloatArray, covariance: FloatArray
+) -> _Fit:
+    """`DenseLevel.refine` from coarse to fine; `start` and `covariance` are in px of the finest level."""
+    motion = to_reduced(start, 2 ** len(levels))
+    for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
+        size = 2 ** (len(levels) - 1 - number)
+        motion, posterior, compared = level.refine(
+            image, from_reduced(motion, 2), to_reduced(start, size), covariance / size**2
+        )
+    return _Fit(start, motion, posterior, compared)
+
+
+def _near(
+    levels: Sequence[DenseLevel],
+    textures: Sequence[SingleArray],
+    predictions: Sequence[FloatArray],
+    covariance: FloatArray,
+) -> _Fit:
+    """The likeliest motion near the prediction that agrees best at the coarsest level."""
+    coarsest = 2 ** (len(levels) - 1)
+    scores = [
+        levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
+        for prediction in predictions
+    ]
+    return _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
+
+
+def _elsewhere(levels: Sequence[DenseLevel], textures: Sequence[SingleArray], best: _Fit) -> _Fit:
+    """The motion near the shift at which the textures correlate best, where evidently better."""
+    finest = levels[-1]
+    shift = from_reduced(levels[0].shift_to(textures[0]), 2 ** (len(levels) - 1))
+    is_far = float(np.hypot(*shift[:2, 2])) >= _FARTHEST * finest.shape[1]
+    if is_far or corner_shift(inverse(shift) @ best.motion, finest.shape) <= _ELSEWHERE:
+        return best
+    moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
+    return moved if finest.evidence(moved.compared, best.compared) > _EVIDENT else best
+
+
+def _preferred(
+    finest: DenseLevel,
+    image: SingleArray,
+    predictions: Sequence[FloatArray],
+    best: _Fit,
+    preferred: Mapping[int, float],
+) -> int | None:
+    """Number of the first preferred prediction that explains the frame about as well as the best motion."""
+    allowed = np.linalg.inv(best.posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
+    for number, surety in preferred.items():
+        apart = finest.step_of(inverse(predictions[number]) @ best.motion)
+        agreement = finest.compare(image, predictions[number]).agreement
+        held, as_good = (low + surety * (high - low) for low, high in (_HELD, _AS_GOOD))
+        if apart @ allowed @ apart < held and agreement > as_good * best.compared.agreement:
+            return number
+    return None

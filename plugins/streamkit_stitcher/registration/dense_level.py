@@ -98,10 +98,16 @@ class DenseLevel:
         self._steepest = xx * x + xy * y, xy * x + yy * y
 
     @cached_property
-    def corner_slopes(self) -> tuple[FloatArray, FloatArray]:
+    def _corner_slopes(self) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the corners' positions by a step, float64[8, 4] each."""
         outline = corners(self.shape)
         return _slopes((outline - outline.mean(axis=0)).T / self._unit)
+
+    def corner_std(self, covariance: FloatArray) -> float:
+        """Standard deviation at the worst corner, px, of a step's covariance, float64[8, 8]."""
+        x, y = self._corner_slopes
+        variance = np.einsum("ic,ij,jc->c", x, covariance, x) + np.einsum("ic,ij,jc->c", y, covariance, y)
+        return float(np.sqrt(variance.max()))
 
     def _mean(self, values: Any) -> FloatArray:
         """The mean of each block, float64[n]."""
@@ -142,6 +148,22 @@ class DenseLevel:
         gains = (contrast * (one.alike - other.alike)).reshape(self._blocks)
         parts = cv2.resize(gains, (_PARTS, _PARTS), interpolation=cv2.INTER_AREA)
         return float(parts.sum() / max(1e-9, float(np.linalg.norm(parts))))
+
+    def evidence_nearby(
+        self, image: SingleArray, motion: FloatArray, compared: "BlockComparison", distance: float
+    ) -> FloatArray:
+        """Evidence for a motion against others that differ by `distance` px at the worst corner, float64[8].
+
+        These are shifted in x and y, scaled and turned, either way; `compared` is the motion's comparison.
+        """
+        x, y = self._corner_slopes
+        found = []
+        for number in range(4):
+            step = np.zeros(8)
+            step[number] = distance / float(np.hypot(x[number], y[number]).max())
+            for way in (step, -step):
+                found.append(self.evidence(compared, self.compare(image, motion @ self._matrix(way))))
+        return np.array(found)
 
     def refine(
         self,

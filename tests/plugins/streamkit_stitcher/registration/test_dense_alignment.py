@@ -6,7 +6,7 @@ import pytest
 
 from streamkit.geometry.homography import corner_shift, inverse, translation
 from streamkit_stitcher.registration.dense_alignment import align_densely
-from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
+from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of, texture
 
 SHAPE = (180, 320)
 LOOSE = np.diag((3.0 * STEP_RATIOS) ** 2)
@@ -104,3 +104,14 @@ def test_a_flat_frame_agrees_with_nothing(ground):
     """Without contrast there is no agreement and no error."""
     flat = np.full(SHAPE, 90, np.uint8)
     assert align_densely(levels(ground[300:480, 300:620]), flat, [np.eye(3)], LOOSE).agreement < 0.12
+
+
+def test_evidence_speaks_against_motions_two_pixels_off(ground):
+    """Of the right motion against its neighbours, and of a wrong one against the right one."""
+    key = ground[300:480, 300:620]
+    right = align_densely(levels(key), key, [np.eye(3)], STEADY, preferred={0: 1.0})
+    assert right.evidence.min() > 3
+    level = levels(key)[-1]
+    image = texture(key)
+    off = translation(np.array([2.0, 0.0]))
+    assert level.evidence_nearby(image, off, level.compare(image, off), 2.0).min() < -3

@@ -1,0 +1,62 @@
+"""Dense matching with a keyframe: what a camera at rest is believed, and when no longer."""
+
+import numpy as np
+import pytest
+
+from streamkit_stitcher.plane.dense_matching import DenseMatcher
+from streamkit_stitcher.plane.frame_registration import OK_STD
+from streamkit_stitcher.plane.keyframe_content import keyframe_content
+from streamkit_stitcher.plane.keyframes import Keyframe
+from streamkit_stitcher.registration.patches import pyramid
+
+SHAPE = (120, 160)
+
+
+@pytest.fixture
+def scene(ground):
+    """What the keyframe shows, uint8[120, 160]."""
+    return np.ascontiguousarray(ground[300:420, 300:460])
+
+
+@pytest.fixture
+def keyframe(scene):
+    """A keyframe of the scene at working size."""
+    content = keyframe_content(pyramid((scene,), 4), 0)
+    return Keyframe(0, np.eye(3), SHAPE, 1, lambda: content)
+
+
+def hidden(frame, seed, columns):
+    """A frame whose first columns show something else each time, as moving leaves do."""
+    result = frame.copy()
+    result[:, :columns] = np.random.default_rng(seed).integers(0, 255, (len(frame), columns), dtype=np.uint8)
+    return result
+
+
+def deviations(keyframe, frames):
+    """The predicted error of each frame of a camera that is taken to be at rest, px."""
+    matcher, before, found = DenseMatcher(), np.eye(3), []
+    for frame in frames:
+        match = matcher.match(keyframe, frame, before, 0.3, before, None)
+        before = match.fit.matrix
+        found.append(match.std)
+    return np.array(found)
+
+
+def test_a_camera_at_rest_is_sure_behind_movers(keyframe, scene):
+    """Half of the frame shows the scene where it was."""
+    found = deviations(keyframe, (hidden(scene, seed, 80) for seed in range(10)))
+    assert (found[1:] < OK_STD).all()
+
+
+def test_a_frame_that_shows_nothing_known_is_not_believed(keyframe, scene):
+    """A new camera whose frames hide the scene may be anywhere; a position that agrees by chance is weak."""
+    found = deviations(keyframe, (hidden(scene, seed, 160) for seed in range(10)))
+    assert (found > OK_STD).all()
+
+
+def test_doubt_grows_while_the_scene_is_hidden(keyframe, scene):
+    """After twenty frames at rest, three that show nothing known, and three more of the scene."""
+    frames = [hidden(scene, seed, 160 if 20 <= seed < 23 else 40) for seed in range(26)]
+    found = deviations(keyframe, frames)
+    assert found[19] < found[20] < found[21] < found[22]
+    assert (found[23:] < OK_STD).all()
