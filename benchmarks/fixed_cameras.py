@@ -25,7 +25,13 @@ from streamkit_stitcher.plane.settings import PlaneSettings
 
 GreyArray = npt.NDArray[np.uint8]
 DATA = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data"
-VIDEOS = {"pets09": "pets09_s2l1.avi"}
+VIDEOS = {
+    "pets09": "video/pets09_s2l1.avi",
+    "TUD-Stadtmitte": "mot/TUD-Stadtmitte/video.mp4",
+    "KITTI-17": "mot/KITTI-17/video.mp4",
+    "MOT16-09": "mot/MOT16-09/video.mp4",
+}
+MOST_ROWS = 800  # of a video; larger frames are halved
 # Cameras that move: no truth.
 MOVING = {"ucsd_jump", "ucsd_skiing", "ucsd_surf"}
 MARGIN = 0.12
@@ -44,7 +50,7 @@ def sequences() -> dict[str, list[GreyArray]]:
                 for path in sorted((folder / "input").glob("*.jpg"))
             ]
     for name, file in VIDEOS.items():
-        found[name] = list(_decoded(DATA / "video" / file))
+        found[name] = [_halved(frame) for frame in _decoded(DATA / file)]
     return found
 
 
@@ -55,6 +61,13 @@ def _decoded(path: Path) -> Iterator[GreyArray]:
         if not read:
             return
         yield np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+
+
+def _halved(frame: GreyArray) -> GreyArray:
+    """A frame, of half the size where it has many rows."""
+    if len(frame) <= MOST_ROWS:
+        return frame
+    return np.asarray(cv2.resize(frame, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def views(kind: str, count: int, shape: tuple[int, int], seed: int = 1) -> FloatArray:
