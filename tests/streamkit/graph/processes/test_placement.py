@@ -41,7 +41,7 @@ def test_a_converter_runs_where_its_source_does() -> None:
     [
         ("fakesrc ! ( process=true appsink )", "is called by the application"),
         ("( process=true appsrc ) ! fakesink", "is called by the application"),
-        ("( process=true restart=1 fakesrc ) ! fakesink", "would begin anew"),
+        ("( process=true restart=1 fakesrc ) ! fakesink", "would start over"),
         ("demux name=d  d.video_0 ! ( process=true fakesink )", "waits for a pad of the stream"),
     ],
 )

@@ -85,7 +85,7 @@ def test_no_more_often_than_allowed() -> None:
 
 def test_a_file_is_not_begun_again() -> None:
     """Frames would come twice."""
-    with pytest.raises(DescriptionError, match="would begin anew"):
+    with pytest.raises(DescriptionError, match="would start over"):
         Pipeline.parse("( process=true restart=1 fakesrc num-buffers=5 ) ! fakesink")
 
 
