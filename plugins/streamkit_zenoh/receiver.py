@@ -110,6 +110,7 @@ class MessageReceiver:
         self._counts: Counter[str] = Counter()
         self._publishers = 0
         self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
+        self._latest_run = 0
         self._status_decoder = Decoder(StatusRecord, STATUS_SCHEMA)
         self._settled: RecentDict[tuple[str, int], int] = RecentDict()
         # Called in zenoh's own thread, so that no messages wait but those in the queue.
@@ -140,9 +141,14 @@ class MessageReceiver:
 
     @property
     def has_vanished(self) -> bool:
-        """Whether all publishers are gone and at least one never reported `ended`."""
+        """Whether all publishers are gone and at least one never reported `ended`.
+
+        One that is killed at its start has sent records, and perhaps no status yet.
+        """
         with self._lock:
-            return not self._publishers and any(runs for _, runs in self._running.values())
+            states = self._running.values()
+            has_status = not states or any(run >= self._latest_run for run, _ in states)
+            return not self._publishers and (not has_status or any(runs for _, runs in states))
 
     def warnings(self) -> list[str]:
         """What a user must know about the numbers so far."""
@@ -162,6 +168,8 @@ class MessageReceiver:
         key, size = str(sample.key_expr), len(sample.payload)
         with self._lock:
             continuity = (self._losses.replied if is_reply else self._losses.received)(key, stamp)
+            if stamp is not None and continuity.is_new:
+                self._latest_run = max(self._latest_run, stamp.run)
             self._counts["received"] += continuity.is_new
             self._counts["lost"] += continuity.lost
             self._counts["restarts"] += continuity.is_restart

@@ -244,6 +244,23 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
         token.undeclare()
 
 
+def test_a_publisher_that_was_killed_before_its_first_status_has_vanished(
+    open_test_session: Opener, key: str, endpoint: str
+) -> None:
+    """The run before it had ended; its own records are of a later run."""
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
+    with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
+        session = open_test_session(connect=endpoint)
+        publisher = session.declare_publisher(f"{key}/tracks")
+        _wait_for(lambda: publisher.matching_status.matching)
+        ended = codec.encode(_status(key, settled_number=1, state="ended"))
+        for run in (5, 6):
+            publisher.put(b"{}", attachment=Stamp(run, 0).attachment())
+            session.put(f"{key}/status", ended, encoding=codec.content_type)
+        _wait_for(lambda: subscriber.counts.received == 2)
+        assert subscriber.has_vanished
+
+
 def test_publishers_are_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
     """The number of live publishers is known without any message."""
     with TrackSubscriber(key, listen=endpoint) as subscriber:
