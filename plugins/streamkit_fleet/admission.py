@@ -34,7 +34,7 @@ class CostMeter:
         """
         rows = self._pipeline.statistics()
         frames = max((row.frames_in for row in rows), default=0)
-        frames -= sum(sum(row.dropped.values()) for row in rows if row.queue is not None)
+        frames -= sum(row.total_dropped for row in rows if row.queue is not None)
         begin = WARM_UP_FRAMES if self._from is None else self._from[0] + WINDOW_FRAMES
         if frames < begin:
             return

@@ -100,7 +100,7 @@ class FeedActor:
             cores=0.0 if self._cost is None else self._cost.cores,
             restarts=self._restarts,
             frames=max((row.frames_in for row in rows), default=0),
-            dropped=sum(sum(row.dropped.values()) for row in rows),
+            dropped=sum(row.total_dropped for row in rows),
             metrics=self._metrics,
             digest=self._feed.digest,
         )

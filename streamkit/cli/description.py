@@ -26,9 +26,8 @@ def _complete(context: typer.Context, incomplete: str) -> list[str]:
 
     line = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")  # bash; others
     words = context.params.get("description") or ()
-    if not incomplete and line.endswith(
-        (" =", "\n=")
-    ):  # bash separates `name=`, and typer leaves the last word out
+    # bash separates `name=` into two words, and typer leaves the last one out.
+    if not incomplete and line.endswith((" =", "\n=")):
         words = (*words, "=")
     return complete_description(words, incomplete, in_quotes=has_open_quote(line))
 

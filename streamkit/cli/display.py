@@ -113,7 +113,7 @@ class Progress(Display):
 
     def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
         frames = max((row.frames_in for row in now.elements), default=0)
-        dropped = sum(sum(row.dropped.values()) for row in now.elements)
+        dropped = sum(row.total_dropped for row in now.elements)
         since_s = now.elapsed_s if is_last else now.elapsed_s - self._frames_s
         rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
         self._frames, self._frames_s = frames, now.elapsed_s

@@ -208,7 +208,7 @@ class Run:
                 self.display.print_line(f"caps: {src.path} -> {sink.path}: {caps}")
 
     def _print_of_start(self, message: Message) -> None:
-        """Prints a warning at once: compiling loops for this machine, of which it tells, takes minutes."""
+        """Prints a warning at once: it may announce minutes of compiling loops."""
         if self._is_starting and message.kind is MessageKind.WARNING:
             self._print_message(message)
             self._printed.append(message)

@@ -44,14 +44,14 @@ def summarise(statistics: RunStatistics) -> RunSummary:
     return RunSummary(
         elapsed_s=statistics.elapsed_s,
         frames=max(video, default=0) or max((pad.frames for pad in pads), default=0),
-        dropped=sum(sum(row.dropped.values()) for row in statistics.elements),
+        dropped=sum(row.total_dropped for row in statistics.elements),
         results=dict(results),
         files={row.location: count for row in statistics.elements if (count := row.results.get("files"))},
     )
 
 
 def results_text(summary: RunSummary) -> str:
-    """What was made: ", 3 confirmed tracks, wrote tracks.jsonl", or "" where no element tells."""
+    """What was made: ", 3 confirmed tracks, wrote tracks.jsonl", or "" where no element counts anything."""
     shown = {LABELS.get(name, name): count for name, count in summary.results.items()}
     words = [f"{count} {name.removesuffix('s') if count == 1 else name}" for name, count in shown.items()]
     files = [f"{count} files {name}" if count > 1 else name for name, count in summary.files.items()]

@@ -11,13 +11,9 @@ if TYPE_CHECKING:
 
     from streamkit.graph.statistics import ElementStatistics, QueueLevels, RunStatistics
 
-COLUMNS = {
-    "element": "element", "in": "in", "out": "out", "rate": "/s", "dropped": "dropped", "errors": "errors",
-    "busy": "busy", "queue": "queue (most)", "age": "age",
-}  # fmt: skip
-PROCESS_COLUMNS = {
-    name: name for name in ("process", "cpu", "load", "memory", "frames", "crossings", "waited")
-}
+COLUMNS = ("element", "in", "out", "rate", "dropped", "errors", "busy", "queue", "age")
+PROCESS_COLUMNS = ("process", "cpu", "load", "memory", "frames", "crossings", "waited")
+HEADS = {"rate": "/s", "queue": "queue (most)"}  # where they differ from the names
 TEXTS = ("element", "dropped", "process")
 
 
@@ -122,13 +118,14 @@ def as_tables(now: RunStatistics, before: RunStatistics | None = None) -> Group:
     return Group(_table(COLUMNS, lines, title), _table(PROCESS_COLUMNS, process_facts(now, before)))
 
 
-def _table(columns: dict[str, str], lines: list[dict[str, str]], title: str | None = None) -> Table:
+def _table(columns: tuple[str, ...], lines: list[dict[str, str]], title: str | None = None) -> Table:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
-    for name, head in columns.items():
+    for name in columns:
+        head = HEADS.get(name, name)
         is_text = name in TEXTS  # truncated on a narrow terminal, unlike numbers
         width = 8 if is_text else max(len(text) for text in (head, *(line.get(name, "") for line in lines)))
         table.add_column(head, justify="left" if is_text else "right", no_wrap=True, min_width=width)

@@ -194,7 +194,7 @@ class Pose:
         is_stale: whether that gap is too long for the pose to be reliable.
         frame_centre: latitude, longitude (deg), elevation (m) of what the frame's centre shows, as sent.
         corners: latitude, longitude (deg) of what its corners show, as sent: upper left, then clockwise.
-        ground_altitude: of the ground, m, with the datum of `altitude`, as far as telemetry tells it: the
+        ground_altitude: of the ground, m, with the datum of `altitude`, as far as telemetry has it: the
             take-off, or what the frame shows.
     """
 

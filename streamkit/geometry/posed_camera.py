@@ -61,14 +61,14 @@ def posed_camera(
     """
     height = height_above_ground(pose, ground_altitude)
     if height is None:
-        return "nothing tells the camera's height above the ground; set ground-altitude"
+        return "the camera's height above the ground is unknown; set ground-altitude"
     view = pose.field_of_view
     if view is None and field_of_view > 0:
         view = field_of_view, 2 * math.atan(math.tan(field_of_view / 2) * shape[0] / shape[1])
     if view is None:
-        return "nothing tells the camera's field of view; set field-of-view"
+        return "the camera's field of view is unknown; set field-of-view"
     if not has_heading(pose):
-        return "nothing tells the camera's heading; put stitch before it, which sees how the camera moves"
+        return "the camera's heading is unknown; put stitch before it, which measures how the camera moves"
     return _camera(pose, shape, height, view)
 
 
@@ -82,7 +82,7 @@ def height_above_ground(pose: CameraPose, ground_altitude: float | None) -> floa
 
 
 def has_heading(pose: CameraPose) -> bool:
-    """Whether the pose tells where north is in a frame: DJI writes the angles of the gimbal to north."""
+    """Whether north is known in the frame: DJI gives the angles of the gimbal relative to north."""
     is_to_north = pose.sensor_angles is not None and pose.source.startswith("dji")
     return pose.heading is not None or is_to_north
 

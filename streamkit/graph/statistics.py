@@ -99,6 +99,11 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     queue: QueueLevels | None
     pads: list[PadStatistics]
 
+    @property
+    def total_dropped(self) -> int:
+        """Frames not delivered, for any reason."""
+        return sum(self.dropped.values())
+
 
 class ProcessStatistics(msgspec.Struct, frozen=True):
     """Counters of one process since streaming began.

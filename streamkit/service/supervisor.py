@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from types import FrameType
 
-RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # tells the child how many there were before it
+RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # number of restarts before this one
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
 PR_SET_PDEATHSIG = 1
 FIRST_DELAY_S, LONGEST_DELAY_S = 1.0, 60.0
