@@ -18,7 +18,7 @@ demo: $(READY)
 	@$(BIN)/python pipelines/demo.py
 
 test: $(READY)
-	@$(BIN)/python -m pytest -q -n auto --dist loadfile
+	@$(BIN)/python -m pytest -q -n 3 --dist loadfile
 
 lint: $(READY)
 	@$(BIN)/ruff check .
