@@ -20,7 +20,7 @@ def connected(address: str | None, *, cores: int | None = None, wait_s: float = 
     """Context with a connection to Ray: the one there is, a cluster's, or a local one that ends with it.
 
     Args:
-        address: HOST:PORT of a cluster, "auto" for the one on this machine, None for a Ray of this process.
+        address: HOST:PORT of a cluster, "auto" for the one on this machine, None to start one here.
         cores: of a local Ray; None is all.
         wait_s: how long to wait for a cluster that starts, s.
 
@@ -29,7 +29,6 @@ def connected(address: str | None, *, cores: int | None = None, wait_s: float = 
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers share the cores already
     try:
         import ray
     except ImportError as error:

@@ -87,7 +87,7 @@ class FeedActor:
         """How it is now."""
         reason, rows = self._reason, []
         if self._state == "playing" and self._monitor is not None:
-            reason, rows = self._monitor.missing(), self._monitor.pipeline.statistics()
+            reason, rows = self._monitor.not_ready_reason(), self._monitor.pipeline.statistics()
             if self._cost is not None:
                 self._cost.update()
         return FeedStatus(

@@ -134,9 +134,9 @@ class PoseSync(Combine):
         other = self.pads["sink" if pad.is_src else "src"]
         return Caps("ANY") if other.peer is None else other.peer_caps()
 
-    def switched(self, pad: Any) -> None:
+    def send_segment(self, pad: Any) -> None:
         """The segment downstream is always the video's."""
-        super().switched(self.pads["sink"])
+        super().send_segment(self.pads["sink"])
 
     # Streaming.
 

@@ -90,8 +90,8 @@ class Compositor(Combine):
         super().receive_event(pad, event)
 
     @override
-    def switched(self, pad: Pad) -> None:
-        super().switched(self._main)
+    def send_segment(self, pad: Pad) -> None:
+        super().send_segment(self._main)
 
     @override
     def flush(self, *, begins: bool) -> None:

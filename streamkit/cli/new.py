@@ -33,7 +33,7 @@ SUMMARIES = {
     ElementKind.SOURCE: "Makes a grey ramp that moves sideways.",
     ElementKind.SINK: "Writes the mean brightness of each frame into a text file, one line a frame.",
 }
-LINES = {
+EXAMPLE_PIPELINES = {
     ElementKind.TRANSFORM: "videotestsrc num-buffers=30 ! {} gain=1.5 ! fakesink",
     ElementKind.SOURCE: "{} num-buffers=30 ! fakesink",
     ElementKind.SINK: "videotestsrc num-buffers=30 ! {} location=means.txt",
@@ -50,13 +50,13 @@ def new(
     try:
         write_package(folder, kind)
     except FileExistsError:
-        fail_usage(f"{folder}: the folder must not be there yet; take another name, or remove it")
+        fail_usage(f"{folder}: the folder exists already; take another name, or remove it")
     except OSError as error:
         fail_usage(f"{folder}: the package cannot be written: {error.strerror}")
     typer.echo(
         f"{folder}: a package with the element {element_name(name)}. Now:\n"
         f'    cd {folder}\n    pip install -e ".[test]"\n    python -m pytest\n'
-        f'    streamkit launch "{LINES[kind].format(element_name(name))}"'
+        f'    streamkit launch "{EXAMPLE_PIPELINES[kind].format(element_name(name))}"'
     )
 
 
@@ -68,8 +68,8 @@ def element_name(name: str) -> str:
 def check_free_name(name: str) -> None:
     """Refuses a name that is invalid for a package, module or element, or already in use."""
     if not NAME.fullmatch(name) or len(name) > LONGEST_NAME:
-        wanted = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST_NAME]
-        hint = f"; {wanted!r} would do" if NAME.fullmatch(wanted) else ""
+        suggestion = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST_NAME]
+        hint = f"; {suggestion!r} would do" if NAME.fullmatch(suggestion) else ""
         fail_usage(
             "a package's name has lower-case letters, digits and single dashes, begins with a letter and has "
             f"at most {LONGEST_NAME} characters, got {name!r}{hint}"
@@ -102,7 +102,7 @@ def write_package(folder: Path, kind: ElementKind) -> None:
         "element": element,
         "class_name": "".join(word.capitalize() for word in name.split("-")),
         "summary": SUMMARIES[kind],
-        "line": LINES[kind].format(element),
+        "pipeline": EXAMPLE_PIPELINES[kind].format(element),
     }
     folder.mkdir()
     for template, target in (

@@ -33,12 +33,13 @@ from streamkit.flow.frame import Frame
 class Combine(Element):
     """Base class of n-to-1 elements: override `combine`, which gets the frames of all inputs one at a time.
 
-    When the input changes, its caps and segment are sent before its frames.
+    When the input changes, its caps and segment are sent before its frames. Frames are pushed downstream with
+    `combine_lock` held; `Element.lock` stays free, so that `interrupt` does not wait for downstream.
     """
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.combine_lock = threading.RLock()
-        self._source: Pad | None = None
+        self._last_input: Pad | None = None
         self._has_ended = False
         super().__init__(name, **properties)
 
@@ -50,8 +51,8 @@ class Combine(Element):
         """Frames still held when every input has ended."""
         return ()
 
-    def switched(self, pad: Pad) -> None:
-        """The input has changed: sends its segment."""
+    def send_segment(self, pad: Pad) -> None:
+        """Sends the segment of an input, if it is another than the last one sent."""
         if pad.segment != self.src_pad.segment:
             self.src_pad.send_event(SegmentEvent(pad.segment))
 
@@ -86,7 +87,7 @@ class Combine(Element):
     def push_output(self, frame: Frame, pad: Pad | None = None) -> None:
         """Sends a frame of an input, after the events that precede it."""
         src = self.src_pad
-        if frame.caps is not src.caps or (pad is not None and pad is not self._source):
+        if frame.caps is not src.caps or (pad is not None and pad is not self._last_input):
             self._send_caps_and_segment(frame.caps, pad)
         src.push(frame)
 
@@ -96,9 +97,9 @@ class Combine(Element):
         if caps is not None and caps is not src.caps:
             src.check_accepted(caps)
             src.send_event(CapsEvent(caps))
-        if pad is not None and pad is not self._source:
-            self._source = pad
-            self.switched(pad)
+        if pad is not None and pad is not self._last_input:
+            self._last_input = pad
+            self.send_segment(pad)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Forwards EOS when every input has ended, caps and segments before the frames, the rest at once."""
@@ -108,10 +109,10 @@ class Combine(Element):
         with self.combine_lock:
             if isinstance(event, EosEvent):
                 pad.is_eos = True
-                self._end_if_over()
+                self._send_eos_if_all_ended()
             elif isinstance(event, SegmentEvent):
-                if pad is self._source:
-                    self.switched(pad)
+                if pad is self._last_input:
+                    self.send_segment(pad)
             elif not isinstance(event, CapsEvent):
                 self._forward_event(pad, event)
 
@@ -121,7 +122,7 @@ class Combine(Element):
             self._send_caps_and_segment(pad.caps, pad)
         self.src_pad.send_event(event)
 
-    def _end_if_over(self) -> None:
+    def _send_eos_if_all_ended(self) -> None:
         """Ends the stream, once, when every input has ended."""
         sinks = list(self.sink_pads())
         if self._has_ended or not sinks or not all(sink.is_eos for sink in sinks):
@@ -141,7 +142,7 @@ class Combine(Element):
         """Removes an input; the stream ends if all others have ended."""
         with self.combine_lock:
             super().release_pad(pad)
-            self._end_if_over()
+            self._send_eos_if_all_ended()
 
     def flush(self, *, begins: bool) -> None:
         """A flush lets inputs that have ended start again."""
@@ -151,17 +152,13 @@ class Combine(Element):
 
     def pads_changed(self) -> None:
         """Sends the segment again before the next frame."""
-        self._source = None
+        self._last_input = None
         if not any(pad.is_eos for pad in self.sink_pads()):
             self._has_ended = False
 
 
 class Split(Element):
     """Base class of 1-to-n elements: override `split`."""
-
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._branches: tuple[Pad, ...] = ()
-        super().__init__(name, **properties)
 
     def split(self, frame: Frame) -> Mapping[str, Frame]:
         """Frames by the name of the src pad that they leave through."""
@@ -183,10 +180,10 @@ class Split(Element):
             return
         linked = [pad for pad in list(self.pads.values()) if pad.peer is not None]
         answers = [pad.template.caps & pad.peer_caps() for pad in linked]
+        # Of each pad all others: the intersection of those before it with that of those after it.
         before = list(itertools.accumulate(answers, operator.and_, initial=ANY))
-        after = list(itertools.accumulate(reversed(answers), lambda later, own: own & later, initial=ANY))[
-            ::-1
-        ]
+        after = list(itertools.accumulate(reversed(answers), lambda later, own: own & later, initial=ANY))
+        after.reverse()
         for index, pad in enumerate(linked):
             if pad.is_src:
                 pad.known_caps = before[index] & after[index + 1] & pad.template.caps
@@ -226,7 +223,3 @@ class Split(Element):
         """Removes a branch; later frames do not reach it."""
         super().release_pad(pad)
         self.pads_changed()
-
-    def pads_changed(self) -> None:
-        """Updates the list of branches."""
-        self._branches = tuple(pad for pad in list(self.pads.values()) if pad.is_src)

@@ -21,7 +21,7 @@ CLOSE_LIMIT_S = 5.0
 
 
 class IfExists(enum.StrEnum):
-    """What happens where a file to write is there already."""
+    """What happens if the file to write exists already."""
 
     FAIL = "fail"
     CONTINUE = "continue"
@@ -75,7 +75,7 @@ class OutputFileSink(Sink):
             self.file.abandon()
 
     def shortfall(self) -> str:
-        """Why the file holds nothing of what it is for, or ""; asked once it is complete."""
+        """Why the complete file contains no data, such as no tracks, or ""."""
         return ""
 
     def can_append(self) -> bool:

@@ -56,7 +56,7 @@ class Concat(Combine):
         def in_turn(frame: Frame) -> None:
             if pad.is_eos:
                 raise EndOfStream(self.name)
-            if self._source is not pad:
+            if self._last_input is not pad:
                 self._wait_for_turn(pad)
             receive(frame)
             if frame.pts is not None:
@@ -65,7 +65,7 @@ class Concat(Combine):
 
         return in_turn
 
-    def switched(self, pad: Pad) -> None:
+    def send_segment(self, pad: Pad) -> None:
         """Sends the segment of the new input, shifted to the end of the previous one."""
         segment = pad.segment
         if self.adjust_base and self._end_ns:

@@ -36,7 +36,7 @@ class Funnel(Combine):
     def combine(self, pad_name: str, frame: Frame) -> Frame:
         return frame
 
-    def switched(self, pad: Pad) -> None:
+    def send_segment(self, pad: Pad) -> None:
         """Sends the input's segment if `forward-sticky-events` is on."""
         if self.forward_sticky_events:
-            super().switched(pad)
+            super().send_segment(pad)

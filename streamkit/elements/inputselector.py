@@ -129,16 +129,11 @@ class InputSelector(Combine):
                 self._time_ns = pad.segment.running_time_ns(frame.pts)
                 self.changed.notify_all()
 
-    def combine(self, pad_name: str, frame: Frame) -> Frame | None:
-        """The frame, if it is from the active pad."""
-        active = self._active()
-        return frame if active is not None and active.name == pad_name else None
-
     def _forward_event(self, pad: Pad, event: Event) -> None:
         if pad is self._active():
             self.src_pad.send_event(event)
 
-    def _end_if_over(self) -> None:
+    def _send_eos_if_all_ended(self) -> None:
         active = self._active()
         self.wake()
         if active is None or not active.is_eos or self._has_ended:
@@ -154,7 +149,7 @@ class InputSelector(Combine):
             self._check_pad(self.active_pad)
         if self.is_playing:
             with self.combine_lock:
-                self._end_if_over()
+                self._send_eos_if_all_ended()
 
     def _check_pad(self, name: str | None) -> None:
         """Refuses a name that is not a pad; while the graph is built, one that cannot become a pad."""

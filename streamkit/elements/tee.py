@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from typing import Any
 
 from typing_extensions import override
 
@@ -31,9 +32,13 @@ class Tee(Split):
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
     last_message: str | None = Property(None, readonly=True, doc="The last action.")
 
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self._branches: tuple[Pad, ...] = ()
+        super().__init__(name, **properties)
+
     @override
-    def split(self, frame: Frame) -> Mapping[str, Frame]:
-        return dict.fromkeys((pad.name for pad in self.src_pads()), frame)
+    def pads_changed(self) -> None:
+        self._branches = tuple(self.src_pads())
 
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:

@@ -13,7 +13,7 @@ CAPACITY = 4096
 
 
 class Bus:
-    """A bounded queue of messages; if full, it drops the oldest that is neither error nor eos.
+    """A bounded queue of messages; if full, it drops the oldest, errors and eos last.
 
     Attributes:
         counts: messages since the last `flush`, by source and kind.
@@ -63,4 +63,4 @@ class Bus:
 def _choose_dropped(messages: Sequence[Message], _: Message, is_full: bool) -> range:
     kept = (MessageKind.ERROR, MessageKind.EOS)
     index = next((index for index, message in enumerate(messages) if message.kind not in kept), 0)
-    return range(index, index + is_full)
+    return range(index, index + 1 if is_full else index)

@@ -66,7 +66,7 @@ class MetricsEndpoint:
 
 def _routes(monitor: Monitor, metrics: Callable[..., Iterable[bytes]]) -> Callable[..., Iterable[bytes]]:
     """The WSGI application."""
-    probes = {"/healthz": monitor.sickness, "/readyz": monitor.missing}
+    probes = {"/healthz": monitor.unhealthy_reason, "/readyz": monitor.not_ready_reason}
 
     def answer(environment: WSGIEnvironment, respond: StartResponse) -> Iterable[bytes]:
         path = environment["PATH_INFO"]
@@ -88,13 +88,13 @@ def _listen(address: str, app: Callable[..., Iterable[bytes]]) -> Any:
     from socketserver import TCPServer, ThreadingMixIn
     from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
-    class Silent(WSGIRequestHandler):
-        timeout = 10.0  # of a client that says nothing, s
+    class QuietHandler(WSGIRequestHandler):
+        timeout = 10.0  # of an idle client, s
 
         def log_message(self, format: str, *args: Any) -> None:
-            """Says nothing; a scrape each second is no news."""
+            """Requests are not logged."""
 
-    class Threaded(ThreadingMixIn, WSGIServer):
+    class ThreadingServer(ThreadingMixIn, WSGIServer):
         daemon_threads = True
         address_family = socket.AF_INET6 if address.startswith("[") else socket.AF_INET
 
@@ -108,6 +108,6 @@ def _listen(address: str, app: Callable[..., Iterable[bytes]]) -> Any:
     if not separator or not port.isdecimal() or int(port) > 65535 or not host:
         raise ResourceError(f"the address of metrics is HOST:PORT, got {address!r}; try 127.0.0.1:9464")
     try:
-        return make_server(host.strip("[]"), int(port), app, Threaded, Silent)
+        return make_server(host.strip("[]"), int(port), app, ThreadingServer, QuietHandler)
     except OSError as error:
         raise ResourceError(f"metrics cannot be served at {address}: {error.strerror or error}") from error

@@ -30,8 +30,8 @@ class PipelineCollector:
     def collect(self) -> Iterator[Metric]:
         """The metrics, in OpenMetrics' names and units."""
         rows = self._monitor.pipeline.statistics()
-        yield _gauge("pipeline_healthy", "1 if /healthz says so.", not self._monitor.sickness())
-        yield _gauge("pipeline_ready", "1 if /readyz says so.", not self._monitor.missing())
+        yield _gauge("pipeline_healthy", "1 if /healthz says so.", not self._monitor.unhealthy_reason())
+        yield _gauge("pipeline_ready", "1 if /readyz says so.", not self._monitor.not_ready_reason())
         restarts = CounterMetricFamily("streamkit_pipeline_restarts", "Restarts by a supervisor.")
         restarts.add_metric((), self._monitor.pipeline_restarts)
         yield restarts

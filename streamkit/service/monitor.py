@@ -81,7 +81,7 @@ class Monitor:
 
     # Asked by probes, in their threads.
 
-    def sickness(self) -> str:
+    def unhealthy_reason(self) -> str:
         """Why the process should be replaced, or ""; a pipeline that starts is healthy."""
         if self.pipeline.error is not None:
             return f"the pipeline has failed: {self.pipeline.error}"
@@ -90,9 +90,9 @@ class Monitor:
             return f"the main loop has not run for {silence_s:.0f} s"
         return ""
 
-    def missing(self) -> str:
-        """What the pipeline lacks to be of use, or "": it plays, is connected, and every sink has frames."""
-        if reason := self.sickness():
+    def not_ready_reason(self) -> str:
+        """Why the pipeline is not ready, or "": it plays, is connected, and every sink has frames."""
+        if reason := self.unhealthy_reason():
             return reason
         if self.pipeline.state is not State.PLAYING:
             return f"the pipeline is {self.pipeline.state}, not playing"

@@ -29,13 +29,13 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.chain import Chain
 
 
-class _Feed(Element):
+class _TestSource(Element):
     """Upstream of the element under test."""
 
     templates = (PadTemplate("src", Direction.SRC, ANY),)
 
 
-class _Collect(Sink):
+class _TestSink(Sink):
     """Downstream of the element under test."""
 
     sink = "ANY"
@@ -81,7 +81,7 @@ class Harness:
         self.element = make_element(element, **properties) if isinstance(element, str) else element
         self.messages: list[Message] = []
         self._frames: list[Frame] = []
-        self._feeds: dict[str, _Feed] = {}
+        self._sources: dict[str, _TestSource] = {}
         self.element.poster = self.messages.append
         if clock is not None:
             self.element.clock = clock
@@ -93,7 +93,7 @@ class Harness:
                 self.element.request_pad(template)
         for pad in self.element.pads.values():
             self._connect(pad)
-        for owner in [*self._feeds.values(), self.element]:  # after all links
+        for owner in [*self._sources.values(), self.element]:  # after all links
             for pad in owner.src_pads():
                 pad.push = Chain(pad).push
         self._epochs: dict[str, int] = {}
@@ -107,13 +107,13 @@ class Harness:
 
     def _connect(self, pad: Pad) -> None:
         if pad.is_src:
-            collect = _Collect(f"collect_{pad.name}", self._frames)
-            collect.accepts = self._downstream
-            collect.poster = self.messages.append
-            pad.link(collect.pads["sink"])
+            sink = _TestSink(f"collect_{pad.name}", self._frames)
+            sink.accepts = self._downstream
+            sink.poster = self.messages.append
+            pad.link(sink.pads["sink"])
         else:
-            feed = self._feeds[pad.name] = _Feed(f"feed_{pad.name}")
-            feed.pads["src"].link(pad)
+            source = self._sources[pad.name] = _TestSource(f"feed_{pad.name}")
+            source.pads["src"].link(pad)
 
     def push(self, frame: Frame, pad: str = "sink") -> list[Frame]:
         """Pushes a frame, after its caps if they are new; returns the output."""
@@ -123,7 +123,7 @@ class Harness:
         elif frame.caps is not src.caps:
             frame = frame.replace(caps=src.caps)
         if frame.epoch != self._epochs.get(pad):
-            if frame.epoch != self._epochs.get(pad, 0):
+            if frame.epoch != self._epochs.get(pad, 0):  # a stream begins with epoch 0
                 src.send_event(DiscontinuityEvent(frame.epoch))
             self._epochs[pad] = frame.epoch
             base_ns = self.element.timing.running_time_ns()
@@ -139,14 +139,14 @@ class Harness:
     def flush(self) -> list[Frame]:
         """Flushes every sink pad; returns the output."""
         for event in (FLUSH_START, FLUSH_STOP):
-            for pad in self._feeds:
+            for pad in self._sources:
                 self._feed(pad).send_event(event)
         self._epochs.clear()
         return self.take()
 
     def drain(self) -> list[Frame]:
         """Sends EOS to every sink pad; returns the output."""
-        for pad in self._feeds:
+        for pad in self._sources:
             self._feed(pad).send_event(EOS)
         return self.take()
 
@@ -159,7 +159,7 @@ class Harness:
     def _feed(self, pad: str) -> Pad:
         if not self._open:
             raise StateError("the harness is closed")
-        return self._feeds[pad].pads["src"]
+        return self._sources[pad].pads["src"]
 
     # Called by the element.
 
@@ -174,7 +174,7 @@ class Harness:
     def pad_added(self, pad: Pad) -> None:
         """Connects a new pad."""
         self._connect(pad)
-        src = pad if pad.is_src else self._feeds[pad.name].pads["src"]
+        src = pad if pad.is_src else self._sources[pad.name].pads["src"]
         src.push = Chain(src).push
 
     def no_more_pads(self, element: Element) -> None:
@@ -183,8 +183,8 @@ class Harness:
 
     def reconfigure(self, element: Element) -> None:
         """Makes the next frame renegotiate."""
-        for feed in self._feeds.values():
-            feed.pads["src"].caps = None
+        for source in self._sources.values():
+            source.pads["src"].caps = None
 
     def sink_ended(self, element: Element) -> None:
         """Sets `has_ended`."""

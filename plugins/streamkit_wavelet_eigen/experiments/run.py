@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+from streamkit.handoff.library_threads import ONE_THREAD
 from streamkit_wavelet_eigen.experiments.databases import read_coil20, read_orl
 from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED, TRADITIONAL, choose
 from streamkit_wavelet_eigen.experiments.peers import peer_rates
@@ -15,8 +16,6 @@ from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, re
 from streamkit_wavelet_eigen.experiments.results import SCHEMA, PartitionResult, Results
 from streamkit_wavelet_eigen.experiments.tracking import Follow, by_runs, tracking_errors
 
-# Linear algebra in the child processes runs on one thread: results do not depend on the number of processors.
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
 
 
@@ -63,7 +62,7 @@ def run_all(
         workers: processes.
         report: called with the key of each finished partition.
     """
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     found: dict[str, PartitionResult] = {}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         tasks = {

@@ -12,7 +12,7 @@ import socket
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +78,19 @@ class Child:
             if isinstance(element, ProcessLink):
                 element.last_frame = marks.last_frame
                 vars(element)["count_drop"] = functools.partial(self._report_drop, number)
+        self._orders: dict[str, Callable[..., Any]] = {
+            "ready": self._pipeline.ready,
+            "play": self._play,
+            "pause": self._pause,
+            "stop": self._pipeline.stop,
+            "finish": self._pipeline.finish,
+            "ping": lambda: None,  # the answer shows that the interpreter runs
+            "connect": self._connect,
+            "set": self._set,
+            "statistics": self._statistics,
+            "process_statistics": self._process_statistics,
+            "query": self._query,
+        }
         self._pipeline.bus.watch(self._post)
         self._limit(graph)
         self._thread = threading.Thread(target=self._follow, name="streamkit:orders", daemon=True)
@@ -124,7 +137,7 @@ class Child:
     def _execute(self, order: Order) -> None:
         answer = OrderResult(order.number)
         try:
-            answer.value = getattr(self, f"_{order.name}")(*order.arguments)
+            answer.value = self._orders[order.name](*order.arguments)
         except Exception as error:
             answer.failure = encode_failure(error)
         self._send(ENCODER.encode(answer))
@@ -144,9 +157,6 @@ class Child:
 
     # Orders.
 
-    def _ready(self) -> None:
-        self._pipeline.ready()
-
     def _play(self, base_ns: int | None, latency_ns: int) -> None:
         timing = self._pipeline.timing
         timing.follow(base_ns, latency_ns)
@@ -156,15 +166,6 @@ class Child:
 
     def _pause(self) -> None:
         self._pipeline.pause()
-
-    def _stop(self) -> None:
-        self._pipeline.stop()
-
-    def _finish(self) -> None:
-        self._pipeline.finish()
-
-    def _ping(self) -> None:
-        """The answer says that the interpreter runs."""
 
     def _connect(self, number: int) -> None:
         link = list(self._pipeline.graph.process_links)[number]

@@ -1,4 +1,4 @@
-"""Part: one bin with a process, its present child, and how the main process stands in for its elements."""
+"""Part: one bin with a process, its current child, and the proxies of its elements in the main process."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Part:
         self._rows: list[ElementStatistics] = []
         self._process_rows: list[ProcessStatistics] = []
         for element in members:
-            self._make_stand_in(element, self.elements.index(element))
+            self._make_proxy(element, self.elements.index(element))
 
     def reset(self, watchdog_s: float) -> None:
         """Resets the state of an earlier run; without a limit of its own the bin has the pipeline's."""
@@ -140,8 +140,8 @@ class Part:
             if self.child is not None:
                 self.child.order(name)
 
-    def _make_stand_in(self, element: Element, number: int) -> None:
-        """Sends changes of properties to the process of an element; gets what only the running one knows."""
+    def _make_proxy(self, element: Element, number: int) -> None:
+        """Sends changes of properties to the process of an element, and answers queries from there."""
         changed = type(element).property_changed
 
         def forward(name: str) -> None:

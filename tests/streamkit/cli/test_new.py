@@ -76,7 +76,7 @@ def test_nothing_is_overwritten(folder: Path) -> None:
     (folder / "mine" / "keep").write_text("x")
     done = new("mine")
     assert done.exit_code == 2
-    assert done.stderr == ("error: mine: the folder must not be there yet; take another name, or remove it\n")
+    assert done.stderr == ("error: mine: the folder exists already; take another name, or remove it\n")
     assert [path.name for path in (folder / "mine").iterdir()] == ["keep"]
     (folder / "file").write_text("x")
     assert new("file").exit_code == 2

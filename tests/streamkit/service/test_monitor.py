@@ -68,35 +68,35 @@ def test_a_main_loop_that_stands_still_is_unhealthy() -> None:
     now = [0.0]
     monitor = Monitor(Pipeline.parse("fakesrc ! fakesink"), {}, lambda: now[0])
     now[0] = 1000.0
-    assert monitor.sickness() == ""
+    assert monitor.unhealthy_reason() == ""
     monitor.begin()
     now[0] = 1011.0
-    assert monitor.sickness() == "the main loop has not run for 11 s"
+    assert monitor.unhealthy_reason() == "the main loop has not run for 11 s"
     monitor.beat()
-    assert monitor.sickness() == ""
+    assert monitor.unhealthy_reason() == ""
 
 
 def test_ready_is_playing_connected_and_with_frames_at_every_sink() -> None:
     """What is missing is said, the first reason first."""
     with Pipeline.parse("appsrc name=in format=time caps=video/x-raw ! fakesink name=out") as pipeline:
         monitor = Monitor(pipeline, {})
-        assert monitor.missing() == "the pipeline is null, not playing"
+        assert monitor.not_ready_reason() == "the pipeline is null, not playing"
         pipeline.play()
         monitor.begin()
-        assert monitor.missing() == "no frame has reached out"
+        assert monitor.not_ready_reason() == "no frame has reached out"
         pipeline.bus.post(Message(MessageKind.ELEMENT, "in", "", {"name": "connection", "state": "retrying"}))
-        assert monitor.missing() == "in is not connected (retrying)"
+        assert monitor.not_ready_reason() == "in is not connected (retrying)"
         assert not monitor.reconnects
         pipeline.bus.post(
             Message(MessageKind.ELEMENT, "in", "", {"name": "connection", "state": "connected"})
         )
-        assert monitor.missing() == "no frame has reached out"
+        assert monitor.not_ready_reason() == "no frame has reached out"
         assert monitor.reconnects == {"in": 1}
     with Pipeline.parse("fakesrc num-buffers=3 ! fakesink") as pipeline:
         monitor = Monitor(pipeline, {})
         pipeline.play()
         assert pipeline.wait(20) is not None
-        assert monitor.missing() == ""
+        assert monitor.not_ready_reason() == ""
 
 
 def test_a_failed_pipeline_is_unhealthy() -> None:
@@ -105,8 +105,8 @@ def test_a_failed_pipeline_is_unhealthy() -> None:
         monitor = Monitor(pipeline, {})
         pipeline.play()
         pipeline.wait(20)
-        assert "identity0" in monitor.sickness()
-        assert monitor.missing() == monitor.sickness()
+        assert "identity0" in monitor.unhealthy_reason()
+        assert monitor.not_ready_reason() == monitor.unhealthy_reason()
 
 
 def test_ages_are_sampled_at_sinks() -> None:
