@@ -9,12 +9,9 @@ Source: MISB EG 0104.5, section 4; MISB ST 0601.12, section 8 (keys and types of
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 
 from streamkit_telemetry_formats.klv import BadKlv, universal_elements
-from streamkit_telemetry_formats.st0601 import RAD, LocalSet, Value, text, time
-
-Decoder = Callable[[bytes], Value]
+from streamkit_telemetry_formats.st0601 import RAD, Decoder, LocalSet, Value, decode_tags, text, time
 
 
 def real(low: float, high: float, scale: float = 1.0) -> Decoder:
@@ -71,18 +68,5 @@ def decode_universal_set(value: bytes) -> LocalSet:
     Raises:
         BadKlv: its elements do not fit into it.
     """
-    values: dict[int, int | float | str | bytes] = {}
-    broken = []
-    for key, data in universal_elements(value):
-        known = _BY_KEY.get(key[4:7] + key[8:])
-        if known is None:
-            continue
-        tag, decode = known
-        try:
-            decoded = decode(data)
-        except BadKlv:
-            broken.append(tag)
-            continue
-        if decoded is not None:
-            values[tag] = decoded
-    return LocalSet(values, broken=tuple(broken))
+    found = ((_BY_KEY.get(key[4:7] + key[8:]), data) for key, data in universal_elements(value))
+    return decode_tags((*known, data) for known, data in found if known is not None)

@@ -9,7 +9,7 @@ Source: MISB ST 0601 (integer mappings of tags 2 to 93), ST 1201 (IMAPB).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from streamkit_telemetry_formats.klv import BadKlv, elements
@@ -263,15 +263,20 @@ def decode_local_set(value: bytes) -> LocalSet:
     Raises:
         BadKlv: its elements do not fit into it.
     """
+    found = ((number, TAGS.get(number), data) for number, data in elements(value))
+    return decode_tags((number, None if tag is None else tag.decode, data) for number, tag, data in found)
+
+
+def decode_tags(items: Iterable[tuple[int, Decoder | None, bytes]]) -> LocalSet:
+    """The set of these tags with their decoders, None of an unknown tag; of equal tags the last counts."""
     values: dict[int, int | float | str | bytes] = {}
     unknown, broken = [], []
-    for number, data in elements(value):
-        tag = TAGS.get(number)
-        if tag is None:
+    for number, decode, data in items:
+        if decode is None:
             unknown.append(number)
             continue
         try:
-            decoded = tag.decode(data)
+            decoded = decode(data)
         except BadKlv:
             broken.append(number)
             continue
