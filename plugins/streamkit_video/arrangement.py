@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from streamkit import Choice
-from streamkit_video.pixel_formats import PLANAR, image_height
+from streamkit_video.pixel_formats import map_planes
 
 ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -65,7 +63,7 @@ def crop_image(data: ByteArray, pixel_format: str, left: int, top: int, size: tu
     def crop(plane: ByteArray, step: int) -> ByteArray:
         return plane[top // step :, left // step :][: height // step, : width // step]
 
-    return _by_plane(data, pixel_format, crop)
+    return map_planes(data, pixel_format, crop)
 
 
 def flip_image(data: ByteArray, pixel_format: str, direction: VideoDirection) -> ByteArray:
@@ -77,17 +75,4 @@ def flip_image(data: ByteArray, pixel_format: str, direction: VideoDirection) ->
             plane = plane.swapaxes(0, 1)
         return plane[:: -1 if backwards_y else 1, :: -1 if backwards_x else 1]
 
-    return _by_plane(data, pixel_format, flip)
-
-
-def _by_plane(
-    data: ByteArray, pixel_format: str, arrange: Callable[[ByteArray, int], ByteArray]
-) -> ByteArray:
-    """Applies a function of a plane, [h, w] or [h, w, channels], and its subsampling to every plane."""
-    if pixel_format not in PLANAR:
-        return np.ascontiguousarray(arrange(data, 1))
-    rows, columns = image_height(data, pixel_format), data.shape[1]
-    shape = (2, rows // 2, columns // 2) if pixel_format == "I420" else (1, rows // 2, columns // 2, 2)
-    luma = arrange(data[:rows], 1)
-    chroma = np.stack([arrange(plane, 2) for plane in data[rows:].reshape(shape)])
-    return np.concatenate([luma, chroma.reshape(-1, luma.shape[1])])
+    return map_planes(data, pixel_format, flip)

@@ -8,6 +8,8 @@ colour.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +71,19 @@ def image_height(data: ByteArray, pixel_format: str) -> int:
     """The height in px of a frame laid out as `pixel_format`; planar arrays have more rows."""
     rows = int(data.shape[0])
     return (rows * 2 + 1) // 3 if pixel_format in PLANAR else rows
+
+
+def map_planes(
+    data: ByteArray, pixel_format: str, function: Callable[[ByteArray, int], ByteArray]
+) -> ByteArray:
+    """A new frame of what a function makes of each plane, [h, w] or [h, w, channels], and its subsampling."""
+    if pixel_format not in PLANAR:
+        return np.ascontiguousarray(function(data, 1))
+    rows, columns = image_height(data, pixel_format), data.shape[1]
+    shape = (2, rows // 2, columns // 2) if pixel_format == "I420" else (1, rows // 2, columns // 2, 2)
+    luma = function(data[:rows], 1)
+    chroma = np.stack([function(plane, 2) for plane in data[rows:].reshape(shape)])
+    return np.concatenate([luma, chroma.reshape(-1, luma.shape[1])])
 
 
 def odd_size_error(pixel_format: str, width: int, height: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit import Choice
-from streamkit_video.pixel_formats import PLANAR, image_height, odd_size_error, supports_size
+from streamkit_video.pixel_formats import image_height, map_planes, odd_size_error, supports_size
 
 ByteArray = NDArray[np.uint8]
 Size = tuple[int, int]
@@ -49,20 +49,13 @@ def scale_image(data: ByteArray, pixel_format: str, size: Size, method: ScaleMet
     Raises:
         ValueError: I420 or NV12 of an odd size, before or after.
     """
-    width, height = size
-    interpolation = INTERPOLATIONS[method]
-    if pixel_format not in PLANAR:
-        return np.asarray(cv2.resize(data, size, interpolation=interpolation), np.uint8)
-    rows, columns = image_height(data, pixel_format), data.shape[1]
-    for either in ((columns, rows), size):
-        if not supports_size(pixel_format, *either):
-            raise ValueError(odd_size_error(pixel_format, *either))
-    planes = (2, rows // 2, columns // 2) if pixel_format == "I420" else (1, rows // 2, columns // 2, 2)
-    scaled = np.empty((height * 3 // 2, width), np.uint8)
-    scaled[:height] = cv2.resize(data[:rows], size, interpolation=interpolation)
-    chroma = [
-        cv2.resize(plane, (width // 2, height // 2), interpolation=interpolation)
-        for plane in data[rows:].reshape(planes)
-    ]
-    scaled[height:] = np.stack(chroma).reshape(height // 2, width)
-    return scaled
+    before = data.shape[1], image_height(data, pixel_format)
+    for width, height in (before, size):
+        if not supports_size(pixel_format, width, height):
+            raise ValueError(odd_size_error(pixel_format, width, height))
+
+    def scale(plane: ByteArray, step: int) -> ByteArray:
+        part = size[0] // step, size[1] // step
+        return np.asarray(cv2.resize(plane, part, interpolation=INTERPOLATIONS[method]), np.uint8)
+
+    return map_planes(data, pixel_format, scale)
