@@ -7,10 +7,10 @@ import ipaddress
 import logging
 import socket
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -102,8 +102,8 @@ class AccessControl:
             await refusal(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> Response | None:
-        headers = Headers(scope=scope)
-        host, origin = headers.get("host", ""), headers.get("origin")
+        request = HTTPConnection(scope)
+        host, origin = request.headers.get("host", ""), request.headers.get("origin")
         if not self._is_own_host(host):
             return _refuse(400, "a Host that is not this server's")
         if origin is None and scope["type"] == "websocket":
@@ -111,10 +111,10 @@ class AccessControl:
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return _refuse(403, "another site's Origin")
         name = f"{COOKIE}_{(scope.get('server') or ('', 0))[1]}"
-        scope["may_control"] = self._access.is_token(_cookie(headers, name))
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
+        scope["may_control"] = self._access.is_token(request.cookies.get(name, ""))
+        given = request.query_params.get("token")
         if scope["type"] == "http" and given:
-            if not self._access.is_token(given[0]):
+            if not self._access.is_token(given):
                 return _refuse(403, "a wrong token")
             response = RedirectResponse("/", status_code=303)
             response.set_cookie(name, self._access.token, httponly=True, samesite="strict")
@@ -139,14 +139,6 @@ class AccessControl:
         except ValueError:
             return name == socket.gethostname().lower()
         return True
-
-
-def _cookie(headers: Headers, name: str) -> str:
-    try:
-        morsel = SimpleCookie(headers.get("cookie", "")).get(name)
-    except CookieError:
-        return ""
-    return "" if morsel is None else morsel.value
 
 
 def _refuse(code: int, reason: str) -> Response:

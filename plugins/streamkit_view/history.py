@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Callable
 from itertools import islice
 from typing import NamedTuple
 
 from streamkit_view.messages import PageMessage
 
+LOOK_S = 0.1
 HISTORY_S = 300.0
 HISTORY_BYTES = 128 << 20  # four minutes at 4 Mbit/s
 
@@ -57,3 +61,29 @@ class History:
         """The message of a number, or the oldest one after it, with its number; None if there is none yet."""
         at = max(0, number - self._first)
         return (self._first + at, self._held[at]) if at < len(self._held) else None
+
+
+async def replay(history: History, back_s: float, offer: Callable[[PageMessage], None]) -> None:
+    """Offers what came `back_s` ago and later, each message at the same distance; ends only when cancelled.
+
+    Args:
+        history: of the feed.
+        back_s: how far back to begin, s; from the keyframe before it.
+        offer: takes a message.
+    """
+    number = history.start(time.monotonic() - back_s)
+    delay_s: float | None = None
+    while True:
+        found = history.get(number)
+        if found is None:
+            await asyncio.sleep(LOOK_S)
+            continue
+        at, past = found
+        now_s = time.monotonic()
+        if delay_s is None:
+            delay_s = now_s - past.at_s
+        wait_s = past.at_s + delay_s - now_s
+        if wait_s > 0:
+            await asyncio.sleep(wait_s)
+        number = at + 1
+        offer(past.message)

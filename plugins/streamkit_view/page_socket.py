@@ -12,9 +12,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from streamkit_view.access import log_once
 from streamkit_view.answers import InvalidAnswer, read_answer
 from streamkit_view.basemap import Basemap
+from streamkit_view.history import replay
 from streamkit_view.hub import Hub
 from streamkit_view.messages import BACK, CONTROL, HELLO, PageMessage, text_message
-from streamkit_view.replay import replay
 from streamkit_view.viewer import Viewer
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 

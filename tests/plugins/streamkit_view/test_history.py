@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_view import replay as module
-from streamkit_view.history import HISTORY_S, History
+from streamkit_view import history as module
+from streamkit_view.history import HISTORY_S, History, replay
 from streamkit_view.messages import TRACKS, VIDEO, PageMessage
-from streamkit_view.replay import replay
 
 
 def packet(number: int, *, is_keyframe: bool = False) -> PageMessage:
