@@ -23,6 +23,9 @@ SINKS = {
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
+RunOption = Annotated[
+    int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
+]
 
 CONFIRMED = TrackState.CONFIRMED.value
 
@@ -57,7 +60,7 @@ def tracks(
     try:
         found = list_targets(records)
     except (OSError, StreamkitError) as error:
-        _fail(str(error))
+        fail(str(error))
     if records.is_cut_off:
         typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
     for line in map(_json_line, found) if as_json else table_lines(found):
@@ -72,30 +75,24 @@ def tracks(
 def convert(
     file: RecordsArgument,
     output: Annotated[Path, typer.Argument(help=f"File to write: {', '.join(SINKS)}; .txt is MOT.")],
-    run: Annotated[
-        int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
-    ] = None,
+    run: RunOption = None,
 ) -> None:
     """Converts the tracks of a finished run to another format, by the suffix of the output."""
     sink = SINKS.get(output.suffix.lower())
     if sink is None:
-        _fail(f"{output}: the name must end in {', '.join(SINKS)}, it ends in {output.suffix!r}")
+        fail(f"{output}: the name must end in {', '.join(SINKS)}, it ends in {output.suffix!r}")
     warnings: list[str] = []
     try:
-        runs = max((number for number, _ in RecordFile(file)), default=1)
-        if run is None and runs > 1:
-            typer.echo(f"note: {file} has {runs} runs, this is run {runs}; see --run", err=True)
-        elif run is not None and run > runs:
-            _fail(f"{file}: no run {run}, it has {runs}")
+        number = choose_run(file, run)
         with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
-            pipeline["records"].location, pipeline["records"].run = str(file), run or runs
+            pipeline["records"].location, pipeline["records"].run = str(file), number
             pipeline["output"].location = str(output)
             pipeline.bus.watch(
                 lambda message: warnings.append(message.text) if message.kind is MessageKind.WARNING else None
             )
             pipeline.run()
     except (OSError, StreamkitError) as error:
-        _fail(str(error))
+        fail(str(error))
     for text in warnings:
         typer.echo(f"warning: {text}", err=True)
 
@@ -141,6 +138,22 @@ def _json_line(target: TargetSummary) -> str:
     return msgspec.json.encode(target).decode()
 
 
-def _fail(text: str) -> NoReturn:
+def choose_run(file: Path, wanted: int | None) -> int:
+    """The number of the run to read, by default the last; exits where the file has no such run.
+
+    Raises:
+        OSError: the file cannot be read.
+        StreamError: a line is no track record.
+    """
+    count = max((number for number, _ in RecordFile(file)), default=1)
+    if wanted is not None and wanted > count:
+        fail(f"{file}: no run {wanted}, it has {count}")
+    if wanted is None and count > 1:
+        typer.echo(f"note: {file} has {count} runs, this is run {count}; see --run", err=True)
+    return wanted or count
+
+
+def fail(text: str, code: int = 1) -> NoReturn:
+    """Prints an error and exits."""
     typer.echo(f"error: {text}", err=True)
-    raise typer.Exit(1)
+    raise typer.Exit(code)

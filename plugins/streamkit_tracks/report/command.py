@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
+from streamkit_tracks.command import RecordsArgument, RunOption, choose_run, fail
 from streamkit_tracks.report.costs import cost_table, read_costs
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath, collect_run
 
@@ -17,9 +18,7 @@ PAGE_SUFFIXES = (".html", ".htm")
 
 
 def report(
-    file: Annotated[
-        Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
-    ],
+    file: RecordsArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.")] = Path("report.html"),
     video: Annotated[
         Path | None, typer.Option(help="The video that the tracks are of: adds pictures of the targets.")
@@ -28,41 +27,24 @@ def report(
         Path | None,
         typer.Option(help="Counters of the run from launch --stats-file: adds each element's cost."),
     ] = None,
-    run: Annotated[
-        int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
-    ] = None,
+    run: RunOption = None,
 ) -> None:
     """Writes a page about a finished run: map, time line of the targets, age, registration, pictures."""
     if output.suffix.lower() not in PAGE_SUFFIXES:
-        _fail(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
+        fail(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
     try:
-        found, number, count = read_run(file, run)
-        if count > 1 and run is None:
-            typer.echo(f"note: {file} has {count} runs, this is run {number}; see --run", err=True)
+        number = choose_run(file, run)
+        found = collect_run(record for of, record in RecordFile(file) if of == number)
+        if not found.times_s:
+            fail(f"{file}: no record in it")
         costs = "" if stats is None else cost_table(read_costs(stats))
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
         write_page(found, file.name, output, frame, crops, costs)
     except (OSError, StreamkitError) as error:
-        _fail(str(error))
+        fail(str(error))
     except ImportError as error:
-        _fail(f"{error}; install the extra: pip install 'streamkit[report]'")
+        fail(f"{error}; install the extra: pip install 'streamkit[report]'")
     typer.echo(f"wrote {output}")
-
-
-def read_run(file: Path, wanted: int | None) -> tuple[RecordedRun, int, int]:
-    """A run of a file, its number, and how many runs the file has; the last run if None is wanted.
-
-    Raises:
-        OSError: the file cannot be read.
-        StreamError: a line is no track record.
-    """
-    count = max((number for number, _ in RecordFile(file)), default=0)
-    if not count:
-        _fail(f"{file}: no record in it")
-    number = wanted or count
-    if number > count:
-        _fail(f"{file}: no run {number}, it has {count}")
-    return collect_run(record for of, record in RecordFile(file) if of == number), number, count
 
 
 def write_page(
@@ -121,8 +103,3 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
             f"{video}: no frame has the time of a record; give the video that the tracks are of"
         )
     return picture, crops
-
-
-def _fail(text: str, code: int = 1) -> NoReturn:
-    typer.echo(f"error: {text}", err=True)
-    raise typer.Exit(code)
