@@ -73,10 +73,8 @@ class NumberedStream:
         self.publisher = session.declare_publisher(
             self.key,
             encoding=self.encoding,
-            congestion_control=qos.congestion,
-            priority=qos.priority,
-            express=qos.express,
             reliability=zenoh.Reliability.RELIABLE,
+            **qos.options(),
         )
         # Reading the matching status at every frame takes longer than publishing.
         handler = zenoh.handlers.Callback(self._matching_changed, indirect=False)

@@ -11,12 +11,11 @@ from streamkit import Element, ResourceError, TrackRecord
 from streamkit_zenoh.keys import LISTENING, MOSAIC, RECEIVER, SCHEMA, STATUS, TRACKS, VIDEO, listens_to
 from streamkit_zenoh.presence import declare_publisher_token, wait_until_delivered, watch_receivers
 from streamkit_zenoh.publish.control import Control
-from streamkit_zenoh.publish.frame_sender import FrameSender, MediaSender
+from streamkit_zenoh.publish.media_sender import FrameSender, MediaSender, VideoSender
 from streamkit_zenoh.publish.numbered_stream import NumberedStream, Reply
 from streamkit_zenoh.publish.record_sender import RecordSender
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, Claimant, KeyInUse, RivalWatch, refuse_rivals
 from streamkit_zenoh.publish.settings import PublicationSettings
-from streamkit_zenoh.publish.video_sender import VideoSender
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA

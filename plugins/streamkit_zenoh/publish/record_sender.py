@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import zenoh
@@ -171,16 +171,9 @@ class RecordSender:
         self.age_ms, self.targets = record.age_ms, len(record.tracks)
 
     def _send_tracks(self, record: TrackRecord, attachment: bytes) -> None:
+        options = self._track_qos.options()
         for key, payload in self._track_payloads(record):
-            self._session.put(
-                key,
-                payload,
-                encoding=self._stream.encoding,
-                congestion_control=self._track_qos.congestion,
-                priority=self._track_qos.priority,
-                express=self._track_qos.express,
-                attachment=attachment,
-            )
+            self._session.put(key, payload, encoding=self._stream.encoding, attachment=attachment, **options)
         shown = {target.id for target in record.tracks if target.state in SHOWN_STATES}
         self._delete(self._shown - shown, attachment)
         self._shown = shown
@@ -188,13 +181,8 @@ class RecordSender:
     def _delete(self, ids: Iterable[int], attachment: bytes) -> None:
         for number in sorted(ids):
             # Never dropped: receivers would keep an ended target forever.
-            self._session.delete(
-                f"{self._track_key}/{number}",
-                congestion_control=zenoh.CongestionControl.BLOCK,
-                priority=self._track_qos.priority,
-                express=self._track_qos.express,
-                attachment=attachment,
-            )
+            options = replace(self._track_qos, congestion=zenoh.CongestionControl.BLOCK).options()
+            self._session.delete(f"{self._track_key}/{number}", attachment=attachment, **options)
 
     def _track_payloads(self, record: TrackRecord) -> Iterable[tuple[str, bytes]]:
         """Key and payload of each target: the same record, with this target alone."""

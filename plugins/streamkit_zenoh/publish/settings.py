@@ -1,6 +1,7 @@
 """PublicationSettings: what zenohsink publishes, its properties, and zenoh's quality of service in words."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import zenoh
 
@@ -40,6 +41,10 @@ class Qos:
     congestion: zenoh.CongestionControl
     priority: zenoh.Priority
     express: bool = False
+
+    def options(self) -> dict[str, Any]:
+        """As zenoh's arguments."""
+        return {"congestion_control": self.congestion, "priority": self.priority, "express": self.express}
 
 
 def parse_qos(text: str) -> Qos:

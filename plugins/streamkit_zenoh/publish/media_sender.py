@@ -1,4 +1,4 @@
-"""Senders of media, each with a thread of its own: images at KEY/frame, at a rate, and at KEY/mosaic."""
+"""Senders of images (KEY/frame, KEY/mosaic) and packets (KEY/video), each with a thread of its own."""
 
 import zlib
 from collections.abc import Callable, Iterable
@@ -16,6 +16,7 @@ from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.frame_header import frame_header
 from streamkit_zenoh.wire.images import encode_image, grey_or_bgr, scaled_to_width
 from streamkit_zenoh.wire.numbering import Stamp
+from streamkit_zenoh.wire.video_header import video_header
 
 
 class MediaSender:
@@ -135,3 +136,16 @@ class FrameSender(MediaSender):
             image_format, image = settings.frame_format, scaled_to_width(image, settings.frame_width)
         header = frame_header(frame, settings.key, self.utc_ns(), self.stream.dropped, image.shape)
         return encode_image(image, image_format, settings.picture_quality), stamp.attachment(header)
+
+
+class VideoSender(MediaSender):
+    """Publishes packets unchanged, if there is a subscriber."""
+
+    # Two seconds may wait for a slow network; then receivers see a gap, and go on at the next keyframe.
+    capacity = 64
+    drop_reason = "queue full"
+
+    @override
+    def encoded(self, frame: Frame, stamp: Stamp) -> tuple[bytes, bytes]:
+        header = video_header(frame, self.settings.key, self.utc_ns())
+        return bytes(frame.data), stamp.attachment(header)
