@@ -1,23 +1,36 @@
-"""One connection: its packets as frames, and the watchdog that notices when none come."""
+"""One connection: a thread reads it, its packets come out as frames, a watchdog notices when none come."""
 
 from __future__ import annotations
 
 import struct
+import threading
 import time
 from collections.abc import Callable, Iterator
-from threading import Event
 
+from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import Caps, Capture, Clock, Frame, FrameFlags
+from streamkit import (
+    Caps,
+    Capture,
+    Clock,
+    Frame,
+    FrameFlags,
+    ResourceError,
+    StreamError,
+    StreamkitError,
+    mask_secrets,
+)
+from streamkit_media.container import video_stream
 from streamkit_media.decoding.marks import Freshness
+from streamkit_media.live.liveinput import ConnectionLost, LiveInput, silence
 from streamkit_media.live.packetqueue import packet_queue
-from streamkit_media.live.packetreader import PacketReader, silence
 from streamkit_media.live.timeline import Timeline
 from streamkit_media.packets import DecodeOnly, packet_frame
-from streamkit_media.streams import StreamKind
+from streamkit_media.streams import StreamKind, stream_caps, streams_of
 
+CUT_EVERY_S = 0.05
 WATCHDOG_MARGIN_S = 0.3
 LOOK_S = 0.5
 LATE = DecodeOnly("late: a newer frame had come")
@@ -28,10 +41,11 @@ PRFT = struct.Struct("=q")
 
 
 class LiveConnection:
-    """Reads one connection to its end.
+    """Opens an input and reads it to its end in a thread of its own, which can be ended at any moment.
 
     Args:
-        reader: not started yet.
+        source: what is read; its limits are FFmpeg's, so the queue is watched as well.
+        kinds: streams to read; the video must be there.
         max_packets: most packets queued for a slow consumer.
         latency_ms: packets that wait longer, here or in the decoder, are decoded but not shown.
         first_seq: number of its first packet.
@@ -39,31 +53,53 @@ class LiveConnection:
         clock: of the pipeline.
 
     Attributes:
+        found: the kinds that are there, known before the first packet is queued.
         next_seq: number of the next packet.
-        queue: packets between the reader's thread and the source's.
-        reader: the thread that reads.
+        queue: packets between the thread that reads and the source's.
     """
 
     def __init__(
         self,
-        reader: PacketReader,
+        source: LiveInput,
+        kinds: frozenset[StreamKind],
         max_packets: int,
         latency_ms: int,
         first_seq: int,
         timeline: Timeline,
         clock: Clock,
     ) -> None:
-        self.reader = reader
+        self._source, self._kinds = source, kinds
+        self._where = mask_secrets(source.location)
         self._timeline, self._clock = timeline, clock
         self._latency_ns = latency_ms * 1_000_000
         self._freshness = Freshness(self._latency_ns)
         self._catches_up = False
         self._shown_ns = clock.monotonic_ns()
+        self._ending = threading.Event()
+        self._asked_s = 0.0
+        self.found: frozenset[StreamKind] = frozenset()
         self.next_seq = first_seq
         self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
+        # Not a daemon: it is always joined, and FFmpeg's limits bound it.
+        self._thread = threading.Thread(target=self._run, name=f"reader {self._where}", daemon=False)
+
+    def begin(self) -> None:
+        """Starts reading."""
+        self._thread.start()
+
+    def end(self, limit_s: float) -> bool:
+        """Ends reading and waits; whether the thread has ended, else it does within FFmpeg's own limit."""
+        self._ending.set()
+        deadline = time.monotonic() + limit_s
+        while self._thread.is_alive():
+            self._source.cut()
+            self._thread.join(min(CUT_EVERY_S, max(0.0, deadline - time.monotonic())))
+            if time.monotonic() >= deadline:
+                break
+        return not self._thread.is_alive()
 
     def frames(
-        self, is_over: Event, count_drop: Callable[[str, int], None]
+        self, is_over: threading.Event, count_drop: Callable[[str, int], None]
     ) -> Iterator[tuple[StreamKind, Frame]]:
         """The packets as they come, until the stream ends.
 
@@ -72,10 +108,10 @@ class LiveConnection:
             count_drop: called with the reason and number of dropped packets.
 
         Raises:
-            ResourceError: the server refuses, is silent for the reader's time limit, or ends in an error.
+            ResourceError: the server refuses, is silent for the time limit, or ends in an error.
         """
-        queue, timeout_s = self.queue, self.reader.timeout_s
-        self.reader.begin(queue, self._arrived)
+        queue, timeout_s = self.queue, self._source.timeout_s
+        self.begin()
         last = time.monotonic()
         flags = FrameFlags.NONE
         reported = 0
@@ -97,7 +133,7 @@ class LiveConnection:
             elif queue.is_over:
                 return
             elif time.monotonic() - last > timeout_s + WATCHDOG_MARGIN_S:
-                raise silence(self.reader.location, timeout_s)
+                raise silence(self._where, timeout_s)
 
     def _is_late(self, frame: Frame, *, has_jumped: bool) -> bool:
         """Whether newer frames go first: once one has waited too long, all but the newest are late.
@@ -114,8 +150,49 @@ class LiveConnection:
             self._shown_ns = now
         return self._catches_up
 
+    # The thread that reads.
+
+    def _run(self) -> None:
+        error: Exception | None = None
+        try:
+            with self._source.open() as container:
+                if not self._ending.is_set():
+                    self._read_from(container)
+        except StreamkitError as cause:
+            error = cause
+        except Exception as cause:  # raised by the queue in the consumer's thread
+            error = ResourceError(f"{self._where}: {mask_secrets(str(cause))}")
+        finally:
+            self._source.close()
+            self.queue.end(None if self._ending.is_set() else error)
+
+    def _read_from(self, container: InputContainer) -> None:
+        video_stream(container, self._source.location)
+        streams = streams_of(container, self._kinds)
+        carried = {stream.index: (stream_caps(stream, kind), kind) for stream, kind in streams}
+        self.found = frozenset(kind for _, kind in streams)
+        self._asked_s = time.monotonic()
+        try:
+            for packet in self._source.packets(container, [stream for stream, _ in streams], self._left_s):
+                if self._ending.is_set():
+                    return
+                # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
+                if self._left_s() <= 0:
+                    raise silence(self._where, self._source.timeout_s)
+                self._arrived(packet, *carried[packet.stream_index])
+                self._asked_s = time.monotonic()
+        except ConnectionLost:
+            raise
+        except StreamError as error:
+            if self._left_s() <= 0:
+                raise silence(self._where, self._source.timeout_s) from None
+            raise StreamError(f"{self._where}: {error}; check that the server still runs") from None
+
+    def _left_s(self) -> float:
+        return self._source.timeout_s - (time.monotonic() - self._asked_s)
+
     def _arrived(self, packet: Packet[Stream], caps: Caps, kind: StreamKind) -> None:
-        """Queues a packet with its time of arrival; runs in the reader's thread."""
+        """Queues a packet with its time of arrival."""
         now = self._clock.monotonic_ns()
         frame = packet_frame(packet, caps)
         sent = sender_time_ns(packet)

@@ -20,7 +20,7 @@ from streamkit import ResourceError, mask_secrets
 from streamkit_media.container import open_stream, video_stream
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined, frame_duration
 from streamkit_media.live.datagrams import BUFFER_BYTES, OVERFLOWS, datagram_address, open_receiver, overflows
-from streamkit_media.live.packetreader import ConnectionLost, Silence
+from streamkit_media.live.liveinput import ConnectionLost, Silence
 from streamkit_media.live.transportpackets import Reception, TransportPackets
 from streamkit_media.live.urlinput import LIVE_OPTIONS
 from streamkit_media.packets import nanoseconds, read_packets

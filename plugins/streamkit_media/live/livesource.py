@@ -12,15 +12,14 @@ from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source, 
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused
 from streamkit_media.live.connection import LiveConnection
-from streamkit_media.live.endpoint import Endpoint
-from streamkit_media.live.packetreader import ConnectionLost, LiveInput, PacketReader, Silence
-from streamkit_media.live.retries import Reconnect
+from streamkit_media.live.endpoint import Endpoint, Reconnect
+from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
 from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import StreamKind
 
 STOP_LIMIT_S = 1.8
 LEAVE_LIMIT_S = 0.5
-# Most readers that are still in a call of FFmpeg; each ends at its own time limit.
+# Most connections that are still in a call of FFmpeg; each ends at its own time limit.
 ABANDONED_LIMIT = 8
 
 
@@ -55,7 +54,7 @@ class LiveSource(Endpoint, Source):
 
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
-        self._abandoned: list[PacketReader] = []
+        self._abandoned: list[LiveConnection] = []
         self._received = 0
         self._next_seq = 0
         self._epoch = -1
@@ -133,7 +132,7 @@ class LiveSource(Endpoint, Source):
     def stop(self) -> None:
         deadline = time.monotonic() + STOP_LIMIT_S
         self._disconnect(STOP_LIMIT_S)
-        ended = [reader.end(max(0.0, deadline - time.monotonic())) for reader in self._abandoned]
+        ended = [left.end(max(0.0, deadline - time.monotonic())) for left in self._abandoned]
         if not all(ended):
             self.post_warning(
                 f"FFmpeg has not closed {self._where} within {STOP_LIMIT_S:g} s; "
@@ -145,16 +144,16 @@ class LiveSource(Endpoint, Source):
     def _one_connection(self) -> Iterator[Frame | tuple[str, Frame]]:
         """Its packets; the first makes it a new epoch."""
         self._timeline.begin_connection()
-        reader = PacketReader(self.make_input(), self._kinds)
         connection = self._connection = LiveConnection(
-            reader, self.max_packets, self.latency_ms, self._next_seq, self._timeline, self.clock
-        )
+            self.make_input(), self._kinds, self.max_packets, self.latency_ms, self._next_seq,
+            self._timeline, self.clock,
+        )  # fmt: skip
         known: set[StreamKind] = set()
         for kind, frame in connection.frames(self.over, self.count_drop):
             if not known:
                 self._epoch += 1
                 self._backoff.reset()
-                self._add_pads(connection.reader.found)
+                self._add_pads(connection.found)
                 self._post_state("connected", epoch=self._epoch, caps=str(frame.caps))
             is_gap = kind not in known and self._epoch > 0
             flags = frame.flags | (FrameFlags.DISCONTINUITY if is_gap else 0)
@@ -178,18 +177,18 @@ class LiveSource(Endpoint, Source):
             self.no_more_pads()
 
     def _disconnect(self, limit_s: float) -> None:
-        """Ends the connection; a reader in a call of FFmpeg ends at its own limit."""
+        """Ends the connection; one in a call of FFmpeg ends at its own limit."""
         connection, self._connection = self._connection, None
         if connection is None:
             return
-        ended = connection.reader.end(limit_s)
+        ended = connection.end(limit_s)
         self._received += connection.queue.statistics.received
         if left := len(connection.queue):
             self.count_drop("the connection was left", left)
         self._next_seq = connection.next_seq
-        self._abandoned = [reader for reader in self._abandoned if not reader.end(0)]
+        self._abandoned = [left for left in self._abandoned if not left.end(0)]
         if not ended:
-            self._abandoned.append(connection.reader)
+            self._abandoned.append(connection)
         if len(self._abandoned) > ABANDONED_LIMIT:
             raise ResourceError(
                 f"{self._where}: FFmpeg does not close {ABANDONED_LIMIT} connections that have "

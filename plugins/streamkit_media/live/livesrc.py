@@ -11,8 +11,8 @@ from streamkit import Caps, Direction, PadTemplate, Presence, Property, Resource
 from streamkit.output.names import is_network
 from streamkit_media.live.datagraminput import DatagramInput
 from streamkit_media.live.datagrams import datagram_address
+from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
 from streamkit_media.live.livesource import LiveSource
-from streamkit_media.live.packetreader import ConnectionLost, LiveInput, Silence
 from streamkit_media.live.reachability import LIVE_SCHEMES, port_of
 from streamkit_media.live.transportpackets import Reception
 from streamkit_media.live.urlinput import UrlInput

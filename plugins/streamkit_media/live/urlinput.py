@@ -13,8 +13,8 @@ from av.stream import Stream
 
 from streamkit import ResourceError, mask_secrets
 from streamkit_media.container import AccessRefused, open_container
+from streamkit_media.live.liveinput import ConnectionLost
 from streamkit_media.live.pacing import paced
-from streamkit_media.live.packetreader import ConnectionLost
 from streamkit_media.live.reachability import port_of, unreachable
 from streamkit_media.live.sockets import CLAIMS, cut_connections, is_closed_by_peer, open_sockets
 from streamkit_media.packets import read_packets

@@ -12,9 +12,8 @@ from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink, mask_secrets
 from streamkit_media.codecs import caps_parameters
-from streamkit_media.live.endpoint import Endpoint
+from streamkit_media.live.endpoint import Endpoint, Reconnect
 from streamkit_media.live.reachability import unreachable
-from streamkit_media.live.retries import Reconnect
 from streamkit_media.nalunits import AnnexBConverter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
 from streamkit_media.rtsp.pusher import PushPacket

@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from streamkit_media.live.retries import Backoff
+from streamkit_media.live.endpoint import Backoff
 
 
 def test_delays_double_up_to_the_cap() -> None:

@@ -4,20 +4,22 @@ from collections.abc import Callable
 import pytest
 
 from streamkit import Frame, ResourceError
+from streamkit.flow.clock import SystemClock
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.live.packetreader import PacketReader, silence
+from streamkit_media.live.connection import LiveConnection
+from streamkit_media.live.liveinput import silence
+from streamkit_media.live.timeline import Timeline
 from streamkit_media.rtsp.rtspinput import RtspInput
+from streamkit_media.streams import StreamKind
 
 MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 
 
-def reader_of(location: str, timeout_s: float) -> tuple[PacketReader, BoundedQueue[Frame]]:
-    """A reader over TCP and its queue."""
-    return PacketReader(RtspInput(location, {"rtsp_transport": "tcp"}, timeout_s)), BoundedQueue(8)
-
-
-def ignore(*_: object) -> None:
-    """Takes a packet."""
+def reader_of(location: str, timeout_s: float) -> tuple[LiveConnection, BoundedQueue[Frame]]:
+    """A connection over TCP and its queue."""
+    source = RtspInput(location, {"rtsp_transport": "tcp"}, timeout_s)
+    connection = LiveConnection(source, frozenset({StreamKind.VIDEO}), 8, 100, 0, Timeline(), SystemClock())
+    return connection, connection.queue
 
 
 @pytest.mark.parametrize("answers", [0, 1])
@@ -25,7 +27,7 @@ def ignore(*_: object) -> None:
 def test_reading_ends_at_any_moment(serve: Callable[[int], int], answers: int, after_s: float) -> None:
     """A reader that waits for a silent server ends at once when `end` is called."""
     reader, ring = reader_of(f"rtsp://127.0.0.1:{serve(answers)}/live", 60)
-    reader.begin(ring, ignore)
+    reader.begin()
     assert ring.get(after_s) is None
     began = time.monotonic()
     assert reader.end(limit_s=5)
@@ -38,7 +40,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
     """A server that says nothing, or nothing more, gives one error soon after the limit."""
     reader, ring = reader_of(f"rtsp://me:secret@127.0.0.1:{serve(answers)}/live", 0.5)
     began = time.monotonic()
-    reader.begin(ring, ignore)
+    reader.begin()
     with pytest.raises(
         ResourceError, match=r"^rtsp://\*\*\*@127\.0\.0\.1:\d+/live: no video within 0\.5 s: "
     ):
@@ -50,7 +52,7 @@ def test_silence_is_noticed_in_time(serve: Callable[[int], int], answers: int) -
 def test_a_closed_port_is_reported() -> None:
     """A refused connection gives the reason at once."""
     reader, ring = reader_of("rtsp://127.0.0.1:1/live", 5)
-    reader.begin(ring, ignore)
+    reader.begin()
     with pytest.raises(ResourceError, match=r"no connection to 127\.0\.0\.1 port 1: Connection refused"):
         ring.get(5)
     assert reader.end(1)
