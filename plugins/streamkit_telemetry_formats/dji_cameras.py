@@ -1,4 +1,4 @@
-"""Fields of view of DJI's cameras, for files that do not tell them."""
+"""Fields of view of DJI cameras, for files that do not state them."""
 
 from __future__ import annotations
 

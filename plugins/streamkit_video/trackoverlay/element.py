@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
@@ -173,10 +172,7 @@ class TrackOverlay(Transform):
         if image is None:
             self.post_warning(f"snapshot {self.snapshot} is not written: no frame had a confirmed track")
             return
-        try:
-            write_image(Path(self.snapshot), image)
-        except cv2.error as error:
-            raise OSError(f"{self.snapshot}: {error.err}") from error
+        write_image(Path(self.snapshot), image)
 
 
 def _status_text(frame: Frame, registration: Registration | None, tracks: Tracks | None) -> str:

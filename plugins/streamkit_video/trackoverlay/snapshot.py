@@ -20,7 +20,7 @@ def check_target(path: Path) -> None:
     if not path.parent.is_dir():
         raise OSError(f"{path}: the folder {path.parent} does not exist; make it first")
     if path.is_dir():
-        raise OSError(f"{path}: is a folder; give the name of a image file")
+        raise OSError(f"{path}: is a folder; give the name of an image file")
     if not path.suffix or not cv2.haveImageWriter(str(path)):
         raise OSError(f"{path}: no image format has the ending {path.suffix!r}; take .png or .jpg")
 
@@ -31,7 +31,10 @@ def write_image(path: Path, image: NDArray[np.uint8]) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    encoded, content = cv2.imencode(path.suffix, image)
+    try:
+        encoded, content = cv2.imencode(path.suffix, image)
+    except cv2.error as error:
+        raise OSError(f"{path}: {error.err}") from error
     if not encoded:
         raise OSError(f"{path}: the image cannot be encoded as {path.suffix}; take .png or .jpg")
     write_whole(path, content.tobytes())
