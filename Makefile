@@ -18,6 +18,7 @@ demo: $(READY)
 	@$(BIN)/python pipelines/demo.py
 
 test: $(READY)
+	@$(BIN)/python -m compileall -q streamkit plugins  # for the processes that tests start, if Python may not cache
 	@$(BIN)/python -m pytest -q -n 3 --dist loadfile
 
 lint: $(READY)
@@ -49,6 +50,7 @@ $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/$(PIP) install --require-hashes --requirement requirements.lock
 	@$(BIN)/$(PIP) install --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -m compileall -q streamkit plugins
 	@$(BIN)/streamkit prepare
 	@touch $@
 

@@ -3,8 +3,8 @@
 import time
 from typing import Final
 
-WORK: Final = 1_000_000  # additions
-IDLE_S: Final = 0.06
+WORK: Final = 250_000  # additions
+IDLE_S: Final = 0.015
 
 
 def slowness() -> float:
