@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import cast
 
 import cv2
@@ -214,7 +213,7 @@ class Differencer:
         contrast = object_contrasts(mask, working, model.background, to_region)
         trim(mask, working, *contrast, 0.0, SHADOW_SHARE)
         objects = find_objects(mask, scale, settings, max(settings.max_objects, MOST_SCORED))
-        from_frame = frame_to_working(scale)
+        from_frame = np.linalg.inv(working_to_frame(scale))
         to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
         clearness = contrasts(objects.boxes, to_background, *model.compared)
@@ -249,12 +248,6 @@ def automatic_scale(width: int) -> int:
     if width <= WIDEST_FULL:
         return 1
     return 2 if width <= WIDEST_HALF else 4
-
-
-@lru_cache(maxsize=4)
-def frame_to_working(scale: int) -> FloatArray:
-    """float64[3, 3], read-only by convention: frame pixels to working pixels."""
-    return np.asarray(np.linalg.inv(working_to_frame(scale)), np.float64)
 
 
 def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:

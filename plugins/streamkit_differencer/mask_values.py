@@ -34,8 +34,9 @@ def full_size(mask: ByteImage | None, width: int, height: int) -> ByteImage:
     larger = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
     # Downsampling cut off a remainder at the right and bottom.
     rest = max(0, height - size[1]), max(0, width - size[0])
-    grown = cv2.copyMakeBorder(larger, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE)
-    return cast("ByteImage", grown[:height, :width])
+    if any(rest):
+        larger = cv2.copyMakeBorder(larger, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE)
+    return cast("ByteImage", larger[:height, :width])
 
 
 def binary_mask(mask: ByteImage) -> ByteImage:

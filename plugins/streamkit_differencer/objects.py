@@ -152,14 +152,11 @@ def most_confident(objects: Objects, most: int) -> Objects:
     if len(objects) <= most:
         return objects
     kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:most])
-    return Objects(
-        objects.centroids[kept],
-        objects.boxes[kept],
-        objects.areas[kept],
-        objects.changes[kept],
-        objects.dropped + len(objects) - most,
-        objects.confidences[kept],
-    )
+    rows = {
+        name: getattr(objects, name)[kept]
+        for name in ("centroids", "boxes", "areas", "changes", "confidences")
+    }
+    return Objects(**rows, dropped=objects.dropped + len(objects) - most)
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
