@@ -68,12 +68,17 @@ class Composition:
 
 
 def compose(
-    frames: Sequence[PlacedFrame], load: Callable[[int], ImageArray], seam: SeamKind, memory_px: int
+    frames: Sequence[PlacedFrame],
+    load: Callable[[int], ImageArray],
+    seam: SeamKind,
+    memory_px: int,
+    graphics: Callable[[tuple[int, int]], MaskArray | None] = lambda _: None,
 ) -> Composition | None:
     """Composes frames, block by block: exposure gains, seams, and five bands blended across the seams.
 
     Each part of the ground comes from one frame, so that moving objects show once; only low frequencies mix
     across a seam. A mosaic above `memory_px` goes to a temporary file. None where no frame can be placed.
+    `graphics` returns the pixels of frames of (height, width) that do not show the ground.
 
     Raises:
         OSError: a temporary file is full.
@@ -93,7 +98,7 @@ def compose(
     corner = np.floor(low * scale + offset)
     from_plane = np.array([[scale, 0, offset - corner[0]], [0, scale, offset - corner[1]], [0, 0, 1]])
     width, height = (np.ceil(high * scale + offset) - corner + 1).astype(int).tolist()
-    plan = _plan(placed, load, from_plane, (height, width), seam)
+    plan = _plan(placed, load, from_plane, (height, width), seam, graphics)
     image = _empty((height, width, plan.channels), memory_px)
     for top in range(0, height, _BLOCK):
         for left in range(0, width, _BLOCK):
@@ -126,6 +131,7 @@ def _plan(
     from_plane: FloatArray,
     shape: tuple[int, int],
     seam: SeamKind,
+    graphics: Callable[[tuple[int, int]], MaskArray | None],
 ) -> _Plan:
     """Finds seams and gains on a coarse grid of the mosaic."""
     factor = thumbnail_factor(max(frame.shape[1] for frame in placed))
@@ -143,12 +149,14 @@ def _plan(
     )
     channels = 0
     footprints: list[Footprint] = []
+    hidden = {shape: graphics(shape) for shape in {frame.shape for frame in placed}}
     to_mosaic = [normalised(from_plane @ frame.to_plane) for frame in placed]
     for frame, matrix in zip(placed, to_mosaic, strict=True):
         pixels = load(frame.number)
         channels = channels or (1 if pixels.ndim == 2 else 3)
         small, to_grid = reduced_for(with_channels(pixels, channels), normalised(lower @ matrix))
-        footprints.append(footprint(small.reshape(*small.shape[:2], -1), to_grid, grid, frame.fills_gaps))
+        small = small.reshape(*small.shape[:2], -1)
+        footprints.append(footprint(small, to_grid, grid, frame.fills_gaps, hidden[frame.shape]))
     evened = gains(footprints)
     cut = seam is SeamKind.GRAPHCUT
     labels = graph_cut_labels(footprints, grid, evened) if cut else voronoi_labels(footprints, grid)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray
-from streamkit_stitcher.mosaic.seams import Footprint
+from streamkit_stitcher.mosaic.seams import LAST_RESORT, Footprint
 
 _FEWEST_CELLS: Final = 20
 _DEVIATION: Final = 10.0
@@ -57,7 +57,7 @@ def _shared(first: Footprint, second: Footprint) -> tuple[int, FloatArray, Float
     parts = []
     for own in (first, second):
         window = slice(top - own.top, bottom - own.top), slice(left - own.left, right - own.left)
-        parts.append((own.thumbnail[window], own.depth[window] > 0))
+        parts.append((own.thumbnail[window], own.depth[window] > LAST_RESORT))
     both = (parts[0][1] & parts[1][1]).astype(np.uint8)
     cells = int(np.count_nonzero(both))
     if cells < _FEWEST_CELLS:

@@ -15,6 +15,7 @@ from streamkit_stitcher.mosaic.frame_store import FrameStore
 from streamkit_stitcher.mosaic.frame_views import FrameView, focal_length, georeferenced
 from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.geotiff import north_up
+from streamkit_stitcher.mosaic.graphics import OverlaidGraphics
 from streamkit_stitcher.mosaic.image_file import is_numbered, is_tiff, location_of, write_image
 from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.seams import SeamKind
@@ -119,6 +120,7 @@ class MosaicFrames:
         self._is_stored = settings.final and settings.location is not None
         self._largest_px = 0.0
         self._mosaic: Mosaic | None = None
+        self._graphics = OverlaidGraphics()
         self.clear(0)
 
     @property
@@ -174,6 +176,10 @@ class MosaicFrames:
             self._frames.append((placed, registered))
         if self._mosaic is not None:
             self._mosaic.add(pixels, registered.to_reference, fills_gaps)
+
+    def look_for_graphics(self, load: Callable[[], ImageArray]) -> None:
+        """Compares a frame with the last that was given here, which showed the ground elsewhere."""
+        self._graphics.add(load())
 
     def write(
         self,
@@ -304,7 +310,9 @@ class MosaicFrames:
             return None
         turn = north_up(geo) if geo is not None and is_tiff(location) else IDENTITY
         turned = [replace(frame, to_plane=normalised(turn @ frame.to_plane)) for frame in placed]
-        whole = compose(turned, self._load, self._settings.seam, self._settings.memory_px)
+        whole = compose(
+            turned, self._load, self._settings.seam, self._settings.memory_px, self._graphics.mask
+        )
         return None if whole is None else replace(whole, from_plane=normalised(whole.from_plane @ turn))
 
 

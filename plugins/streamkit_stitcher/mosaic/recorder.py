@@ -6,7 +6,9 @@ from functools import partial
 from threading import Event
 from typing import Final
 
-from streamkit.geometry.homography import FloatArray
+import numpy as np
+
+from streamkit.geometry.homography import IDENTITY, FloatArray, corners, project
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, focal_length
@@ -16,6 +18,8 @@ from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 _MIN_NEW_GROUND: Final = 0.08
+# Motion between frames that are compared for graphics: beyond it edges of the ground are elsewhere.
+_LEAST_MOTION_PX: Final = 8.0
 _BYTES_PER_PIXEL: Final = 3
 
 # Homographies of the keyframes of each plane, None for the incremental mosaic, and the rmse of the ties, px.
@@ -57,6 +61,7 @@ class MosaicRecorder:
         self._coverage = Coverage()
         self._reference = self._added = 0
         self._views, self._stride, self._skipped = list[FrameView](), 1, 0
+        self._since_graphics, self._frames_between, self._compared = IDENTITY, 0, 0
 
     @property
     def keeps_planes(self) -> bool:
@@ -106,8 +111,10 @@ class MosaicRecorder:
             self._coverage.move_plane(registered.rebase)
             self._do(partial(self.frames.rebase, registered.rebase, registered.reference))
         self._reference = registered.reference
+        self._since_graphics = self._since_graphics @ registered.to_previous
         if not registered.measured:
             return False
+        self._look_for_graphics(shape, load)
         self._add_view(registered, shape, position)
         new_ground = self._coverage.uncovered(shape, registered.to_reference) > _MIN_NEW_GROUND
         if not (registered.keyframe or new_ground):
@@ -119,6 +126,16 @@ class MosaicRecorder:
         work = partial(self.frames.add, registered, shape, load)
         self._do(work, shape[0] * shape[1] * _BYTES_PER_PIXEL)
         return True
+
+    def _look_for_graphics(self, shape: tuple[int, int], load: Callable[[], ImageArray]) -> None:
+        """Compares frames between which all of the ground moved; ever fewer in a long flight."""
+        outline = corners(shape)
+        moved = np.hypot(*(project(self._since_graphics, outline) - outline).T).min()
+        self._frames_between += 1
+        if self.keeps_planes and moved > _LEAST_MOTION_PX and self._frames_between > self._compared / 16:
+            self._since_graphics, self._frames_between = IDENTITY, 0
+            self._compared += 1
+            self._do(partial(self.frames.look_for_graphics, load), shape[0] * shape[1] * _BYTES_PER_PIXEL)
 
     def _add_view(self, registered: FrameRegistration, shape: tuple[int, int], position: Position) -> None:
         """Keeps what a frame shows of the earth, of a long flight that of every few frames."""

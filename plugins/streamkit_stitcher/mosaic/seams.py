@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project, translation
+from streamkit.geometry.homography import FloatArray, MaskArray, corners, normalised, project, translation
 from streamkit_stitcher.mosaic.mosaic import depth_inside
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
@@ -18,6 +18,8 @@ LabelArray = npt.NDArray[np.int32]
 _MOST_CUT_CELLS: Final = 8_000_000
 _BAND: Final = 1 / 8
 _PRECEDENCE: Final = 300
+# Depth of what is shown only where no frame has anything else: graphics over the ground.
+LAST_RESORT: Final = 1
 
 
 class SeamKind(StrEnum):
@@ -39,7 +41,7 @@ class Footprint:
         left: first column of its box.
         top: first row of its box.
         thumbnail: uint8[h, w, c], the frame warped into its box.
-        depth: int32[h, w], depth of each cell inside the frame, 0 outside.
+        depth: int32[h, w], depth of each cell inside the frame, 0 outside, LAST_RESORT under graphics.
         fills_gaps: whether every other frame has precedence.
     """
 
@@ -57,9 +59,16 @@ class Footprint:
 
 
 def footprint(
-    thumbnail: ImageArray, to_grid: FloatArray, grid: tuple[int, int], fills_gaps: bool
+    thumbnail: ImageArray,
+    to_grid: FloatArray,
+    grid: tuple[int, int],
+    fills_gaps: bool,
+    graphics: MaskArray | None = None,
 ) -> Footprint:
-    """Warps a frame's thumbnail, uint8[h, w, c], onto the planning grid of (rows, columns)."""
+    """Warps a frame's thumbnail, uint8[h, w, c], onto the planning grid of (rows, columns).
+
+    `graphics` are the pixels of the frame that do not show the ground, bool of any size.
+    """
     outline = project(to_grid, corners((thumbnail.shape[0], thumbnail.shape[1])))
     left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, np.array(grid[::-1]) - 1).tolist()
     right, bottom = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 1, grid[::-1]).tolist()
@@ -68,8 +77,11 @@ def footprint(
     warped = cv2.warpPerspective(thumbnail, to_box, size, borderMode=cv2.BORDER_REPLICATE)
     flat = depth_inside((thumbnail.shape[0], thumbnail.shape[1]))
     depth = cv2.warpPerspective(flat, to_box, size, flags=cv2.INTER_LINEAR).astype(np.int32)
-    if not fills_gaps:
-        depth[depth > 0] += _PRECEDENCE
+    depth[depth > 0] += LAST_RESORT + (0 if fills_gaps else _PRECEDENCE)
+    if graphics is not None:
+        small = cv2.resize(graphics.astype(np.float32), flat.shape[::-1], interpolation=cv2.INTER_AREA)
+        hidden = cv2.warpPerspective(small, to_box, size) > 0
+        depth[hidden & (depth > 0)] = LAST_RESORT
     return Footprint(left, top, np.asarray(warped, np.uint8).reshape(*size[::-1], -1), depth, fills_gaps)
 
 
@@ -135,7 +147,7 @@ def _candidate_mask(
     near = cells
     if not own.fills_gaps:
         apart = cv2.distanceTransform((~cells).astype(np.uint8), cv2.DIST_L2, 3)
-        near = cells | ((apart <= max(2.0, _BAND * min(cells.shape))) & (own.depth > 0))
+        near = cells | ((apart <= max(2.0, _BAND * min(cells.shape))) & (own.depth > LAST_RESORT))
     rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     part = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
     return part, np.where(near[part], 255, 0).astype(np.uint8)
