@@ -62,7 +62,6 @@ from streamkit.flow.metadata import GroundReference as GroundReference
 from streamkit.flow.metadata import Pose as Pose
 from streamkit.flow.metadata import Provenance as Provenance
 from streamkit.flow.metadata import Registration as Registration
-from streamkit.flow.metadata import RegistrationStatus as RegistrationStatus
 from streamkit.flow.metadata import Track as Track
 from streamkit.flow.metadata import Tracks as Tracks
 from streamkit.flow.metadata import TrackState as TrackState
@@ -80,6 +79,7 @@ from streamkit.flow.scaling import scale_metadata as scale_metadata
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
 from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps
+from streamkit.geometry.registration_status import RegistrationStatus as RegistrationStatus
 from streamkit.graph.pipeline import Pipeline as Pipeline
 from streamkit.masking import mask_secrets as mask_secrets
 from streamkit.reader import SourceChoice as SourceChoice

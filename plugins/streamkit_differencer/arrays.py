@@ -22,8 +22,8 @@ Slices = tuple[slice, slice]
 Region = tuple[int, int, int, int]
 REGION = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 # Images of any strides that a kernel writes to.
-OUTPUT = types.Array(types.uint8, 2, "A")
-FLOAT_OUTPUT = types.Array(types.float32, 2, "A")
+UINT8_OUTPUT = types.Array(types.uint8, 2, "A")
+FLOAT32_OUTPUT = types.Array(types.float32, 2, "A")
 
 
 def overlaps(boxes: FloatArray, others: FloatArray) -> Flags:

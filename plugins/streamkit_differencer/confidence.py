@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
-from streamkit_kernels import TABLE, VIEW, kernel
+from streamkit_kernels import FLOAT64, UINT8_STRIDED, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
@@ -63,7 +63,7 @@ def contrasts(
     return np.asarray(excess.sum(axis=1) / np.maximum(np.count_nonzero(excess, axis=1), 1))
 
 
-@kernel(TABLE, TABLE, *[VIEW] * 4)
+@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 4)
 def _excesses(
     boxes: FloatArray,
     to_image: FloatArray,

@@ -17,9 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import FLOAT_OUTPUT, OUTPUT, ByteImage, FloatImage
+from streamkit_differencer.arrays import FLOAT32_OUTPUT, UINT8_OUTPUT, ByteImage, FloatImage
 from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
-from streamkit_kernels import BYTES, VIEW, compiled, kernel
+from streamkit_kernels import UINT8, UINT8_STRIDED, compiled, kernel
 
 MOST_FRAMES = 255
 # Frames for which the other value of a provisional background still follows small changes.
@@ -28,7 +28,7 @@ SETTLING_FRAMES = 4
 BLOCK_PX = 64
 
 
-@kernel(BYTES, VIEW, *[BYTES] * 4, FLOAT_OUTPUT, *[OUTPUT] * 4, *[types.int64] * 4)
+@kernel(UINT8, UINT8_STRIDED, *[UINT8] * 4, FLOAT32_OUTPUT, *[UINT8_OUTPUT] * 4, *[types.int64] * 4)
 def choose_values(
     undecided: ByteImage,
     image: ByteImage,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
 from streamkit_differencer.mask_values import MOVING
-from streamkit_kernels import BLOCKS, BYTES, compiled, kernel
+from streamkit_kernels import INT32, UINT8, compiled, kernel
 
 # Columns of the table of objects.
 PIXELS, SUM_X, SUM_Y, LEFT, TOP, RIGHT, BOTTOM, CHANGED, COLUMNS = range(9)
@@ -36,7 +36,7 @@ def downsampled_by_vote(mask: ByteImage, least: int) -> ByteImage:
     return cast("ByteImage", cv2.threshold(means, 127, 255, cv2.THRESH_BINARY)[1])
 
 
-@kernel(BYTES, BYTES, BLOCKS, types.int64, types.int64, types.int64, types.int64, types.int64, types.int64)
+@kernel(UINT8, UINT8, INT32, types.int64, types.int64, types.int64, types.int64, types.int64, types.int64)
 def measure_objects(
     foreground: ByteImage,
     cells: ByteImage,

@@ -29,7 +29,7 @@ from streamkit_differencer.measurement import (
     measure_objects,
 )
 from streamkit_differencer.settings import Criterion, ObjectSettings
-from streamkit_kernels import BYTES, kernel
+from streamkit_kernels import UINT8, kernel
 
 CELL_SIZE = 4
 # Empty cells around the foreground, which closing and merging need.
@@ -195,7 +195,7 @@ def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:
     _mark(mask, np.rint((moving + 0.5) / scale).astype(np.int64))
 
 
-@kernel(BYTES, CORNERS)
+@kernel(UINT8, CORNERS)
 def _mark(mask: ByteImage, corners: Corners) -> None:
     for left, top, right, bottom in corners:
         for row in range(top, min(bottom, mask.shape[0])):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray, overlaps
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
 from streamkit_differencer.objects import Objects
-from streamkit_kernels import BYTES, FLAGS, TABLE, VIEW, compiled, kernel
+from streamkit_kernels import BOOL_1D, FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
 # Share of the mean contrast at an object's edge; pixels around the object lower that mean.
 EDGE_SHARE = 0.4
@@ -61,7 +61,7 @@ def refine_objects(
     )
 
 
-@kernel(VIEW, VIEW, TABLE, BYTES, types.int64, CORNERS, FLAGS)
+@kernel(UINT8_STRIDED, UINT8_STRIDED, FLOAT64, UINT8, types.int64, CORNERS, BOOL_1D)
 def measured_at_full_resolution(
     image: ByteImage,
     background: ByteImage,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import REGION, ByteImage, FloatArray, Region
-from streamkit_kernels import BYTES, INPUT, PAIRS, TABLE, compiled, kernel
+from streamkit_kernels import FLOAT64, UINT8, UINT8_READONLY, UINT16, compiled, kernel
 
 ByteLine = NDArray[np.uint8]
 FloatLine = NDArray[np.float32]
@@ -20,7 +20,7 @@ BEYOND_PX = 8
 BAND, GAP = 16, 8
 
 
-@kernel(INPUT, PAIRS, TABLE, BYTES, REGION)
+@kernel(UINT8_READONLY, UINT16, FLOAT64, UINT8, REGION)
 def warp_frame(
     image: ByteImage, pairs: NDArray[np.uint16], to_image: FloatArray, canvas: ByteImage, region: Region
 ) -> None:
@@ -71,7 +71,7 @@ def warp_frame(
         _interpolated(squares[:count], across, down, canvas[row, first:last])
 
 
-@kernel(BYTES, TABLE, TABLE, BYTES)
+@kernel(UINT8, FLOAT64, FLOAT64, UINT8)
 def warp_mask_back(canvas: ByteImage, to_canvas: FloatArray, to_image: FloatArray, image: ByteImage) -> None:
     """Warps a mask on a part of the canvas to an image by nearest neighbours; 0 beyond it.
 

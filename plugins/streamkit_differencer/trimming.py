@@ -13,7 +13,7 @@ from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, Labe
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
 from streamkit_differencer.refinement import background_at
-from streamkit_kernels import BLOCKS, BYTES, FLOATS, TABLE, VIEW, compiled, kernel
+from streamkit_kernels import FLOAT32, FLOAT64, INT32, UINT8, UINT8_STRIDED, compiled, kernel
 
 # Pixels with less than this share of an object's mean contrast are its halo. Half-covered pixels have more;
 # parts of an object that are almost as grey as the background may have less.
@@ -45,7 +45,7 @@ def object_contrasts(
     return blocks, *_contrasts(mask, image, background, to_background, blocks, count)
 
 
-@kernel(BYTES, VIEW, VIEW, TABLE, BLOCKS, types.int64)
+@kernel(UINT8, UINT8_STRIDED, UINT8_STRIDED, FLOAT64, INT32, types.int64)
 def _contrasts(
     mask: ByteImage,
     image: ByteImage,
@@ -71,7 +71,7 @@ def _contrasts(
     return ground, contrast
 
 
-@kernel(BYTES, VIEW, BLOCKS, BYTES, FLOATS, types.float64, types.float64)
+@kernel(UINT8, UINT8_STRIDED, INT32, UINT8, FLOAT32, types.float64, types.float64)
 def trim(
     mask: ByteImage,
     image: ByteImage,

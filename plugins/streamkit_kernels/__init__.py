@@ -2,7 +2,7 @@
 
 A library for plugins, independent of the engine.
 
-@kernel(BYTES, BYTES)
+@kernel(UINT8, UINT8)
 def darken(image, darker):
     for row in range(image.shape[0]):
         ...
@@ -12,15 +12,15 @@ prepare("my_package")
 
 from streamkit_kernels.calling_thread import LARGEST_PRODUCT as LARGEST_PRODUCT
 from streamkit_kernels.calling_thread import product as product
-from streamkit_kernels.compilation import BLOCKS as BLOCKS
-from streamkit_kernels.compilation import BYTES as BYTES
+from streamkit_kernels.compilation import BOOL_1D as BOOL_1D
 from streamkit_kernels.compilation import COMPILING as COMPILING
-from streamkit_kernels.compilation import FLAGS as FLAGS
-from streamkit_kernels.compilation import FLOATS as FLOATS
-from streamkit_kernels.compilation import INPUT as INPUT
-from streamkit_kernels.compilation import PAIRS as PAIRS
-from streamkit_kernels.compilation import TABLE as TABLE
-from streamkit_kernels.compilation import VIEW as VIEW
+from streamkit_kernels.compilation import FLOAT32 as FLOAT32
+from streamkit_kernels.compilation import FLOAT64 as FLOAT64
+from streamkit_kernels.compilation import INT32 as INT32
+from streamkit_kernels.compilation import UINT8 as UINT8
+from streamkit_kernels.compilation import UINT8_READONLY as UINT8_READONLY
+from streamkit_kernels.compilation import UINT8_STRIDED as UINT8_STRIDED
+from streamkit_kernels.compilation import UINT16 as UINT16
 from streamkit_kernels.compilation import compiled as compiled
 from streamkit_kernels.compilation import kernel as kernel
 from streamkit_kernels.compilation import on_compilation as on_compilation

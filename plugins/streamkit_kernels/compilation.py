@@ -13,18 +13,18 @@ from numba import types
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
-# Argument types of kernels: arrays [rows, columns], C-contiguous, in their own memory.
-BYTES = types.Array(types.uint8, 2, "C")
-PAIRS = types.Array(types.uint16, 2, "C")
-BLOCKS = types.Array(types.int32, 2, "C")
-FLOATS = types.Array(types.float32, 2, "C")
-FLAGS = types.Array(types.boolean, 1, "C")
+# Argument types of kernels, by dtype: arrays [rows, columns], C-contiguous, in their own memory.
+UINT8 = types.Array(types.uint8, 2, "C")
+UINT16 = types.Array(types.uint16, 2, "C")
+INT32 = types.Array(types.int32, 2, "C")
+FLOAT32 = types.Array(types.float32, 2, "C")
+BOOL_1D = types.Array(types.boolean, 1, "C")
 # Points, boxes, homographies.
-TABLE = types.Array(types.float64, 2, "C")
+FLOAT64 = types.Array(types.float64, 2, "C")
 # A read-only image.
-INPUT = types.Array(types.uint8, 2, "C", readonly=True)
+UINT8_READONLY = types.Array(types.uint8, 2, "C", readonly=True)
 # A read-only image of any strides.
-VIEW = types.Array(types.uint8, 2, "A", readonly=True)
+UINT8_STRIDED = types.Array(types.uint8, 2, "A", readonly=True)
 
 # Warning of an element whose start waits for the compiler.
 COMPILING = (

@@ -32,13 +32,13 @@ from streamkit import (
     Property,
     PropertyError,
     Registration,
-    RegistrationStatus,
     ResourceError,
     SettingsOf,
     Transform,
     luma,
 )
 from streamkit.geometry.homography import centre, project
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.output.names import FileNames
 from streamkit_kernels import COMPILING, on_compilation
 from streamkit_stitcher.flight_plan.plan import FlightPlan, parse_strip, plan_strip
@@ -50,7 +50,7 @@ from streamkit_stitcher.mosaic.image_file import SUFFIXES, check_location
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_telemetry_formats.dji_cameras import camera_view
@@ -184,7 +184,7 @@ class Stitch(Transform):
             self._registrar.restart()
         self._epoch = frame.epoch
         if frame.flags & FrameFlags.CORRUPT:
-            self.outcomes[FrameStatus.LOST.value] += 1
+            self.outcomes[RegistrationStatus.LOST.value] += 1
             return frame.attach(registration(self._registrar.skip()))
         grey = grey_of(frame)
         registered = self._registrar.register(grey)
@@ -281,7 +281,7 @@ class Stitch(Transform):
 
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
-        states = {status.value: self.outcomes[status.value] for status in FrameStatus}
+        states = {status.value: self.outcomes[status.value] for status in RegistrationStatus}
         if any(states.values()):
             mosaic = {} if self._mosaic is None else self._mosaic.summary
             planes = max(1, self._registrar.ended_planes)
@@ -317,7 +317,7 @@ def registration(registered: FrameRegistration) -> Registration:
         registered.to_reference,
         reference=registered.reference,
         reference_change=registered.reference_change,
-        status=RegistrationStatus(registered.status.value),
+        status=registered.status,
         keyframe=registered.keyframe,
         matches=registered.matches,
         inliers=registered.inliers,

@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, georeferenced
 from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, local_metres
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 # The views of the last forty seconds: over longer times the plane drifts.
 _MOST_VIEWS: Final = 200
@@ -41,7 +42,7 @@ class LiveGround:
             shape: height and width, px.
             position: what telemetry tells of it, or why that is unknown.
         """
-        if registered.status is FrameStatus.CUT:
+        if registered.status is RegistrationStatus.CUT:
             self._forget()
         elif registered.reference_change is not None:
             self._views = deque(
@@ -52,7 +53,7 @@ class LiveGround:
                 _MOST_VIEWS,
             )
             self._geo = None if self._geo is None else self._geo.seen_through(registered.reference_change)
-        if registered.status is FrameStatus.LOST:
+        if registered.status is RegistrationStatus.LOST:
             return None
         if isinstance(position, GroundView):
             self._velocities.append(_velocity(self._last, position))

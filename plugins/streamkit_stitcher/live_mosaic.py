@@ -16,6 +16,7 @@ import numpy as np
 
 from streamkit import Caps, Frame, Pad, Registration, Transform, luma
 from streamkit.geometry.homography import inverse
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.frame_views import Position
 from streamkit_stitcher.mosaic.image_file import is_tiff
@@ -23,7 +24,7 @@ from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMos
 from streamkit_stitcher.mosaic.recorder import AdjustedPlanes, MosaicRecorder
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 
 PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 ], height=[ 16, 8192 ]")
@@ -218,7 +219,9 @@ class LiveMosaic:
         if self._largest is None or written.pictures >= self._largest.pictures:
             self._largest = written
         fields = {**asdict(written), "path": str(written.path)}
-        weak, lost = (self._counts.get(status, 0) for status in (FrameStatus.WEAK, FrameStatus.LOST))
+        weak, lost = (
+            self._counts.get(status, 0) for status in (RegistrationStatus.WEAK, RegistrationStatus.LOST)
+        )
         placed = sum(self._counts.values()) - weak - lost
         self._element.post_message("mosaic", **fields, placed=placed, weak=weak, lost=lost)
 

@@ -10,22 +10,14 @@ import enum
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
+from streamkit.geometry.registration_status import RegistrationStatus
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     FloatArray = NDArray[np.float64]
     Float32Array = NDArray[np.float32]
-
-
-class RegistrationStatus(enum.StrEnum):
-    """Reliability of a frame's registration."""
-
-    OK = "ok"
-    WEAK = "weak"
-    LOST = "lost"
-    CUT = "cut"
-    STILL = "still"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,8 @@ from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.frame import Capture, Frame
 from streamkit.flow.ground import GroundPosition, ground_positions
-from streamkit.flow.metadata import Detections, Registration, RegistrationStatus, Track, Tracks, TrackState
+from streamkit.flow.metadata import Detections, Registration, Track, Tracks, TrackState
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.masking import mask_secrets
 
 SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"

@@ -8,8 +8,15 @@ import cv2
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import FLOAT_OUTPUT, OUTPUT, ByteImage, Flags, FloatImage, LabelImage
-from streamkit_kernels import BLOCKS, FLAGS, VIEW, compiled, kernel
+from streamkit_differencer.arrays import (
+    FLOAT32_OUTPUT,
+    UINT8_OUTPUT,
+    ByteImage,
+    Flags,
+    FloatImage,
+    LabelImage,
+)
+from streamkit_kernels import BOOL_1D, INT32, UINT8_STRIDED, compiled, kernel
 
 # Larger components are sampled.
 MOST_POINTS = 1000
@@ -34,7 +41,7 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
     return _listed(cast("LabelImage", labels), cv2.countNonZero(blocks)), count - 1
 
 
-@kernel(BLOCKS, types.int64)
+@kernel(INT32, types.int64)
 def _listed(labels: LabelImage, total: int) -> LabelImage:
     """The first result of `components_of`; `labels` has the component of each of `total` blocks, from 1."""
     blocks, found = np.empty((total, 3), np.int32), 0
@@ -47,7 +54,7 @@ def _listed(labels: LabelImage, total: int) -> LabelImage:
     return blocks
 
 
-@kernel(BLOCKS, FLAGS, FLAGS, OUTPUT, VIEW, VIEW, FLOAT_OUTPUT)
+@kernel(INT32, BOOL_1D, BOOL_1D, UINT8_OUTPUT, UINT8_STRIDED, UINT8_STRIDED, FLOAT32_OUTPUT)
 def remove_components(
     blocks: LabelImage,
     ghosts: Flags,

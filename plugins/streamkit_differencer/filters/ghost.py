@@ -8,7 +8,7 @@ from numba import types
 from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
 from streamkit_differencer.equations import LONGEST_WAIT
 from streamkit_differencer.filters.components import is_all_set
-from streamkit_kernels import BLOCKS, VIEW, compiled, kernel
+from streamkit_kernels import INT32, UINT8_STRIDED, compiled, kernel
 
 # Share of the outline that must be stronger in the background than in the frame, and by how much. An object
 # that is just leaving its ghost hides a part of the ghost's outline.
@@ -22,7 +22,7 @@ REST_FRAMES = 6
 BORDER_PX = 2
 
 
-@kernel(*[VIEW] * 5, BLOCKS, types.int64)
+@kernel(*[UINT8_STRIDED] * 5, INT32, types.int64)
 def find_ghosts(
     image: ByteImage,
     background: ByteImage,

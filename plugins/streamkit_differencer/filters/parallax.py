@@ -14,7 +14,7 @@ from numba import types
 
 from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
 from streamkit_differencer.filters.components import MOST_POINTS, is_all_set
-from streamkit_kernels import BLOCKS, VIEW, compiled, kernel
+from streamkit_kernels import INT32, UINT8_STRIDED, compiled, kernel
 
 # Smallest camera step with parallax, px.
 SMALLEST_STEP_PX = 2.0
@@ -25,7 +25,7 @@ LAG, EARLY_PX = 5.0, 0.5
 EXPLAINED = 0.8
 
 
-@kernel(*[VIEW] * 7, BLOCKS, types.int64, types.int64, types.float64, types.float64)
+@kernel(*[UINT8_STRIDED] * 7, INT32, types.int64, types.int64, types.float64, types.float64)
 def find_parallax(
     image: ByteImage,
     background: ByteImage,

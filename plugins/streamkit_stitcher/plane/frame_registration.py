@@ -1,12 +1,12 @@
 """The registration of one frame to the reference plane."""
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, corners, scale_change
+from streamkit.geometry.registration_status import RegistrationStatus
 
 # Largest predicted error of a frame that is ok, px: 99.5 % are then within 2 px.
 OK_STD: Final = 0.7
@@ -14,20 +14,6 @@ OK_STD: Final = 0.7
 _PLANE_SCALE: Final = (0.3, 3.3)
 # Photographs that lean 12 degrees one way and the other, of a camera that sees 60 degrees.
 _MAX_DEPTH_RATIO: Final = 1.75
-
-
-class FrameStatus(StrEnum):
-    """How reliable a registration is.
-
-    `ok` and `still` were measured against a keyframe; `weak` rests on the motion since the previous frame or
-    on a part of the frame only; `lost` is predicted; `cut` starts another plane.
-    """
-
-    OK = "ok"
-    WEAK = "weak"
-    LOST = "lost"
-    CUT = "cut"
-    STILL = "still"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +70,7 @@ class FrameRegistration:
     to_previous: FloatArray
     to_reference: FloatArray
     reference: int
-    status: FrameStatus
+    status: RegistrationStatus
     reference_change: FloatArray | None = None
     keyframe: bool = False
     matches: int = 0

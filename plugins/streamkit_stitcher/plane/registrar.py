@@ -7,12 +7,12 @@ from functools import partial
 from typing import Final
 
 from streamkit.geometry.homography import IDENTITY, GreyArray, corner_shift, inverse, normalised
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_kernels import prepare
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.frame_registration import (
     OK_STD,
     FrameRegistration,
-    FrameStatus,
     KeyframeRegistration,
 )
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
@@ -144,7 +144,7 @@ class FrameRegistrar:
             return self._predict()
         self._planes.start(images, self._level)
         self._last_image = image.grey
-        status = FrameStatus.OK if self._planes.number == 0 else FrameStatus.CUT
+        status = RegistrationStatus.OK if self._planes.number == 0 else RegistrationStatus.CUT
         return self._publish(
             FrameRegistration(
                 IDENTITY,
@@ -267,7 +267,7 @@ class FrameRegistrar:
         previous, before = self._previous, self._planes.before
         self._last_image, self._planes.last_to_plane = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
-        steady = previous is not None and previous.status is not FrameStatus.LOST
+        steady = previous is not None and previous.status is not RegistrationStatus.LOST
         std = keyframe_fit.corner_std
         # The measurement fixes the whole frame, and the motion since a previous frame that was seen.
         is_certain = (
@@ -276,12 +276,16 @@ class FrameRegistrar:
             and std <= OK_STD
             and not (steady and math.hypot(self._std_before, std) > _OK_STEP_STD)
         )
-        status = FrameStatus.OK if is_certain else FrameStatus.WEAK
-        if status is FrameStatus.OK and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
+        status = RegistrationStatus.OK if is_certain else RegistrationStatus.WEAK
+        if (
+            status is RegistrationStatus.OK
+            and steady
+            and corner_shift(to_previous, self._shape) < _STILL_SHIFT
+        ):
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
-            to_previous, to_reference, status = IDENTITY, before, FrameStatus.STILL
+            to_previous, to_reference, status = IDENTITY, before, RegistrationStatus.STILL
         if self._planes.has_jumped:
-            to_previous, status = IDENTITY, FrameStatus.CUT
+            to_previous, status = IDENTITY, RegistrationStatus.CUT
             self._planes.reference_change = self._planes.rebase = None
         self._motion.update(to_previous)
         self._lost = 0
@@ -315,7 +319,9 @@ class FrameRegistrar:
         to_previous = normalised(inverse(self._planes.before) @ expected)
         std = self._std_before + corner_shift(to_previous, self._shape) + _LOST_STD
         return self._publish(
-            FrameRegistration(to_previous, expected, self._planes.number, FrameStatus.LOST, corner_std=std)
+            FrameRegistration(
+                to_previous, expected, self._planes.number, RegistrationStatus.LOST, corner_std=std
+            )
         )
 
     def _publish(self, registered: FrameRegistration) -> FrameRegistration:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from numba import types
 
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
-from streamkit_kernels import FLAGS, INPUT, TABLE, compiled, kernel
+from streamkit_kernels import BOOL_1D, FLOAT64, UINT8_READONLY, compiled, kernel
 from streamkit_stitcher.registration.homography_step import compose, displace, solve
 from streamkit_stitcher.registration.patch_comparison import probe
 from streamkit_stitcher.registration.patches import OFF_PLANE, SMALLEST_STD
@@ -33,7 +33,7 @@ _MIN_COARSE_CORRELATION: Final = 0.2
 _MIN_CORRELATION: Final = 0.6
 
 
-@kernel(INPUT, TABLE, _PATCHES, FLAGS, _VALUES, types.int64, types.float64, TABLE)
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, _VALUES, types.int64, types.float64, FLOAT64)
 def settle(
     image: GreyArray,
     centres: FloatArray,
@@ -75,7 +75,20 @@ def settle(
     return False
 
 
-@kernel(INPUT, TABLE, _PATCHES, FLAGS, _VALUES, _MATRICES, TABLE, TABLE, TABLE, TABLE, FLAGS, FLAGS)
+@kernel(
+    UINT8_READONLY,
+    FLOAT64,
+    _PATCHES,
+    BOOL_1D,
+    _VALUES,
+    _MATRICES,
+    FLOAT64,
+    FLOAT64,
+    FLOAT64,
+    FLOAT64,
+    BOOL_1D,
+    BOOL_1D,
+)
 def improve(
     image: GreyArray,
     centres: FloatArray,
@@ -131,7 +144,7 @@ def improve(
     return far, visible_count, squares[near].sum() / max(1, freedom)
 
 
-@kernel(INPUT, TABLE, _PATCHES, FLAGS, TABLE, types.float64, types.float64, TABLE, TABLE)
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, FLOAT64, types.float64, types.float64, FLOAT64, FLOAT64)
 def search(
     image: GreyArray,
     centres: FloatArray,

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_kernels import VIEW, compiled, kernel
+from streamkit_kernels import UINT8_STRIDED, compiled, kernel
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 Float32Array = NDArray[np.float32]
@@ -73,7 +73,7 @@ def _span(low: float, high: float, size: int, factor: int) -> tuple[int, int]:
     return start, int(min(max(high + 3 + factor, start + factor), max(size, factor)))
 
 
-@kernel(VIEW, PLACES, QUADS)
+@kernel(UINT8_STRIDED, PLACES, QUADS)
 def pack_parts(image: ByteArray, places: IntArray, quads: QuadArray) -> None:
     """Packs parts of a image.
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numba import types
 
-from streamkit_kernels import BYTES, compiled, kernel, prepare
+from streamkit_kernels import UINT8, compiled, kernel, prepare
 
 
-@kernel(BYTES, types.int64)
+@kernel(UINT8, types.int64)
 def brighten(image: Any, amount: int) -> None:
     """Adds to each pixel, in place."""
     for row in range(image.shape[0]):
@@ -49,7 +49,7 @@ def test_a_prepared_kernel_takes_its_own_types_alone() -> None:
 def test_a_package_is_prepared_alone() -> None:
     """Kernels of others are not compiled for it."""
 
-    @kernel(BYTES)
+    @kernel(UINT8)
     def untouched(image: Any) -> None:
         image[0, 0] = 0
 
@@ -61,13 +61,13 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
     """Once, by the process that compiles; not by those that find the machine code."""
     (tmp_path / "loops_of_a_test.py").write_text(
         textwrap.dedent("""
-        from streamkit_kernels import BYTES, kernel, prepare, on_compilation
+        from streamkit_kernels import UINT8, kernel, prepare, on_compilation
 
-        @kernel(BYTES)
+        @kernel(UINT8)
         def first(image):
             image[0, 0] = 1
 
-        @kernel(BYTES)
+        @kernel(UINT8)
         def second(image):
             image[0, 0] = 2
 
@@ -104,9 +104,9 @@ def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(
     (package / "kernels.py").write_text(
         textwrap.dedent("""
         from loops_of_a_package.parts.steps import step
-        from streamkit_kernels import BYTES, kernel
+        from streamkit_kernels import UINT8, kernel
 
-        @kernel(BYTES)
+        @kernel(UINT8)
         def brighten(image):
             step(image)
         """)

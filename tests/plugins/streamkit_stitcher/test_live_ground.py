@@ -12,11 +12,12 @@ import pytest
 from streamkit import Frame, GroundReference, Track, Tracks, TrackState, raw_video_caps, track_record
 from streamkit.geometry.earth import metres_per_degree
 from streamkit.geometry.homography import project, translation
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.testing import Harness
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.mosaic.georeference import GroundView, local_metres
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_telemetry_formats.dji import DjiTelemetry
 
 SHAPE = (360, 640)
@@ -107,7 +108,7 @@ def test_telemetry_ahead_of_the_image_is_part_of_the_error():
         places = [GeodeticPoint(y / north_m, (ahead + z) / east_m) for z, y in ((0, 0), (-50, 0), (0, 50))]
         pixels = np.array([[320.0, 180], [270, 180], [320, 130]])
         registered = FrameRegistration(
-            np.eye(3), translation(np.array([x, 0])), 0, FrameStatus.OK, measured=True
+            np.eye(3), translation(np.array([x, 0])), 0, RegistrationStatus.OK, measured=True
         )
         located.append(ground.locate(registered, SHAPE, GroundView(pixels, places, 2.0, time_s)))
     last = located[-20:]
@@ -131,7 +132,7 @@ def test_what_is_unknown_of_the_lead_shows_when_the_camera_swings():
         places = [GeodeticPoint((y + z) / north_m, (x + w) / east_m) for w, z in ((0, 0), (0, 50), (50, 0))]
         pixels = np.array([[320.0, 180], [320, 130], [370, 180]])
         registered = FrameRegistration(
-            np.eye(3), translation(np.array([x, 0])), 0, FrameStatus.OK, measured=True
+            np.eye(3), translation(np.array([x, 0])), 0, RegistrationStatus.OK, measured=True
         )
         geo = ground.locate(registered, SHAPE, GroundView(pixels, places, 2.0, number / 10))
         errors.append(math.nan if geo is None else geo.error_m)

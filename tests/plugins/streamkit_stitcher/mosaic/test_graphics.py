@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.mosaic.graphics import OverlaidGraphics
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 SHAPE = (360, 640)
 STEP = 12
@@ -72,7 +73,7 @@ def test_the_mosaic_shows_the_ground_under_a_logo(ground, tmp_path):
             before,
             places[number],
             0,
-            FrameStatus.OK,
+            RegistrationStatus.OK,
             keyframe=number % 8 == 0,
             key_index=number,
             measured=True,

@@ -5,18 +5,19 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.frame_store import FrameStore
 from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
-from streamkit_stitcher.plane.frame_registration import FrameRegistration, FrameStatus
+from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 SMALL = (360, 640)
 
 
 def registered(left=0.0, reference=0, **fields):
     """A placement shifted along x."""
-    given = {"status": FrameStatus.OK, "measured": True} | fields
+    given = {"status": RegistrationStatus.OK, "measured": True} | fields
     return FrameRegistration(np.eye(3), translation(np.array([left, 0.0])), reference, **given)
 
 
@@ -49,7 +50,7 @@ def test_new_ground_and_keyframes_go_in(recorder, frame):
 
 def test_a_place_that_was_not_measured_never_goes_in(recorder, frame):
     """Lost and weak frames stay out, whatever ground they claim to show."""
-    assert not add(recorder, registered(500.0, status=FrameStatus.LOST, measured=False), frame)
+    assert not add(recorder, registered(500.0, status=RegistrationStatus.LOST, measured=False), frame)
     assert recorder.finish() is None
 
 

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, translation
-from streamkit_stitcher.plane.frame_registration import FrameStatus
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.keyframe_content import keyframe_content
 from streamkit_stitcher.plane.keyframes import KeyframeStore
 from streamkit_stitcher.plane.loop_closure import correlation
@@ -25,7 +25,7 @@ def test_photographs_with_half_overlap_are_registered(aerial_ground, make_regist
     registrar = make_registrar(reference=ReferenceChoice.FIRST)
     for frame, (x, y) in zip(views(aerial_ground, places), places, strict=True):
         registered = registrar.register(frame)
-        assert registered.status is FrameStatus.OK
+        assert registered.status is RegistrationStatus.OK
         assert registered.keyframe
         assert (
             np.abs(registered.to_reference - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 2.0
@@ -45,7 +45,7 @@ def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_registrar):
     registrar = make_registrar()
     first, second = views(aerial_ground, [(100, 100), (2200, 1700)])
     registrar.register(first)
-    assert registrar.register(second).status is FrameStatus.CUT
+    assert registrar.register(second).status is RegistrationStatus.CUT
 
 
 def test_frames_correlate_at_their_true_shift_only(ground):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import normalised
-from streamkit_stitcher.plane.frame_registration import FrameStatus
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
 
 SHAPE = (450, 640)
@@ -27,7 +27,7 @@ def test_planes_that_a_photograph_connects_become_one(aerial_ground, make_regist
     """In any order all photographs lie on one plane in the end, where they should to a pixel."""
     registrar = make_registrar(reference=ReferenceChoice.FIRST)
     found = registered(aerial_ground, registrar, order)
-    assert any(item.status is FrameStatus.CUT for item in found)
+    assert any(item.status is RegistrationStatus.CUT for item in found)
     plane = registrar.take_plane(current=True)
     plane.finish()
     (homographies,) = plane.planes.values()
@@ -45,9 +45,9 @@ def test_the_change_of_a_joined_plane_relates_its_frames(aerial_ground, make_reg
     found = registered(aerial_ground, registrar, (0, 1, 2, 3, 6, 5, 4, 7))
     assert [item.reference for item in found] == [0, 0, 0, 0, 1, 1, 1, 0]
     assert found[-1].reference_change is not None
-    assert found[-1].status is not FrameStatus.CUT
+    assert found[-1].status is not RegistrationStatus.CUT
     for before, after in pairwise(found):
-        if after.status is not FrameStatus.CUT:
+        if after.status is not RegistrationStatus.CUT:
             change = np.eye(3) if after.reference_change is None else after.reference_change
             expected = normalised(change @ before.to_reference @ after.to_previous)
             assert expected == pytest.approx(after.to_reference, abs=1e-6)
@@ -57,10 +57,10 @@ def test_a_plane_that_is_met_again_continues(aerial_ground, make_registrar):
     """A photograph of an earlier plane is a cut to that plane, with its number."""
     registrar = make_registrar(reference=ReferenceChoice.FIRST)
     first, _, elsewhere, back = registered(aerial_ground, registrar, (0, 1, 5, 2))
-    assert (first.reference, elsewhere.reference, elsewhere.status) == (0, 1, FrameStatus.CUT)
+    assert (first.reference, elsewhere.reference, elsewhere.status) == (0, 1, RegistrationStatus.CUT)
     assert (back.reference, back.status, back.measured, back.reference_change) == (
         0,
-        FrameStatus.CUT,
+        RegistrationStatus.CUT,
         True,
         None,
     )

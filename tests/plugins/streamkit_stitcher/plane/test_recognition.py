@@ -2,9 +2,9 @@
 
 import pytest
 
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.following import KeyframeFollower
-from streamkit_stitcher.plane.frame_registration import FrameStatus
 from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
 from streamkit_stitcher.plane.matching import KeyframeMatching
 
@@ -60,7 +60,7 @@ def test_relocalisation_becomes_rarer_while_the_motion_is_known(ground, make_fli
     registrations = []
     for blindness.number in range(1, 70):
         registrations.append(registrar.register(flight.frame(blindness.number)))
-    assert {registered.status for registered in registrations} == {FrameStatus.WEAK}
+    assert {registered.status for registered in registrations} == {RegistrationStatus.WEAK}
     assert not any(registered.measured for registered in registrations)
     assert blindness.looks == [1, 3, 5, 17, 33, 49, 65]
 
@@ -76,5 +76,5 @@ def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blin
     blindness.on = True
     blindness.looks.clear()
     for blindness.number in range(31, 40):
-        assert registrar.register(flight.frame(blindness.number)).status is FrameStatus.WEAK
+        assert registrar.register(flight.frame(blindness.number)).status is RegistrationStatus.WEAK
     assert blindness.looks == [31, 33, 35]

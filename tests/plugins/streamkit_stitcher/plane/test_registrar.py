@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
-from streamkit_stitcher.plane.frame_registration import FrameStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
 
 SMALL = (360, 640)
@@ -47,7 +47,10 @@ def test_drift_over_a_flight_stays_below_a_pixel(ground, make_flight, registrar)
     assert max(errors) < 1.0
     assert np.median(steps) < 0.15
     assert 2 < sum(registered.keyframe for registered in registrations) < 40
-    assert {registered.status for registered in registrations} <= {FrameStatus.OK, FrameStatus.STILL}
+    assert {registered.status for registered in registrations} <= {
+        RegistrationStatus.OK,
+        RegistrationStatus.STILL,
+    }
 
 
 def test_homographies_do_not_depend_on_the_threads(ground, make_flight, monkeypatch, make_registrar):
@@ -120,7 +123,7 @@ def test_a_frame_that_its_plane_stretches_opens_a_related_plane(ground, make_fli
     opened = [index for index, registered in enumerate(registrations) if registered.opens_plane]
     assert len(opened) == 1
     first = registrations[opened[0]]
-    assert (first.reference, first.status, first.keyframe) == (1, FrameStatus.OK, True)
+    assert (first.reference, first.status, first.keyframe) == (1, RegistrationStatus.OK, True)
     assert np.array_equal(first.to_reference, np.eye(3))
     old_place = np.linalg.inv(first.reference_change)
     assert descent.error(old_place / old_place[2, 2], opened[0]) < 2.0
@@ -135,7 +138,7 @@ def test_a_frame_that_its_plane_stretches_opens_a_related_plane(ground, make_fli
 def test_the_first_frame_is_the_plane(flight, registrar):
     """One frame alone: identity, ok, a keyframe."""
     registered = registrar.register(flight.frame(0))
-    assert (registered.status, registered.keyframe, registered.reference) == (FrameStatus.OK, True, 0)
+    assert (registered.status, registered.keyframe, registered.reference) == (RegistrationStatus.OK, True, 0)
     assert np.array_equal(registered.to_reference, np.eye(3))
     assert np.array_equal(registered.to_previous, np.eye(3))
 
@@ -147,10 +150,10 @@ def test_flat_frames_are_lost_and_the_next_good_one_is_registered(flight, regist
         registrar.register(flight.frame(index))
     for _ in range(5):
         blind = registrar.register(np.full(SMALL, level, np.uint8))
-        assert blind.status is FrameStatus.LOST
+        assert blind.status is RegistrationStatus.LOST
         assert is_finite(blind)
     found = registrar.register(flight.frame(11))
-    assert (found.status, found.reference) == (FrameStatus.OK, 0)
+    assert (found.status, found.reference) == (RegistrationStatus.OK, 0)
     assert flight.error(found.to_reference, 11) < 0.5
 
 
@@ -158,7 +161,7 @@ def test_noise_in_the_dark_is_lost_too(flight, registrar):
     """A black frame with sensor noise has corners, but is not taken for a new scene."""
     registrar.register(flight.frame(0))
     noise = np.abs(np.random.default_rng(0).normal(0, 3, SMALL)).astype(np.uint8)
-    assert registrar.register(noise).status is FrameStatus.LOST
+    assert registrar.register(noise).status is RegistrationStatus.LOST
 
 
 def test_a_lost_frame_continues_with_the_last_velocity(ground, registrar):
@@ -172,9 +175,9 @@ def test_a_lost_frame_continues_with_the_last_velocity(ground, registrar):
 
 def test_black_before_anything_is_lost(flight, registrar):
     """The plane waits for the first usable frame."""
-    assert registrar.register(BLACK).status is FrameStatus.LOST
+    assert registrar.register(BLACK).status is RegistrationStatus.LOST
     first = registrar.register(flight.frame(0))
-    assert (first.status, first.reference) == (FrameStatus.OK, 0)
+    assert (first.status, first.reference) == (RegistrationStatus.OK, 0)
 
 
 def test_a_cut_opens_a_plane_and_the_next_frame_is_ok(ground, flight, registrar):
@@ -184,9 +187,9 @@ def test_a_cut_opens_a_plane_and_the_next_frame_is_ok(ground, flight, registrar)
     cut = registrar.register(ground[1100:1460, 60:700])
     after = registrar.register(ground[1104:1464, 64:704])
     assert (cut.status, cut.reference, after.status, after.reference) == (
-        FrameStatus.CUT,
+        RegistrationStatus.CUT,
         1,
-        FrameStatus.OK,
+        RegistrationStatus.OK,
         1,
     )
     assert np.array_equal(cut.to_reference, np.eye(3))
@@ -198,7 +201,7 @@ def test_a_step_of_the_gain_is_not_noticed(flight, registrar):
     registrar.register(flight.frame(0))
     brighter = np.clip(flight.frame(1) * 1.35, 0, 255).astype(np.uint8)
     registered = registrar.register(brighter)
-    assert registered.status is FrameStatus.OK
+    assert registered.status is RegistrationStatus.OK
     assert flight.error(registered.to_reference, 1) < 0.5
 
 
@@ -209,7 +212,10 @@ def test_another_size_opens_a_plane(flight, registrar):
         registrar.register(cv2.resize(flight.frame(index), (480, 270), interpolation=cv2.INTER_AREA))
         for index in (1, 2)
     ]
-    assert [(item.status, item.reference) for item in small] == [(FrameStatus.CUT, 1), (FrameStatus.OK, 1)]
+    assert [(item.status, item.reference) for item in small] == [
+        (RegistrationStatus.CUT, 1),
+        (RegistrationStatus.OK, 1),
+    ]
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 3000), (17, 17), (40, 40), (64, 5000)])
@@ -227,7 +233,7 @@ def test_a_standing_camera_is_still(flight, registrar):
     for _ in range(4):
         noisy = np.clip(flight.frame(0) + random.normal(0, 2, SMALL), 0, 255).astype(np.uint8)
         registered = registrar.register(noisy)
-        assert registered.status is FrameStatus.STILL
+        assert registered.status is RegistrationStatus.STILL
         assert np.array_equal(registered.to_reference, np.eye(3))
         assert np.array_equal(registered.to_previous, np.eye(3))
 
@@ -247,9 +253,9 @@ def test_skipped_frames_are_ignored(flight, registrar):
     """A corrupt frame is lost, and the next good one is registered to the one before it."""
     for index in range(4):
         registrar.register(flight.frame(index))
-    assert registrar.skip().status is FrameStatus.LOST
+    assert registrar.skip().status is RegistrationStatus.LOST
     registered = registrar.register(flight.frame(5))
-    assert registered.status is FrameStatus.OK
+    assert registered.status is RegistrationStatus.OK
     assert flight.error(registered.to_reference, 5) < 0.5
 
 
@@ -259,7 +265,7 @@ def test_a_restart_opens_a_plane(flight, registrar):
     assert registrar.register(flight.frame(0)).reference == 0
     registrar.restart()
     registered = registrar.register(flight.frame(1))
-    assert (registered.reference, registered.status) == (1, FrameStatus.CUT)
+    assert (registered.reference, registered.status) == (1, RegistrationStatus.CUT)
     assert np.array_equal(registered.to_previous, np.eye(3))
 
 
@@ -269,7 +275,7 @@ def test_unplaceable_frames_open_a_plane_in_the_end(flight, ground, registrar):
     registrar.register(BLACK)
     registrations = [registrar.register(ground[1100:1460, 60:700]) for _ in range(30)]
     assert registrations[-1].reference == 1
-    assert registrations[-1].status in {FrameStatus.OK, FrameStatus.STILL}
+    assert registrations[-1].status in {RegistrationStatus.OK, RegistrationStatus.STILL}
 
 
 def test_the_same_frames_give_the_same_homographies(flight, make_registrar):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project
-from streamkit_stitcher.plane.frame_registration import FrameStatus
+from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
 from streamkit_stitcher.registration.correlation_shift import search_shift
 
@@ -33,7 +33,7 @@ def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkey
     places = [(300 + 210 * n, 400) for n in range(4)] + [(930 - 210 * n, 580) for n in range(4)]
     for x, y in places:
         registered = registrar.register(aerial_ground[y : y + 450, x : x + 640])
-        assert registered.status is FrameStatus.OK
+        assert registered.status is RegistrationStatus.OK
         first = places[0]
         apart = registered.to_reference[:2, 2] - (x - first[0], y - first[1])
         assert np.abs(apart).max() < 0.6
