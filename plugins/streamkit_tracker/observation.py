@@ -34,7 +34,7 @@ class Observation:
         centroids: float64[n, 2], px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
         are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
-            of motion, which may show a part of a target, or several.
+            of motion, of which the small ones may show a part of a target, or several.
         features: float32[n, k], one vector per detection, or None.
         features_version: of the space they are in; vectors of different versions do not compare.
         space: the feature space to compare windows in, or None for the tracker's own templates.

@@ -46,6 +46,7 @@ TARGET = np.dtype(
         ("score", np.float64),  # similarity to the template, kept from the last comparison
         ("last_place", np.float64, 2),  # x y of the window when it was last recognised, px of that frame
         # what detections have shown
+        ("whole", np.bool_),  # detections show the whole target: a detector's, and large regions
         ("box", np.float64, 2),  # width and height of the upright box, px
         ("detected_s", np.float64),  # time it was detected by itself
         ("offset", np.float64, 2),  # of the detections from the window on average, px

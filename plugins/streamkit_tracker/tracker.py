@@ -19,7 +19,7 @@ from streamkit_tracker.predict.constant_velocity import correct, predict
 from streamkit_tracker.report.reports import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, BoolArray, TargetTable, dormant, followed
-from streamkit_tracker.update.detected_box import check_windows, follow_detections, follow_objects
+from streamkit_tracker.update.detected_box import check_windows, follow_boxes, follow_detections
 from streamkit_tracker.update.measurement import learn_appearances, measure
 from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
@@ -91,24 +91,22 @@ class MultiTargetTracker:
             return report(targets, observation, settings)
         began = time.perf_counter()
         self._frames += 1
-        rows, step_s, are_objects = targets.rows, observation.step_s, observation.are_objects
+        rows, step_s = targets.rows, observation.step_s
         detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
         free = associate(targets, detected, observation, settings)
         pass_time(rows, step_s, settings.coast, settings.birth_window)
-        follow_detections(rows, detected, step_s, are_objects)
-        searched = np.flatnonzero(followed(rows) & self._is_searched(are_objects))
+        follow_detections(rows, detected, step_s, observation.are_objects)
+        searched = np.flatnonzero(followed(rows) & self._is_searched())
         measure(targets, searched, detected, observation, self._sampler, settings, self._budget.share)
         correct(rows)
-        if are_objects:
-            follow_objects(rows)
-        else:
-            check_windows(rows, detected, step_s)
+        follow_boxes(rows, observation.are_objects)
+        check_windows(rows, detected, step_s)
         learn_appearances(targets, self._sampler)
         end_gone(targets, settings, self._sampler.shape)
         start_appearances(targets, observation, self._sampler, settings)
         if len(rows) > settings.max_targets:
             self.evicted += end_surplus(targets, settings.max_targets)
-        self._closeness = end_duplicates(targets, observation, settings.lost_frames, self._closeness)
+        self._closeness = end_duplicates(targets, settings.lost_frames, self._closeness)
         if settings.auto_start:
             add_tentative(targets, observation, free, settings)
         if settings.budget_ms > 0:
@@ -131,7 +129,7 @@ class MultiTargetTracker:
                 if is_resized or not is_in_place(model, targets.rows["window"][row], self._sampler):
                     targets.lose(row, cause)
             return False
-        predict(targets, observation.to_previous, observation.step_s, are_objects=observation.are_objects)
+        predict(targets, observation.to_previous, observation.step_s)
         begin_frame(targets.rows)
         targets.causes = {}
         if observation.continuity is FrameContinuity.LOST:
@@ -140,13 +138,12 @@ class MultiTargetTracker:
             return False
         return True
 
-    def _is_searched(self, are_objects: bool) -> BoolArray:
+    def _is_searched(self) -> BoolArray:
         """bool[n]: targets whose appearance is searched in this frame."""
         rows = self.targets.rows
-        if are_objects:  # the boxes of a detector are better than any template
-            return np.asarray(rows["manual"])
         found = rows["detection"] >= 0
         # In turn, a detection of its own is enough for a target.
         is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
         resting = found & ~rows["manual"] & ~rows["crowded"] & ~is_in_turn
-        return np.asarray(~resting & (found | ~dormant(rows, self.settings.lost_frames)))
+        # Boxes that show the whole target are better than any template.
+        return np.asarray(~resting & ~rows["whole"] & (found | ~dormant(rows, self.settings.lost_frames)))

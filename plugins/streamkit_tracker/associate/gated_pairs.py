@@ -79,19 +79,18 @@ def associate(
         if observation.features is not None:
             unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
         reach_px = settings.max_speed * observation.step_s
-        overlap = OBJECT_OVERLAP if observation.are_objects else -1.0
-        found = compare(rows, members, detected[free], unlike, reach_px, overlap)
+        found = compare(rows, members, detected[free], unlike, reach_px)
         taken, columns = assign(found.costs)
         left = np.ones(len(free), np.bool_)
         if len(taken):
             left[columns] = False
             owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
-            crowded = (found.touched[columns] > 1) & is_known & (not observation.are_objects)
+            crowded = (found.touched[columns] > 1) & is_known & ~owners["whole"]
             owners["detection"], owners["crowded"] = free[columns], crowded
             owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
             owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
             rows[members[taken]] = owners
-        if is_known and is_awake and not observation.are_objects:
+        if is_known and is_awake:
             mark_shared(rows, members, detected)
             # a detection upon a followed target must not start another one there
             left &= found.held == 0
@@ -142,7 +141,7 @@ def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation:
 def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) -> None:
     """Marks undetected targets within the box of another that is too large for that one alone."""
     for owner in members:
-        if targets[owner]["detection"] < 0:
+        if targets[owner]["detection"] < 0 or targets[owner]["whole"]:
             continue
         seen, box = detected[targets[owner]["detection"]], targets[owner]["box"]
         area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
@@ -162,7 +161,6 @@ def compare(
     detected: FloatArray,
     unlike: FloatArray,
     reach_px: float,
-    least_overlap: float = -1.0,
 ) -> Comparison:
     """Compares targets with detections.
 
@@ -175,7 +173,6 @@ def compare(
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs.
         reach_px: farthest distance a target moves in one frame, px.
-        least_overlap: of a detection and the predicted box, which alone decide, where it is not negative.
     """
     shape = len(members), len(detected)
     costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -200,13 +197,13 @@ def compare(
             area, size, common = sides[0] * sides[1], width * height, max(common_x, 0.0) * max(common_y, 0.0)
             overlap = common / (area + size - common)
             holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
-            held[column] += holds
+            held[column] += holds and not target["whole"]
             touched[column] += holds or common > TOUCHING * min(area, size)
             relative = mismatch[row, column] / max(width, height, SMALLEST_SIZE)
             cost = distance + relative**2 + unlike[row, column]
             if distance > GATE or np.hypot(right, down) > reach:
                 cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > LEAST_OVERLAP else np.inf
-            if least_overlap >= 0:
-                cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > least_overlap else np.inf
+            if target["whole"]:
+                cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > OBJECT_OVERLAP else np.inf
             costs[row, column], distances[row, column] = cost, distance
     return Comparison(costs, distances, mismatch, held, touched)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import TargetTable, dormant, followed
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, inside_windows
 
@@ -14,14 +13,13 @@ MERGE_SCALE = 0.9
 Closeness = dict[tuple[int, int], int]
 
 
-def end_duplicates(
-    table: TargetTable, observation: Observation, lost_frames: int, closeness: Closeness
-) -> Closeness:
+def end_duplicates(table: TargetTable, lost_frames: int, closeness: Closeness) -> Closeness:
     """Ends the younger of two targets that were on one object, with one velocity, for some frames.
+
+    Two whole targets with a detection each are two, however near.
 
     Args:
         table: of the targets.
-        observation: of this frame; two objects with a detection each are two, however near.
         lost_frames: see `dormant`.
         closeness: for how many frames pairs of ids have been on one object.
 
@@ -37,9 +35,8 @@ def end_duplicates(
     apart = np.hypot(*(velocity[:, None] - velocity).T)
     inside = inside_windows(window[:, :2], window, MERGE_SCALE)
     close = (inside | inside.T) & (apart < np.maximum(doubt[:, None], doubt))
-    if observation.are_objects:
-        detected = rows["detection"] >= 0
-        close &= ~(detected[:, None] & detected)
+    detected = rows["whole"] & (rows["detection"] >= 0)
+    close &= ~(detected[:, None] & detected)
     for older, younger in np.argwhere(np.triu(close, k=1)).tolist():
         both = (rows["id"].item(older), rows["id"].item(younger))
         found[both] = closeness.get(both, 0) + 1

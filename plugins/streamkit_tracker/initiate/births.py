@@ -29,4 +29,4 @@ def add_tentative(
         born = table.add(
             np.array([x, y, width, height, 0.0]), settings, manual=False, cause="began on a detection"
         )
-        table.rows["detection"][born] = index
+        table.rows["detection"][born], table.rows["whole"][born] = index, observation.are_objects

@@ -30,14 +30,13 @@ OBJECT_ACCELERATION = 1.6  # of whole objects: people walk more steadily than th
 REGION_ACCELERATION = 6.0  # the same where regions of motion correct what the wider search finds
 
 
-def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_objects: bool = False) -> None:
+def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
     """Carries every target to this frame's pixels and ahead by the time between the frames.
 
     Args:
         table: of the previous frame.
         to_previous: float64[3, 3], this frame's pixels to the previous frame's; not used if it is singular.
         step_s: s, above 0.
-        are_objects: whether detections are whole objects.
     """
     rows, homography = table.rows, invertible(to_previous)
     rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
@@ -56,7 +55,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float, *, are_o
         for each in held:
             each.positions = mapped[start : start + len(each.positions)]
             start += len(each.positions)
-    advance(rows, step_s, OBJECT_ACCELERATION if are_objects else REGION_ACCELERATION)
+    advance(rows, step_s)
 
 
 def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray) -> None:
@@ -88,7 +87,7 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     window[index, ANGLE] = half_turn(np.arctan2(y, x))
 
 
-def advance(targets: TargetRows, step_s: float, detected_acceleration: float) -> None:
+def advance(targets: TargetRows, step_s: float) -> None:
     """Moves states ahead; the acceleration is white noise relative to the target's side.
 
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, section 6.3.2.
@@ -96,7 +95,8 @@ def advance(targets: TargetRows, step_s: float, detected_acceleration: float) ->
     motion = np.eye(4) + step_s * np.eye(4, k=2)
     gain = np.concatenate([step_s**2 / 2 * IDENTITY, step_s * IDENTITY])
     sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), SMALLEST_SIDE)
-    acceleration = sides * np.where(targets["manual"], ACCELERATION, detected_acceleration)
+    detected = np.where(targets["whole"], OBJECT_ACCELERATION, REGION_ACCELERATION)
+    acceleration = sides * np.where(targets["manual"], ACCELERATION, detected)
     targets["mean"] = targets["mean"] @ motion.T
     noise = acceleration[:, None, None] ** 2 * (gain @ gain.T)
     targets["covariance"] = motion @ targets["covariance"] @ motion.T + noise

@@ -87,10 +87,8 @@ def report(
     hidden = (table.rows["state"] == COASTING) & dormant(table.rows, settings.lost_frames)
     if hidden.any():
         doubt = position_doubt(table.rows)
-        if observation.are_objects:
-            hidden &= (doubt >= OBJECT_DOUBT) | (table.rows["credit_s"] < SETTLED_S)
-        else:
-            hidden &= doubt >= LARGEST_DOUBT
+        is_unknown = (doubt >= OBJECT_DOUBT) | (table.rows["credit_s"] < SETTLED_S)
+        hidden &= np.where(table.rows["whole"], is_unknown, doubt >= LARGEST_DOUBT)
     index = np.flatnonzero(~hidden)
     if not len(index):
         return ()

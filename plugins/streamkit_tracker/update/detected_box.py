@@ -23,34 +23,51 @@ YOUNG_OFFSET, YOUNG_RESIZED = 0.1, 0.1  # relative to the side, and as a log rat
 RESIZED = 0.18  # log ratio of a side beyond which the window restarts
 MISFITS_BEFORE_RESTART = 2
 LEAST_OVERLAP = 0.6  # of window and detection
+# Side of a region, px, from which its outline places a target no worse than a template of 32 px does; below
+# the second one the target follows its template again.
+LARGE_SIDE, SMALL_SIDE = 32.0, 26.0
 
 
 def follow_detections(
     targets: TargetRows, detected: FloatArray, step_s: float, are_objects: bool = False
 ) -> None:
-    """Lets the boxes of detected targets follow detections, float64[d, 6], that show no other target.
+    """Lets the boxes of detected targets follow detections that show no other target, and sets `whole`.
 
     While a target is young its box is that of the detection.
+
+    Args:
+        targets: the table; those drawn by hand are never whole.
+        detected: float64[d, 6].
+        step_s: s.
+        are_objects: whether a detector gives the boxes: all are whole then, else the large ones.
     """
     index = np.flatnonzero((targets["detection"] >= 0) & ~targets["crowded"])
     rows = targets[index]
     known, now = rows["box"], detected_sides(detected[rows["detection"]])
-    rates = np.full(now.shape, rate_for(OBJECT_RATE if are_objects else BOX_RATE, step_s))
-    if not are_objects:
-        rates[rows["detected_s"] < YOUNG_S] = 1.0
-    targets["box"][index] = known * (now / known) ** rates
+    rates = np.where(rows["detected_s"] < YOUNG_S, 1.0, rate_for(BOX_RATE, step_s))
+    rates[rows["whole"]] = rate_for(OBJECT_RATE, step_s)
+    targets["box"][index] = known * (now / known) ** rates[:, None]
     targets["detected_s"][index] += step_s
+    sides = np.sqrt(targets["box"].prod(axis=1))
+    is_large = (sides >= LARGE_SIDE) | (targets["whole"] & (sides >= SMALL_SIDE))
+    targets["whole"] = ~targets["manual"] & (are_objects | is_large)
 
 
-def follow_objects(targets: TargetRows) -> None:
-    """Sets the windows of targets whose detections are whole objects: upright, at the state's position.
+def follow_boxes(targets: TargetRows, are_objects: bool) -> None:
+    """Sets the windows of detected targets that detections show whole, at the state's position.
 
-    Targets that are tentative, drawn by hand or undetected are left alone.
+    Boxes of a detector stay upright; regions of motion are turned into the motion where that is known.
+    Tentative and undetected targets are left alone.
     """
-    targets["restart"] = False
-    index = np.flatnonzero(~targets["manual"] & (targets["state"] != TENTATIVE) & (targets["detection"] >= 0))
+    index = np.flatnonzero(targets["whole"] & (targets["state"] != TENTATIVE) & (targets["detection"] >= 0))
+    if not len(index):
+        return
     rows = targets[index]
-    targets["window"][index] = np.column_stack([rows["mean"][:, :2], rows["box"], np.zeros(len(index))])
+    upright = np.column_stack([rows["mean"][:, :2], rows["box"], np.zeros(len(index))])
+    headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
+    headings = np.where(np.isnan(headings), rows["window"][:, ANGLE], headings)
+    turned = turned_windows(rows["mean"][:, :2], rows["box"], headings)
+    targets["window"][index] = upright if are_objects else turned
     targets["recognised"][index] = True
 
 
@@ -65,7 +82,7 @@ def check_windows(targets: TargetRows, detected: FloatArray, step_s: float) -> N
         step_s: s.
     """
     targets["restart"] = False
-    awake = ~targets["manual"] & (targets["state"] != TENTATIVE)
+    awake = ~targets["manual"] & ~targets["whole"] & (targets["state"] != TENTATIVE)
     index = np.flatnonzero(awake & (targets["detection"] >= 0) & ~targets["crowded"])
     if not len(index):
         return

@@ -6,6 +6,7 @@ import pytest
 from streamkit_tracker.targets import CONFIRMED, TARGET, TargetRows
 from streamkit_tracker.update.detected_box import (
     check_windows,
+    follow_boxes,
     follow_detections,
 )
 from streamkit_tracker.window_geometry import FloatArray
@@ -117,3 +118,38 @@ def test_many_targets_are_judged_as_each_alone():
     targets["detection_std"] = 1.0
     check_windows(targets, np.array([sighting(100, 100), sighting(100, 100), sighting(130, 100)]), STEP_S)
     assert targets["restart"].tolist() == [False, False, True]
+
+
+def test_a_large_target_follows_the_boxes_of_its_regions():
+    """From 32 px on, until it has shrunk below 26 px; one drawn by hand never does."""
+    target = row(30.0, 20.0)
+    remember(target, sighting(0, 0, 30, 20), STEP_S)
+    assert not target["whole"][0]
+    remember(target, sighting(0, 0, 60, 30), STEP_S)
+    assert target["whole"][0]
+    target["box"] = 29.0, 29.0
+    target["detection"] = -1
+    follow_detections(target, sighting(0, 0)[None], STEP_S)
+    assert target["whole"][0]
+    target["box"] = 25.0, 25.0
+    follow_detections(target, sighting(0, 0)[None], STEP_S)
+    assert not target["whole"][0]
+    target["manual"], target["box"] = True, (80.0, 80.0)
+    follow_detections(target, sighting(0, 0)[None], STEP_S)
+    assert not target["whole"][0]
+
+
+def test_the_window_of_a_whole_target_is_its_box_turned_into_the_motion():
+    """A box of a detector stays upright; a target that is not whole keeps its window."""
+    target = row(40.0, 40.0)
+    target["whole"], target["mean"] = True, (100.0, 50.0, 200.0, 200.0)
+    target["covariance"] = 0.01 * np.eye(4)
+    target["window"] = window_at(90, 50)
+    follow_boxes(target, are_objects=True)
+    assert target["window"][0].tolist() == [100.0, 50.0, 40.0, 40.0, 0.0]
+    assert target["recognised"][0]
+    follow_boxes(target, are_objects=False)
+    assert target["window"][0, 4] == pytest.approx(np.pi / 4)
+    target["whole"], target["window"] = False, window_at(90, 50)
+    follow_boxes(target, are_objects=False)
+    assert target["window"][0].tolist() == window_at(90, 50).tolist()
