@@ -36,7 +36,7 @@ class OverlaidGraphics:
 
     def __init__(self) -> None:
         self._before: list[SignArray] = []
-        self._alike = self._both = np.zeros((0, 0), np.int16)
+        self._alike = self._both = np.zeros((0, 0), np.int32)
         self._shape, self._pairs = (0, 0), 0
 
     def add(self, pixels: ImageArray) -> None:
@@ -44,7 +44,7 @@ class OverlaidGraphics:
         signs = _signs(pixels)
         if pixels.shape[:2] != self._shape:
             self._shape, self._before, self._pairs = pixels.shape[:2], [], 0
-            self._alike, self._both = np.zeros((2, *signs[0].shape), np.int16)
+            self._alike, self._both = np.zeros((2, *signs[0].shape), np.int32)
         for old, new in zip(self._before, signs, strict=False):
             product = old * new
             self._alike += product
