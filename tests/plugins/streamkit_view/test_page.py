@@ -90,6 +90,13 @@ def number_of_last(browser: Chrome) -> int | None:
     return number if shown and number >= 115 else None
 
 
+def last_frame(browser: Chrome) -> tuple[int, np.ndarray[Any, Any]] | None:
+    """The number and the pixels of the last frame, unless another is shown meanwhile."""
+    number = number_of_last(browser)
+    pixels = canvas(browser, "video")[:, :, :3]
+    return None if number is None or number_of_last(browser) != number else (number, pixels)
+
+
 def drawn_boxes(overlay: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Centres of the boxes of confirmed targets, px of the overlay."""
     is_yellow = (np.abs(overlay[:, :, :3].astype(int) - YELLOW).max(2) < 30) & (overlay[:, :, 3] > 250)
@@ -114,9 +121,8 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
     assert first.shape[:2] == (720, 1280)
     wait_for(lambda: np.abs(canvas(browser, "video").astype(int) - first).mean() > 2)
     wait_for(lambda: text(browser, "state") == "ended")
-    number = wait_for(lambda: number_of_last(browser))
+    number, shown = wait_for(lambda: last_frame(browser))
     pixels, cars = true_frame(number)
-    shown = canvas(browser, "video")[:, :, :3]
     assert np.abs(shown.astype(int) - pixels).mean() < 6
     overlay = canvas(browser, "overlay")
     scale = min(overlay.shape[1] / 1280, overlay.shape[0] / 720)
