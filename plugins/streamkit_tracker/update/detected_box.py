@@ -63,11 +63,13 @@ def follow_boxes(targets: TargetRows, are_objects: bool) -> None:
     if not len(index):
         return
     rows = targets[index]
-    upright = np.column_stack([rows["mean"][:, :2], rows["box"], np.zeros(len(index))])
-    headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
-    headings = np.where(np.isnan(headings), rows["window"][:, ANGLE], headings)
-    turned = turned_windows(rows["mean"][:, :2], rows["box"], headings)
-    targets["window"][index] = upright if are_objects else turned
+    centres = rows["mean"][:, :2]
+    if are_objects:
+        targets["window"][index] = np.column_stack([centres, rows["box"], np.zeros(len(index))])
+    else:
+        headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
+        headings = np.where(np.isnan(headings), rows["window"][:, ANGLE], headings)
+        targets["window"][index] = turned_windows(centres, rows["box"], headings)
     targets["recognised"][index] = True
 
 
