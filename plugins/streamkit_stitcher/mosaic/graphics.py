@@ -11,7 +11,7 @@ from streamkit_stitcher.mosaic.tiles import ImageArray
 
 SignArray = npt.NDArray[np.int8]
 
-# Pairs of frames in which even a pixel that is always an edge can be told from chance.
+# Pairs of frames in which even a pixel that is always an edge can be distinguished from chance.
 _FEWEST: Final = 16
 _WORKING_WIDTH: Final = 640
 # Grey levels per px, beyond noise.

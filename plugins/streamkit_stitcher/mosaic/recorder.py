@@ -99,7 +99,7 @@ class MosaicRecorder:
         """Adds a registered frame where the mosaic needs it; whether the mosaic changes.
 
         A frame of a new plane starts another mosaic: `finish` the previous one first unless `keeps_planes`.
-        `load` returns the pixels and is called only for frames that are added.
+        `load` returns the pixels and is called only for frames that are added, or compared for graphics.
 
         Raises:
             OSError: a temporary file is full.
@@ -111,10 +111,12 @@ class MosaicRecorder:
             self._coverage.move_plane(registered.rebase)
             self._do(partial(self.frames.rebase, registered.rebase, registered.reference))
         self._reference = registered.reference
-        self._since_graphics = self._since_graphics @ registered.to_previous
+        if self.keeps_planes:
+            self._since_graphics = self._since_graphics @ registered.to_previous
         if not registered.measured:
             return False
-        self._look_for_graphics(shape, load)
+        if self.keeps_planes:
+            self._look_for_graphics(shape, load)
         self._add_view(registered, shape, position)
         new_ground = self._coverage.uncovered(shape, registered.to_reference) > _MIN_NEW_GROUND
         if not (registered.keyframe or new_ground):
@@ -129,10 +131,12 @@ class MosaicRecorder:
 
     def _look_for_graphics(self, shape: tuple[int, int], load: Callable[[], ImageArray]) -> None:
         """Compares frames between which all of the ground moved; ever fewer in a long flight."""
+        self._frames_between += 1
+        if self._frames_between <= self._compared / 16:
+            return
         outline = corners(shape)
         moved = np.hypot(*(project(self._since_graphics, outline) - outline).T).min()
-        self._frames_between += 1
-        if self.keeps_planes and moved > _LEAST_MOTION_PX and self._frames_between > self._compared / 16:
+        if moved > _LEAST_MOTION_PX:
             self._since_graphics, self._frames_between = IDENTITY, 0
             self._compared += 1
             self._do(partial(self.frames.look_for_graphics, load), shape[0] * shape[1] * _BYTES_PER_PIXEL)

@@ -32,7 +32,7 @@ _OUTLIER: Final = 3.0
 _HELD: Final = 0.5
 # Part of the agreement of the best motion that a more precise match by patches must reach.
 _AS_GOOD: Final = 0.95
-# By how much a camera that was always where it was at the keyframe is surer to be so than the frame tells.
+# Part by which a camera that has rested at the keyframe is preferred there beyond what the frame shows.
 _PERSISTENCE: Final = 0.5
 # Error of the worst corner that each frame is tested for, px, and frames over which tests add up at rest.
 _DOUBTED: Final = 2.0
