@@ -69,6 +69,8 @@ class RecordSender:
         self._codec = codec
         self._settings = settings
         self._track_qos = parse_qos(settings.track_qos)
+        # Never dropped: receivers would keep an ended target forever.
+        self._delete_qos = replace(self._track_qos, congestion=zenoh.CongestionControl.BLOCK)
         self._utc_ns = utc_ns
         self._last: Outgoing | None = None
         self._last_settled: Outgoing | None = None
@@ -180,9 +182,9 @@ class RecordSender:
 
     def _delete(self, ids: Iterable[int], attachment: bytes) -> None:
         for number in sorted(ids):
-            # Never dropped: receivers would keep an ended target forever.
-            options = replace(self._track_qos, congestion=zenoh.CongestionControl.BLOCK).options()
-            self._session.delete(f"{self._track_key}/{number}", attachment=attachment, **options)
+            self._session.delete(
+                f"{self._track_key}/{number}", attachment=attachment, **self._delete_qos.options()
+            )
 
     def _track_payloads(self, record: TrackRecord) -> Iterable[tuple[str, bytes]]:
         """Key and payload of each target: the same record, with this target alone."""
