@@ -152,11 +152,14 @@ def most_confident(objects: Objects, most: int) -> Objects:
     if len(objects) <= most:
         return objects
     kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:most])
-    rows = {
-        name: getattr(objects, name)[kept]
-        for name in ("centroids", "boxes", "areas", "changes", "confidences")
-    }
-    return Objects(**rows, dropped=objects.dropped + len(objects) - most)
+    return Objects(
+        objects.centroids[kept],
+        objects.boxes[kept],
+        objects.areas[kept],
+        objects.changes[kept],
+        objects.dropped + len(objects) - most,
+        objects.confidences[kept],
+    )
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
