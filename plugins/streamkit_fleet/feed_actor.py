@@ -88,6 +88,8 @@ class FeedActor:
         reason, rows = self._reason, []
         if self._state == "playing" and self._monitor is not None:
             reason, rows = self._monitor.not_ready_reason(), self._monitor.pipeline.statistics()
+            if reason and self._reason:
+                reason += f"; last failure: {self._reason}"
             if self._cost is not None:
                 self._cost.update()
         return FeedStatus(

@@ -191,10 +191,12 @@ def test_a_feed_without_room_is_refused_with_the_numbers(nodes: Nodes) -> None:
 
 @pytest.mark.timeout(240)
 def test_a_pipeline_that_fails_is_started_again_and_a_missing_secret_is_said(nodes: Nodes) -> None:
-    """The reason is the failure; the log keeps it."""
+    """The reason names the last failure, also while the pipeline starts again; the log keeps it."""
     broken = FeedSpec(text="fakesrc ! identity error-after=5 name=bad ! fakesink", cores=0.2, metrics="")
     control.apply({"broken": broken, "locked": feed("locked", secrets={"pass": "env:NOT_SET_ANYWHERE"})})
-    found = wait_for(lambda found: len(found) == 2 and found["broken"].restarts > 0)
+    found = wait_for(
+        lambda found: len(found) == 2 and bool(found["broken"].restarts and found["broken"].reason)
+    )
     assert "bad" in found["broken"].reason
     assert any("error-after=5" in line for line in control.logs("broken"))
     assert (found["locked"].state, found["locked"].ready) == ("failed", False)
