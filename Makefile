@@ -19,7 +19,7 @@ demo: $(READY)
 
 test: $(READY)
 	@$(BIN)/python -m compileall -q streamkit plugins  # for the processes that tests start, if Python may not cache
-	@$(BIN)/python -m pytest -q -n 3 --dist loadfile
+	@$(BIN)/python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder  # long files come early in the order of names
 
 lint: $(READY)
 	@$(BIN)/ruff check .

@@ -27,6 +27,7 @@ METRES_PER_PX = 0.1
 YELLOW, RED, BLUE = (10, 214, 255), (0, 0, 255), (200, 60, 0)  # BGR
 PLACES_PX = ((100, 100), (700, 320), (1100, 650))
 MVT, PNG = 1, 2
+WINDOW_PX = (960, 600)  # a larger map takes a processor that draws it a minute
 
 
 def place(x: float, y: float) -> tuple[float, float]:
@@ -77,9 +78,9 @@ def has_colour(image: np.ndarray[Any, Any], colour: tuple[int, int, int]) -> np.
     return np.asarray((np.abs(image.astype(int) - colour) < 40).all(2))
 
 
-def blobs(browser: Chrome, colour: tuple[int, int, int]) -> np.ndarray[Any, Any]:
+def blobs(image: np.ndarray[Any, Any], colour: tuple[int, int, int]) -> np.ndarray[Any, Any]:
     """Centres of the spots of a colour, px, from left to right."""
-    mask = has_colour(pixels(browser), colour).astype(np.uint8)
+    mask = has_colour(image, colour).astype(np.uint8)
     _, _, rows, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
     found = [centre for centre, row in zip(centres[1:], rows[1:], strict=True) if row[4] >= 15]
     return np.array(sorted(found, key=lambda centre: centre[0]))
@@ -137,17 +138,21 @@ def open_map(
     browser: Chrome, url: str, publish: Callable[[], None], wait_for: Callable[..., Any]
 ) -> Callable[[], bool]:
     """Opens the page and publishes until the map knows where the plane lies, shows all targets, and rests."""
+    browser.set_window_size(*WINDOW_PX)
     browser.get(url)
     last = np.zeros(0)
 
     def is_shown() -> bool:
         nonlocal last
         publish()
-        shows = "isFitted && streamkit.earth.map.loaded() && streamkit.earth.geo.error !== null"
+        shows = (
+            "isFitted && streamkit.earth.map.loaded() && !streamkit.earth.map.isMoving() "
+            "&& streamkit.earth.geo.error !== null"
+        )
         if not browser.execute_script(f"return Boolean(streamkit.earth.{shows})"):
             return False
         before, last = last, pixels(browser)
-        return np.array_equal(before, last) and len(blobs(browser, YELLOW)) == len(PLACES_PX)
+        return np.array_equal(before, last) and len(blobs(last, YELLOW)) == len(PLACES_PX)
 
     wait_for(is_shown, 60)
     return is_shown
@@ -172,9 +177,10 @@ def test_targets_lie_on_the_image_where_their_coordinates_say(
     write_geotiff(tmp_path / "base.tif")
     server = start_view(key, "--basemap", str(tmp_path / "base.tif"))
     open_map(browser, server.url, publish, wait_for)
-    dots = blobs(browser, YELLOW)
+    shown = pixels(browser)
+    dots = blobs(shown, YELLOW)
     px_per_m = np.linalg.norm(dots[2] - dots[0]) / math.dist(PLACES_PX[2], PLACES_PX[0]) / METRES_PER_PX
-    rows, columns = np.nonzero(has_colour(pixels(browser), RED))
+    rows, columns = np.nonzero(has_colour(shown, RED))
     middle = (columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2
     assert math.dist(dots[1], middle) / px_per_m < 0.3 + 1 / px_per_m
     ground = browser.find_element(By.ID, "earth-map")
@@ -229,8 +235,8 @@ def test_the_mosaic_lies_on_the_map(
     browser.execute_script(image)
     wait_for(lambda: has_colour(pixels(browser), RED).any())
     wait_for(is_shown)
-    red = has_colour(pixels(browser), RED)
-    dots = blobs(browser, YELLOW)
+    shown = pixels(browser)
+    red, dots = has_colour(shown, RED), blobs(shown, YELLOW)
     px = np.linalg.norm(dots[2] - dots[0]) / math.dist(PLACES_PX[2], PLACES_PX[0])
     columns = np.nonzero(red.any(0))[0]
     assert columns[-1] - columns[0] == pytest.approx(200 * px, abs=3)
