@@ -14,7 +14,7 @@ from streamkit.flow.caps import Caps
 from streamkit.flow.caps_text import (
     BYTE_ORDERS,
     read_boolean,
-    read_double,
+    read_float,
     read_fraction,
     read_integer,
     read_width,
@@ -74,7 +74,7 @@ def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any 
     if kind is int:
         return _integer(text, minimum, maximum)
     if kind is float:
-        return _demand(read_double(text.lstrip(BLANKS)), "it takes a number such as 0.5 or 1e3")
+        return _demand(read_float(text.lstrip(BLANKS)), "it takes a number such as 0.5 or 1e3")
     if kind is Fraction:
         return _demand(read_fraction(text), "it takes a fraction such as 30/1")
     if kind is Caps:

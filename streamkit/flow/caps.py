@@ -5,21 +5,22 @@ Source: GStreamer's documentation of GstCaps; results as in GStreamer 1.22.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from streamkit.errors import CapsTooLarge
-from streamkit.flow.caps_reader import STRUCTURE_LIMIT, WORDS, CapsReader
+from streamkit.flow.caps_algebra import NO_FIELDS, Structure, members
+from streamkit.flow.caps_reader import STRUCTURE_LIMIT, CapsReader
 from streamkit.flow.caps_simplify import normalize, simplify
-from streamkit.flow.caps_structure import NO_FIELDS, Structure
-from streamkit.flow.caps_values import NestedCaps, Value, ValueList
+from streamkit.flow.caps_values import Nested, Value
 
 __all__ = ["ANY", "EMPTY", "Caps", "Structure", "read_value"]
 CACHED_TEXTS, CACHED_LENGTH = 512, 2_000
 WORK_LIMIT = 1_000_000
 
 
-class Caps(NestedCaps):
+class Caps(Nested):
     """An immutable set of frame formats, in order of preference.
 
     Built from text, `Caps("video/x-raw, format=GRAY8, width=[ 1, 4096 ]")`, or from structures.
@@ -33,13 +34,12 @@ class Caps(NestedCaps):
         CapsTooLarge: a result has too many structures, or alternatives of a field.
     """
 
-    __slots__ = ("_fixed", "_text", "is_any", "structures")
+    __slots__ = ("is_any", "structures")
+    type_name = "GstCaps"
 
-    def __init__(self, source: str | Caps | tuple[Structure, ...] | list[Structure] = ()) -> None:
+    def __init__(self, source: str | Caps | Iterable[Structure] = ()) -> None:
         self.is_any = False
-        self._text: str | None = None
-        self._fixed: bool | None = None
-        self.structures: tuple[Structure, ...] = ()
+        self.structures: tuple[Structure, ...]
         if isinstance(source, Caps):
             self.is_any, self.structures = source.is_any, source.structures
         elif isinstance(source, str):
@@ -56,9 +56,7 @@ class Caps(NestedCaps):
     @property
     def is_fixed(self) -> bool:
         """Whether exactly one format is allowed."""
-        if self._fixed is None:
-            self._fixed = len(self.structures) == 1 and self.structures[0].is_fixed
-        return self._fixed
+        return len(self.structures) == 1 and self.structures[0].is_fixed
 
     @property
     def name(self) -> str:
@@ -88,7 +86,7 @@ class Caps(NestedCaps):
             return other
         if other.is_any or self is other:
             return self
-        return _intersections((mine, theirs) for mine in self.structures for theirs in other.structures)
+        return _intersections(itertools.product(self.structures, other.structures))
 
     def intersect(self, other: Caps) -> Caps:
         """The intersection in the zig-zag order of gst_caps_intersect, which weighs both sides' preferences.
@@ -103,11 +101,8 @@ class Caps(NestedCaps):
         """Whether the intersection is not empty."""
         if self.is_any or other.is_any:
             return bool(self) and bool(other)
-        return any(
-            mine.name == theirs.name and mine.intersect(theirs) is not None
-            for mine in self.structures
-            for theirs in other.structures
-        )
+        pairs = itertools.product(self.structures, other.structures)
+        return any(mine.intersect(theirs) is not None for mine, theirs in pairs)
 
     def __or__(self, other: Caps) -> Caps:
         if self.is_any or other.is_any:
@@ -140,10 +135,7 @@ class Caps(NestedCaps):
         return not self.is_empty
 
     def __str__(self) -> str:
-        if self._text is None:
-            words = [str(structure) for structure in self.structures]
-            self._text = "; ".join(words) or ("ANY" if self.is_any else "EMPTY")
-        return self._text
+        return "; ".join(map(str, self.structures)) or ("ANY" if self.is_any else "EMPTY")
 
     def __repr__(self) -> str:
         return f"Caps({str(self)!r})"
@@ -183,12 +175,9 @@ class Caps(NestedCaps):
 
     def conflict(self, other: Caps) -> str:
         """The name of the field in which two caps conflict, for errors."""
-        for mine in self.structures:
-            for theirs in other.structures:
-                field_name = mine.conflict(theirs)
-                if field_name not in (None, "media type"):
-                    return str(field_name)
-        return "media type"
+        pairs = itertools.product(self.structures, other.structures)
+        names = (mine.conflict(theirs) for mine, theirs in pairs)
+        return next((name for name in names if name not in (None, "media type")), None) or "media type"
 
     def disagreement(self, accepted: Caps, src: str, sink: str) -> str:
         """Text for an error: the field in which offered and accepted caps conflict, and both, with names."""
@@ -196,19 +185,16 @@ class Caps(NestedCaps):
         text = f"disagree on {field}: {src} offers {self}; {sink} takes {accepted}"
         offered, taken = (_words(caps, field) for caps in (self, accepted))
         # Words are GStreamer's, where RGB and rgb are different formats.
-        for theirs in (taken, offered):
-            ours = offered if theirs is taken else taken
-            for word in theirs:
-                if word != word.upper() and word.upper() in ours:
-                    return f"{text}; write {field}={word.upper()}"
+        for word, others in [(word, offered) for word in taken] + [(word, taken) for word in offered]:
+            if word != word.upper() and word.upper() in others:
+                return f"{text}; write {field}={word.upper()}"
         return text
 
 
 def _words(caps: Caps, field: str) -> list[str]:
     """The texts that a field may have."""
-    values = [structure.fields.get(field) for structure in caps.structures]
-    lists = [value.items if isinstance(value, ValueList) else (value,) for value in values]
-    return [item for items in lists for item in items if isinstance(item, str)]
+    values = [structure.fields[field] for structure in caps.structures if field in structure.fields]
+    return [item for value in values for item in members(value) if isinstance(item, str)]
 
 
 def _merge(found: list[Structure], structure: Structure) -> None:
@@ -224,13 +210,12 @@ def _intersections(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
     found: list[Structure] = []
     work = 0
     for mine, theirs in pairs:
-        if mine.name == theirs.name:
-            common = mine.intersect(theirs)
-            if common is not None:
-                _merge(found, common)
-                work += len(found)
-                if work > WORK_LIMIT:
-                    raise CapsTooLarge(f"the intersection takes more than {WORK_LIMIT} comparisons")
+        common = mine.intersect(theirs)
+        if common is not None:
+            _merge(found, common)
+            work += len(found)
+            if work > WORK_LIMIT:
+                raise CapsTooLarge(f"the intersection takes more than {WORK_LIMIT} comparisons")
     return Caps(found)
 
 
@@ -248,14 +233,11 @@ def read_value(text: str) -> Value:
 
 
 def _read(text: str) -> tuple[bool, tuple[Structure, ...]]:
-    word = text.strip()
-    if word in WORDS:
-        return word == "ANY", ()
-    return False, CapsReader(text, _nested_caps).structures()
+    return CapsReader(text, _nested_caps).caps()
 
 
-def _nested_caps(structures: tuple[Structure, ...] | None) -> Caps:
-    return ANY if structures is None else Caps(structures)
+def _nested_caps(is_any: bool, structures: tuple[Structure, ...]) -> Caps:
+    return ANY if is_any else Caps(structures)
 
 
 _read_known = lru_cache(CACHED_TEXTS)(_read)

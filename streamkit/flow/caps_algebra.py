@@ -1,5 +1,6 @@
-"""Equality, intersection and subset of the values of caps fields.
+"""Structures of caps, and the values of their fields as sets: equality, intersection, subset, fixation.
 
+A list is a set of alternatives; any other value is the only alternative of itself.
 Source: GStreamer's documentation of its value functions, and what GStreamer 1.22 returns.
 """
 
@@ -7,94 +8,103 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
-from typing import Any
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from streamkit.errors import CapsTooLarge
+from streamkit.flow.caps_serialize import write_structure
 from streamkit.flow.caps_values import (
+    FULL_MASK,
     SCALARS,
     FlagSet,
     IntRange,
-    NestedStructure,
+    Nested,
     Range,
     Value,
     ValueArray,
     ValueList,
 )
 
+NO_FIELDS: Mapping[str, Value] = MappingProxyType({})
+ANY_FEATURES = ("ANY",)
 MEMBER_LIMIT = 1_000
 PIECE_LIMIT = 256
 
 
-def same_type_equal(left: Value, right: Value) -> bool:
-    """Equality of values of the same type: 1, 1.0, True and Int64(1) differ."""
-    if type(left) is not type(right):
-        return False
-    if isinstance(left, ValueList | ValueArray) and isinstance(right, ValueList | ValueArray):
-        return len(left.items) == len(right.items) and all(map(same_type_equal, left.items, right.items))
-    return left == right
+def value_key(value: Value) -> Hashable:
+    """A key that equal values share. 1, 1.0, True and Int64(1) differ; a list may be in any order."""
+    if isinstance(value, ValueList):
+        counts = Counter(map(value_key, value.items))
+        return next(iter(counts)) if len(counts) == 1 else (ValueList, frozenset(counts.items()))
+    if isinstance(value, ValueArray):
+        return ValueArray, tuple(map(value_key, value.items))
+    if isinstance(value, Structure):
+        fields = frozenset((name, value_key(item)) for name, item in value.fields.items())
+        return value.name, frozenset(value.features), fields
+    return type(value), value
 
 
 def values_equal(left: Value, right: Value) -> bool:
     """Equality as in GStreamer: lists in any order; a list of one value equals that value."""
-    kind = type(left)
-    if kind is type(right) and kind in SCALARS:
-        return left == right
-    if isinstance(left, ValueList):
-        return _list_equal(left, right)
-    if isinstance(right, ValueList):
-        return _list_equal(right, left)
-    if isinstance(left, ValueArray) and isinstance(right, ValueArray):
-        return len(left.items) == len(right.items) and all(map(values_equal, left.items, right.items))
-    return same_type_equal(left, right)
+    return value_key(left) == value_key(right)
 
 
-def _list_equal(choices: ValueList, other: Value) -> bool:
-    if not isinstance(other, ValueList):
-        return bool(choices.items) and all(values_equal(item, other) for item in choices.items)
-    if len(choices.items) != len(other.items):
-        return False
-    scalars, others = scalar_keys(choices), scalar_keys(other)
-    if scalars is not None and others is not None:
-        return Counter(scalars) == Counter(others)
-    left = list(other.items)
-    for item in choices.items:
-        place = next((i for i, known in enumerate(left) if values_equal(item, known)), None)
-        if place is None:
-            return False
-        del left[place]
-    return True
+def members(value: Value) -> tuple[Value, ...]:
+    """The alternatives of a value."""
+    return value.items if isinstance(value, ValueList) else (value,)
 
 
-def scalar_keys(choices: ValueList) -> list[tuple[type, Value]] | None:
-    """Type and value of each member, in order; None unless all are scalars."""
-    if all(type(item) in SCALARS for item in choices.items):
-        return [(type(item), item) for item in choices.items]
-    return None
+def as_choice(items: Sequence[Value]) -> Value | None:
+    """A list of these alternatives; a single one by itself, None for none."""
+    if not items:
+        return None
+    return items[0] if len(items) == 1 else ValueList(tuple(items))
+
+
+def extended(items: Iterable[Value], value: Value) -> Value | None:
+    """A choice of these alternatives and of those of a value that are not among them.
+
+    Raises:
+        CapsTooLarge: it has too many alternatives.
+    """
+    found = list(items)
+    known = set(map(value_key, found))
+    for item in members(value):
+        if (key := value_key(item)) not in known:
+            known.add(key)
+            found.append(item)
+    if sum(type(item) not in SCALARS for item in found) > MEMBER_LIMIT:
+        raise CapsTooLarge(f"a field of the caps has more than {MEMBER_LIMIT} alternatives")
+    return as_choice(found)
 
 
 def intersect_values(left: Value, right: Value) -> Value | None:
     """The intersection in the order of `left`, None if empty; raises `CapsTooLarge`."""
-    kind = type(left)
-    if kind is type(right) and kind in SCALARS:
-        return left if left == right else None
+    if type(left) in SCALARS and type(right) in SCALARS:
+        return left if type(left) is type(right) and left == right else None
     if isinstance(left, ValueList):
         return _intersect_list(left, right)
     if isinstance(right, ValueList):
         return _intersect_list(right, left)
-    if isinstance(left, ValueArray) and isinstance(right, ValueArray):
-        return _intersect_arrays(left, right)
     if isinstance(left, Range) and isinstance(right, Range):
         return _intersect_ranges(left, right)
     if isinstance(right, Range):
         return left if left in right else None
     if isinstance(left, Range):
         return right if right in left else None
+    if values_equal(left, right):
+        return left
+    if isinstance(left, ValueArray) and isinstance(right, ValueArray) and len(left.items) == len(right.items):
+        common = [intersect_values(*pair) for pair in zip(left.items, right.items, strict=True)]
+        found = tuple(item for item in common if item is not None)
+        return ValueArray(found) if len(found) == len(common) else None
     if isinstance(left, FlagSet) and isinstance(right, FlagSet):
         return join_flags(left, right)
-    if isinstance(left, NestedStructure) and isinstance(right, NestedStructure):
-        return left if left == right else left.intersect(right)
-    return left if same_type_equal(left, right) else None
+    if isinstance(left, Structure) and isinstance(right, Structure):
+        return left.intersect(right)
+    return None
 
 
 def join_flags(left: FlagSet, right: FlagSet) -> FlagSet | None:
@@ -105,63 +115,27 @@ def join_flags(left: FlagSet, right: FlagSet) -> FlagSet | None:
 
 
 def _intersect_list(choices: ValueList, other: Value) -> Value | None:
+    if isinstance(other, ValueList) and (
+        not (choices.others or other.others) or values_equal(choices, other)
+    ):
+        return as_choice(_paired(choices, other))
+    found = [common for item in choices.items if (common := intersect_values(item, other)) is not None]
     if isinstance(other, ValueList):
-        keys, others = scalar_keys(choices), scalar_keys(other)
-        if keys is not None and others is not None:
-            return as_choice(_paired(keys, others))
-        if len(choices.items) > 1 and _list_equal(choices, other):
-            return choices
-    found: list[Value] = []
-    for item in choices.items:
-        common = intersect_values(item, other)
-        if common is not None and type(common) in SCALARS and not isinstance(other, ValueList):
-            # As in GStreamer, repeated values are kept, except at the beginning.
-            if len(found) != 1 or not values_equal(found[0], common):
-                found.append(common)
-        elif common is not None:
-            add_choices(found, common)
+        return extended((), ValueList(tuple(member for common in found for member in members(common))))
+    while len(found) > 1 and values_equal(found[0], found[1]):
+        del found[1]  # as in GStreamer, repeated values are kept, except at the beginning
     return as_choice(found)
 
 
-def _paired(keys: list[tuple[type, Value]], others: list[tuple[type, Value]]) -> list[Value]:
+def _paired(choices: ValueList, other: ValueList) -> list[Value]:
     """The values that are in both lists, each as often as in both, in the order of the first."""
-    left = Counter(others)
+    left = Counter(map(value_key, other.items))
     found: list[Value] = []
-    for key in keys:
-        if left[key]:
+    for item in choices.items:
+        if left[key := value_key(item)]:
             left[key] -= 1
-            found.append(key[1])
-    return found
-
-
-def add_choices(found: list[Value], value: Value) -> None:
-    """Appends a value, or the members of a list, unless they are there; raises `CapsTooLarge`."""
-    for item in value.items if isinstance(value, ValueList) else (value,):
-        if not any(values_equal(item, known) for known in found):
             found.append(item)
-    if len(found) > MEMBER_LIMIT:
-        raise CapsTooLarge(f"a field of the caps has more than {MEMBER_LIMIT} alternatives")
-
-
-def as_choice(items: list[Value]) -> Value | None:
-    """A list of these alternatives; a single one by itself, None for none."""
-    if not items:
-        return None
-    return items[0] if len(items) == 1 else ValueList(tuple(items))
-
-
-def _intersect_arrays(left: ValueArray, right: ValueArray) -> Value | None:
-    if len(left.items) != len(right.items):
-        return None
-    if values_equal(left, right):
-        return left
-    found: list[Value] = []
-    for mine, theirs in zip(left.items, right.items, strict=True):
-        common = intersect_values(mine, theirs)
-        if common is None:
-            return None
-        found.append(common)
-    return ValueArray(tuple(found))
+    return found
 
 
 def _intersect_ranges(left: Range[Any], right: Range[Any]) -> Value | None:
@@ -183,28 +157,28 @@ def narrowed(span: Range[Any], low: Any, high: Any, **changes: int) -> Value | N
 
 def is_subset_value(inner: Value, outer: Value) -> bool:
     """Whether `inner` is a subset of `outer`."""
-    kind = type(inner)
-    if kind is type(outer) and kind in SCALARS:
-        return inner == outer
+    if type(inner) in SCALARS and type(outer) in SCALARS:
+        return type(inner) is type(outer) and inner == outer
     if isinstance(inner, ValueList):
-        keys = scalar_keys(inner)
-        others = scalar_keys(outer) if keys is not None and isinstance(outer, ValueList) else None
-        if keys is not None and others is not None:
-            return set(keys) <= set(others)
         return all(is_subset_value(item, outer) for item in inner.items)
     if isinstance(outer, ValueList):
-        return any(is_subset_value(inner, item) for item in outer.items) or _covered(inner, outer)
+        if type(inner) in SCALARS and (type(inner), inner) in outer.scalars:
+            return True
+        if any(is_subset_value(inner, item) for item in outer.others):
+            return True
+        # `[ 1, 3 ]` is within `{ 1, [ 2, 3 ] }`.
+        return isinstance(inner, Range) and len(outer.items) > 1 and not pieces_without(inner, outer.items)
     if isinstance(inner, ValueArray) and isinstance(outer, ValueArray):
         return len(inner.items) == len(outer.items) and all(map(is_subset_value, inner.items, outer.items))
-    if isinstance(inner, Range):
-        return isinstance(outer, Range) and _range_within(inner, outer)
+    if isinstance(inner, Range) and isinstance(outer, Range):
+        return _range_within(inner, outer)
     if isinstance(outer, Range):
         return inner in outer
-    if isinstance(inner, FlagSet) and isinstance(outer, FlagSet) and type(inner) is type(outer):
+    if isinstance(inner, FlagSet) and type(inner) is type(outer):
         return outer.mask & ~inner.mask == 0 and inner.flags & outer.mask == outer.flags
-    if isinstance(inner, NestedStructure) and isinstance(outer, NestedStructure):
+    if isinstance(inner, Structure) and isinstance(outer, Structure):
         return inner.is_subset(outer)
-    return same_type_equal(inner, outer)
+    return values_equal(inner, outer)
 
 
 def _range_within(inner: Range[Any], outer: Range[Any]) -> bool:
@@ -216,15 +190,158 @@ def _range_within(inner: Range[Any], outer: Range[Any]) -> bool:
     return bool(outer.low <= inner.low and inner.high <= outer.high)
 
 
-def _covered(inner: Value, outer: ValueList) -> bool:
-    """Whether several members of a list together contain a range: `[ 1, 3 ]` is within `{ 1, [ 2, 3 ] }`."""
-    if not isinstance(inner, Range) or len(outer.items) < 2:
-        return False
-    keys = scalar_keys(outer)
-    if keys is not None and type(inner) is IntRange:
-        known = set(keys)
-        inside = range(inner.low, inner.high + 1, inner.step)
-        return len(inside) <= len(known) and all((int, value) in known for value in inside)
-    from streamkit.flow.caps_simplify import subtract_values
+def pieces_without(span: Value, removed: Sequence[Value]) -> list[Value]:
+    """What is left of a range: ranges and numbers.
 
-    return subtract_values(inner, outer) is None
+    A difference that cannot be written (a hole in a range of floats or fractions, ranges of different steps),
+    or that may have very many parts, leaves the range unchanged.
+    """
+    pieces = [span]
+    for item in removed if len(removed) <= PIECE_LIMIT else ():
+        if isinstance(item, ValueList):
+            pieces = [rest for piece in pieces for rest in pieces_without(piece, item.items)]
+        else:
+            pieces = [rest for piece in pieces for rest in _split(piece, item)]
+    return pieces
+
+
+def _split(span: Value, removed: Value) -> list[Value]:
+    if is_subset_value(span, removed):
+        return []
+    if not isinstance(span, Range):
+        return [span]
+    if isinstance(span, IntRange) and isinstance(removed, int) and removed in span:
+        first = last = int(removed)
+    elif type(removed) is not type(span):
+        return [span]
+    elif isinstance(span, IntRange) and isinstance(removed, IntRange):
+        if span.step % removed.step:
+            return [span]
+        first = -(-max(span.low, removed.low) // span.step) * span.step
+        last = min(span.high, removed.high) // span.step * span.step
+        if first > last:
+            return [span]
+    else:
+        ends = (span.low, min(span.high, removed.low)), (max(span.low, removed.high), span.high)
+        return [replace(span, low=low, high=high) for low, high in ends if low < high]
+    rest = narrowed(span, span.low, first - span.step), narrowed(span, last + span.step, span.high)
+    return [piece for piece in rest if piece is not None]
+
+
+def is_fixed(value: Value) -> bool:
+    """Whether a value is one value and not a choice."""
+    if isinstance(value, Range | ValueList):
+        return False
+    if isinstance(value, ValueArray):
+        return all(map(is_fixed, value.items))
+    if isinstance(value, Structure):
+        return all(map(is_fixed, value.fields.values()))
+    return value.mask == FULL_MASK if isinstance(value, FlagSet) else True
+
+
+def fixate_value(value: Value, near: Value | None = None) -> Value:
+    """Fixes a choice to the value nearest to `near`, else to the first entry or the low end."""
+    if isinstance(value, ValueList):
+        return _pick(value, near) if value.items else value
+    if isinstance(value, Range):
+        if type(near) is not value.number:
+            return value.low  # type: ignore[no-any-return]
+        nearest = min(max(near, value.low), value.high)
+        return value.number(nearest // value.step * value.step) if isinstance(value, IntRange) else nearest
+    if isinstance(value, ValueArray):
+        return ValueArray(tuple(fixate_value(item) for item in value.items))
+    if isinstance(value, FlagSet):
+        return type(value)(value.flags, FULL_MASK)
+    return value.fixate() if isinstance(value, Structure) else value
+
+
+def _pick(choices: ValueList, near: Value | None) -> Value:
+    if near is None or not is_fixed(near):
+        return fixate_value(choices.items[0])
+    if any(is_subset_value(near, item) for item in choices.items):
+        return near
+    closest = [fixate_value(item, near) for item in choices.items]
+    numbers = [item for item in closest if type(item) is int]
+    if type(near) is int and len(numbers) == len(closest):
+        return min(numbers, key=lambda number: abs(number - near))
+    return closest[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Structure(Nested):
+    """One alternative of caps: a media type with features and fields.
+
+    `features` are unique and in the order written; `()` is system memory, `("ANY",)` any features.
+    """
+
+    name: str
+    fields: Mapping[str, Value] = field(default_factory=lambda: NO_FIELDS)
+    features: tuple[str, ...] = ()
+
+    type_name: ClassVar[str] = "structure"
+
+    def __str__(self) -> str:
+        return write_structure(self.name, self.features, self.fields)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether name, features and fields are the same, in any order."""
+        return isinstance(other, Structure) and value_key(self) == value_key(other)
+
+    def __hash__(self) -> int:
+        return hash(value_key(self))
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether every field has one value, and the features are known."""
+        return self.features != ANY_FEATURES and is_fixed(self)
+
+    def same_kind(self, other: Structure) -> bool:
+        """Whether names are equal and features compatible (`ANY` matches all features)."""
+        if self.name != other.name:
+            return False
+        return self.same_features(other) or ANY_FEATURES in (self.features, other.features)
+
+    def same_features(self, other: Structure) -> bool:
+        """Whether both have the same features, in any order."""
+        return self.features == other.features or set(self.features) == set(other.features)
+
+    def intersect(self, other: Structure) -> Structure | None:
+        """The intersection, or None; a missing field means any value."""
+        if not self.same_kind(other):
+            return None
+        fields = dict(self.fields)
+        for name, value in other.fields.items():
+            common = intersect_values(fields[name], value) if name in fields else value
+            if common is None:
+                return None
+            fields[name] = common
+        return Structure(
+            self.name, fields, other.features if self.features == ANY_FEATURES else self.features
+        )
+
+    def conflict(self, other: Structure) -> str | None:
+        """The first conflict: "media type", "features", a field name, or None."""
+        if self.name != other.name:
+            return "media type"
+        if not self.same_kind(other):
+            return "features"
+        shared = (name for name in self.fields if name in other.fields)
+        return next((n for n in shared if intersect_values(self.fields[n], other.fields[n]) is None), None)
+
+    def is_subset(self, other: Structure) -> bool:
+        """Whether everything the structure allows is allowed by the other."""
+        if self.name != other.name or not (other.features == ANY_FEATURES or self.same_features(other)):
+            return False
+        return all(
+            name in self.fields and is_subset_value(self.fields[name], value)
+            for name, value in other.fields.items()
+        )
+
+    def with_field(self, name: str, value: Value) -> Structure:
+        """A copy with one field set."""
+        return Structure(self.name, {**self.fields, name: value}, self.features)
+
+    def fixate(self, near: Mapping[str, Value] = NO_FIELDS) -> Structure:
+        """Fixes each field to the value nearest to `near`, else to its first or lowest value."""
+        fields = {name: fixate_value(value, near.get(name)) for name, value in self.fields.items()}
+        return Structure(self.name, fields, () if self.features == ANY_FEATURES else self.features)

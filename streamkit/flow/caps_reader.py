@@ -11,7 +11,7 @@ from fractions import Fraction
 from typing import Any
 
 from streamkit.errors import CapsSyntax
-from streamkit.flow.caps_structure import Structure
+from streamkit.flow.caps_algebra import Structure
 from streamkit.flow.caps_text import READERS, TYPES, read_string, read_untyped
 from streamkit.flow.caps_values import (
     SCALARS,
@@ -20,8 +20,7 @@ from streamkit.flow.caps_values import (
     Int64,
     Int64Range,
     IntRange,
-    NestedCaps,
-    NestedStructure,
+    Nested,
     Range,
     Value,
     ValueArray,
@@ -35,16 +34,18 @@ QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 UNESCAPED = re.compile(r"\\(.)", re.DOTALL)
 FEATURE = re.compile(r"ANY(?![A-Za-z:])|[A-Za-z]+:[A-Za-z][A-Za-z0-9]*(?![A-Za-z0-9_.:-])")
 BLANKS = re.compile(r"(?:\s|\\\s)*")
-# Distinguishes nested structures and caps from ranges, after the opening bracket.
-NESTED = rf"\s*{NAME.pattern}\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern}\s*=))"
 WORDS = ("ANY", "EMPTY", "NONE")
+ONLY_WORD = re.compile(rf"\s*({'|'.join(WORDS)})\s*(?=\]|$)")
+# Distinguishes nested structures and caps, which have features, from ranges, after the opening bracket.
+NESTED = re.compile(rf"\s*{NAME.pattern}(?:(?P<features>\()|\s*(?:[\];(]|,\s*(?:[\];]|{FIELD.pattern}\s*=)))")
 SYSTEM_MEMORY = "memory:SystemMemory"
 DEPTH_LIMIT = 16
 TEXT_LIMIT = 65_536
 STRUCTURE_LIMIT = 512
 MEMBER_LIMIT = 256
 SHOWN_LENGTH = 400
-CapsMaker = Callable[[tuple[Structure, ...] | None], NestedCaps]
+RANGES: dict[type, Any] = {int: IntRange, Int64: Int64Range, float: FloatRange, Fraction: FractionRange}
+CapsMaker = Callable[[bool, tuple[Structure, ...]], Nested]
 
 
 class CapsReader:
@@ -52,7 +53,7 @@ class CapsReader:
 
     Args:
         text: caps, or one structure.
-        make_caps: makes nested caps from structures, or from None for `ANY`.
+        make_caps: makes nested caps from whether they are ANY, and their structures.
         depth: nesting depth of the text in other caps.
         members: list members read so far, in the texts around this one.
     """
@@ -73,14 +74,15 @@ class CapsReader:
         message = f"caps {shown!r}, at character {place}: {rule}"
         return CapsSyntax(message, place, self.position - place, rule=rule, hint=hint)
 
-    def skip_blanks(self) -> None:
-        """Skips blanks."""
-        match = BLANKS.match(self.text, self.position)
-        self.position = match.end() if match else self.position
+    def next_mark(self) -> str:
+        """The next character that is no blank; "" at the end."""
+        blanks = BLANKS.match(self.text, self.position)
+        self.position = blanks.end() if blanks else self.position
+        return self.text[self.position : self.position + 1]
 
     def take(self, pattern: re.Pattern[str], what: str) -> str:
         """Reads one token, or fails with what was expected."""
-        self.skip_blanks()
+        self.next_mark()
         match = pattern.match(self.text, self.position)
         if match is None:
             found = self.text[self.position : self.position + 12] or "the end"
@@ -89,17 +91,20 @@ class CapsReader:
         return match.group()
 
     def accept(self, mark: str) -> bool:
-        """Reads a punctuation mark, one character, if it is next."""
-        self.skip_blanks()
-        if self.text.startswith(mark, self.position):
-            self.position += 1
-            return True
-        return False
+        """Reads a punctuation mark if it is next; "" is the end."""
+        if self.next_mark() != mark:
+            return False
+        self.position += len(mark)
+        return True
 
-    def is_before(self, marks: str) -> bool:
-        """Whether the text ends, or one of the marks is next."""
-        self.skip_blanks()
-        return self.position >= len(self.text) or self.text[self.position] in marks
+    def caps(self, closing: str = "") -> tuple[bool, tuple[Structure, ...]]:
+        """Caps up to the closing mark or the end: whether they are ANY, and their structures."""
+        if word := ONLY_WORD.match(self.text, self.position):
+            self.position = word.end()
+            if self.accept(closing):
+                return word[1] == "ANY", ()
+            self.position = word.start()
+        return False, self.structures(closing)
 
     def structures(self, closing: str = "") -> tuple[Structure, ...]:
         """Structures up to the closing mark or the end."""
@@ -109,38 +114,22 @@ class CapsReader:
             if len(found) > STRUCTURE_LIMIT:
                 raise self.error(f"caps have at most {STRUCTURE_LIMIT} structures")
             more = self.accept(";")
-            if self.accept_end(closing):
+            if self.accept(closing):
                 return tuple(found)
             if not more:
                 raise self.error("expected ',' or ';' between fields and structures")
 
-    def only_structure(self, closing: str = "") -> Structure:
-        """One structure up to the closing mark or the end."""
-        found = self.structure()
-        self.accept(";")
-        if not self.accept_end(closing):
-            raise self.error(f"expected {closing or 'the end'!r} after the structure {found.name!r}")
-        return found
-
     def only_value(self) -> Value:
         """One value up to the end."""
         found = self.value(None)
-        if not self.accept_end(""):
+        if not self.accept(""):
             raise self.error("expected the end after the value")
         return found
 
-    def accept_end(self, closing: str) -> bool:
-        """Reads the closing mark if it is next; without a mark, whether the text ends."""
-        if closing:
-            return self.accept(closing)
-        self.skip_blanks()
-        return self.position >= len(self.text)
-
     def structure(self) -> Structure:
         """Name, features and fields of one structure."""
-        self.skip_blanks()
-        start = self.position
-        if self.text.startswith('"', start):
+        mark, start = self.next_mark(), self.position
+        if mark == '"':
             name = UNESCAPED.sub(r"\1", self.take(QUOTED, "a closing quote")[1:-1])
             if not NAME.fullmatch(name):
                 raise self.error(f"{name!r} is no media type such as video/x-raw", start=start)
@@ -151,7 +140,7 @@ class CapsReader:
         features = self.features() if self.text.startswith("(", self.position) else ()
         fields: dict[str, Value] = {}
         while self.accept(","):
-            if self.is_before(";]"):
+            if self.next_mark() in ("", ";", "]"):
                 break
             field = self.take(FIELD, "a field name")
             if not self.accept("="):
@@ -178,9 +167,7 @@ class CapsReader:
         """One value: simple, range, list, array or nested."""
         if self.accept("("):
             kind = self.type_name()
-        self.skip_blanks()
-        start = self.position
-        mark = self.text[start : start + 1]
+        mark, start = self.next_mark(), self.position
         if mark == '"':
             return self.simple(kind, self.take(QUOTED, "a closing quote"), start)
         if mark not in ("[", "{", "<"):
@@ -194,18 +181,11 @@ class CapsReader:
                 return ValueList(self.items(kind, "}"))
             if mark == "<":
                 return ValueArray(self.items(kind, ">"))
-            if kind in ("structure", "GstCaps") or (kind is None and self.is_nested()):
-                return self.nested(kind)
-            return self.range(kind, start)
+            if kind is None and (nested := NESTED.match(self.text, self.position)):
+                kind = "GstCaps" if nested["features"] else "structure"
+            return self.nested(kind, "]") if kind in ("structure", "GstCaps") else self.range(kind, start)
         finally:
             self.depth -= 1
-
-    def is_nested(self) -> bool:
-        """Whether a structure, not a range, follows the opening bracket."""
-        self.skip_blanks()
-        if not self.text[self.position : self.position + 1].isalpha():
-            return False
-        return re.match(NESTED, self.text[self.position :]) is not None
 
     def type_name(self) -> str:
         """The type after an opening parenthesis."""
@@ -227,10 +207,8 @@ class CapsReader:
         self.accept(",")
         while not self.accept(closing):
             found.append(self.value(kind))
-            if not self.accept(","):
-                if not self.accept(closing):
-                    raise self.error(f"expected ',' or '{closing}'")
-                break
+            if not self.accept(",") and self.next_mark() != closing:
+                raise self.error(f"expected ',' or '{closing}'")
         if any(type(item) not in SCALARS for item in found):
             self.members += len(found)
             if self.members > MEMBER_LIMIT:
@@ -246,30 +224,19 @@ class CapsReader:
             parts.append(self.value(kind))
         if not self.accept("]"):
             raise self.error("expected ',' or ']'")
-        if len(parts) not in (2, 3):
-            raise self.error(f"a range has two ends and at most a step, got {len(parts)} values", start=start)
         try:
             return make_range(parts)
         except (ValueError, TypeError) as error:
             raise self.error(str(error), start=start) from None
 
-    def nested(self, kind: str | None) -> NestedStructure | NestedCaps:
-        """A structure or caps after the opening bracket."""
-        if kind == "structure":
-            return self.only_structure("]")
-        before = self.position
+    def nested(self, kind: str | None, closing: str = "") -> Nested:
+        """A structure or caps up to the closing mark or the end."""
         if kind == "GstCaps":
-            word = next((word for word in WORDS if self.text.startswith(word, before)), None)
-            if word is not None:
-                self.position += len(word)
-                if self.accept("]"):
-                    return self.make_caps(None if word == "ANY" else ())
-                self.position = before
-            return self.make_caps(self.structures("]"))
-        self.take(NAME, "a media type")
-        features = self.text.startswith("(", self.position)
-        self.position = before
-        return self.make_caps(self.structures("]")) if features else self.only_structure("]")
+            return self.make_caps(*self.caps(closing))
+        found, *more = self.structures(closing)
+        if more:
+            raise self.error("a value holds one structure; write (GstCaps) in front for caps")
+        return found
 
     def simple(self, kind: str | None, raw: str, start: int) -> Value:
         """A simple value of the given type, or of the first type that fits."""
@@ -285,18 +252,16 @@ class CapsReader:
             raise self.error(f"{raw!r} is no value of type {kind}", start=start)
         return value
 
-    def nested_text(self, kind: str, raw: str, start: int) -> NestedStructure | NestedCaps:
+    def nested_text(self, kind: str, raw: str, start: int) -> Nested:
         """A structure or caps written as a string or a bare name."""
         if self.depth >= DEPTH_LIMIT:
             raise self.error(f"values nest at most {DEPTH_LIMIT} deep", start=start)
         text = read_string(raw)
         if text is None:
             raise self.error(f"{raw!r} is no string", start=start)
-        if kind == "GstCaps" and text in WORDS:
-            return self.make_caps(None if text == "ANY" else ())
         reader = CapsReader(text, self.make_caps, self.depth + 1, self.members)
         try:
-            found = reader.only_structure() if kind == "structure" else self.make_caps(reader.structures())
+            found = reader.nested(kind)
         except CapsSyntax as error:
             raise self.error(f"no {kind}: {error.rule}", start=start, hint=error.hint) from None
         self.members = reader.members
@@ -305,19 +270,19 @@ class CapsReader:
 
 def make_range(parts: list[Value]) -> Range[Any]:
     """Makes a range from its ends and step; raises `TypeError` or `ValueError` with the rule."""
+    if len(parts) not in (2, 3):
+        raise ValueError(f"a range has two ends and at most a step, got {len(parts)} values")
     for end in parts[:2]:
         if not isinstance(end, int | float | Fraction) or isinstance(end, bool):
             raise TypeError(f"a range's ends must be numbers, got {end!r}")
     if len(parts) == 3 and type(parts[2]) not in (int, Int64):
         raise TypeError(f"a range's step must be an integer, got {parts[2]!r}")
-    if len({type(part) for part in parts}) > 1:
-        shown = ", ".join(str(part) for part in parts)
+    kinds = set(map(type, parts))
+    if len(kinds) > 1:
+        shown = ", ".join(map(str, parts))
         raise TypeError(f"a range's parts must be of one type, got [ {shown} ]; write the type in front")
-    low, high, *rest = parts
-    kind: Any = {
-        int: IntRange, Int64: Int64Range, float: FloatRange, Fraction: FractionRange,
-    }.get(type(low))  # fmt: skip
+    kind = RANGES.get(kinds.pop())
     if kind is None:
         raise TypeError("ranges are of int, gint64, double or fraction")
-    found: Range[Any] = kind(low, high, *(int(step) for step in rest if isinstance(step, int)))
+    found: Range[Any] = kind(*parts[:2], *map(int, parts[2:]))  # type: ignore[arg-type]  # checked above
     return found

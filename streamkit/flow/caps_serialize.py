@@ -12,8 +12,7 @@ from streamkit.flow.caps_values import (
     DateTime,
     FlagSet,
     IntRange,
-    NestedCaps,
-    NestedStructure,
+    Nested,
     NullText,
     Range,
     Value,
@@ -29,8 +28,8 @@ def type_name(value: Value) -> str:
     """GStreamer's name of the type of a value, or of the first member of a list or array."""
     if isinstance(value, ValueList | ValueArray):
         return type_name(value.items[0]) if value.items else "int"
-    if isinstance(value, NestedStructure | NestedCaps):
-        return "structure" if isinstance(value, NestedStructure) else "GstCaps"
+    if isinstance(value, Nested):
+        return value.type_name
     name = TYPE_NAMES.get(type(value))
     return name or next((name for kind, name in TYPE_NAMES.items() if isinstance(value, kind)), "string")
 
@@ -90,9 +89,9 @@ def write_plain(value: Value) -> str:
         names = ((bit, name) for bit, name in value.names.items() if value.mask & bit)
         marks = "".join(("+" if value.flags & bit else "/") + name for bit, name in names)
         return f"{value.flags:x}:{value.mask:x}" + (f":{marks}" if marks else "")
-    if isinstance(value, NestedStructure):
-        return f"[{value};]"
-    return f"[{value}]" if isinstance(value, NestedCaps) else str(value)
+    if isinstance(value, Nested):
+        return f"[{value};]" if value.type_name == "structure" else f"[{value}]"
+    return str(value)
 
 
 def write_string(text: str) -> str:

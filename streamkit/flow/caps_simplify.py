@@ -1,7 +1,5 @@
 """Caps in other forms: without lists, or in as few structures as possible; difference and union of values.
 
-A difference that cannot be written (a hole in a range of floats or fractions, ranges of different steps), or
-that has very many parts, leaves the value unchanged.
 Source: GStreamer's documentation of gst_caps_normalize, gst_caps_simplify and of its value functions, and
 what GStreamer 1.22 returns.
 """
@@ -10,21 +8,21 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import groupby
 
 from streamkit.errors import CapsTooLarge
 from streamkit.flow.caps_algebra import (
-    PIECE_LIMIT,
-    add_choices,
+    ANY_FEATURES,
+    Structure,
     as_choice,
+    extended,
     is_subset_value,
     join_flags,
-    narrowed,
-    scalar_keys,
+    members,
+    pieces_without,
     values_equal,
 )
-from streamkit.flow.caps_structure import Structure
-from streamkit.flow.caps_values import SCALARS, FlagSet, IntRange, Range, Value, ValueArray, ValueList
+from streamkit.flow.caps_values import FlagSet, IntRange, Range, Value, ValueArray, ValueList
 
 NORMAL_LIMIT = 10_000
 
@@ -38,24 +36,20 @@ def normalize(structures: Sequence[Structure]) -> tuple[Structure, ...]:
     waiting, found = deque(structures), list[Structure]()
     while waiting:
         structure = waiting.popleft()
-        name = _first_list(structure)
-        while name is not None:
-            choices = structure.fields[name]
-            items = choices.items if isinstance(choices, ValueList) else ()
-            if not items:
-                break
-            waiting.extend(structure.with_field(name, item) for item in items[1:])
-            structure = structure.with_field(name, items[0])
-            name = _first_list(structure)
-        if name is None:
+        while (listed := _first_list(structure)) is not None and listed[1].items:
+            name, choices = listed
+            waiting.extend(structure.with_field(name, item) for item in choices.items[1:])
+            structure = structure.with_field(name, choices.items[0])
+        if listed is None:
             found.append(structure)
         if len(found) + len(waiting) > NORMAL_LIMIT:
             raise CapsTooLarge(f"normalized the caps have more than {NORMAL_LIMIT} structures")
     return tuple(found)
 
 
-def _first_list(structure: Structure) -> str | None:
-    return next((name for name, value in structure.fields.items() if isinstance(value, ValueList)), None)
+def _first_list(structure: Structure) -> tuple[str, ValueList] | None:
+    fields = structure.fields.items()
+    return next(((name, value) for name, value in fields if isinstance(value, ValueList)), None)
 
 
 def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
@@ -63,37 +57,38 @@ def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
 
     Structures that differ in one field are merged; subsets of other structures are removed.
     """
-    if len(structures) < 2:
-        return tuple(structures)
-    kept = sorted(structures, key=lambda structure: (structure.name, -len(structure.fields)))
-    last = len(kept) - 1
-    for index in range(last, -1, -1):
-        if not kept[index].same_kind(kept[last]):
-            last = index
-        for other in range(last, -1, -1):
+    ordered = sorted(structures, key=lambda structure: (structure.name, -len(structure.fields)))
+    kept = [one for index, one in enumerate(ordered) if not _is_redundant(index, ordered)]
+    runs = groupby(kept, lambda structure: (structure.name, frozenset(structure.features)))
+    return tuple(structure for _, run in runs for structure in _simplified(list(run)))
+
+
+def _is_redundant(index: int, structures: Sequence[Structure]) -> bool:
+    """Whether a structure is a subset of one with any features; of equal ones the last is kept."""
+    one = structures[index]
+    return any(
+        one.is_subset(other) and (place > index or not other.is_subset(one))
+        for place, other in enumerate(structures)
+        if other.features == ANY_FEATURES and place != index
+    )
+
+
+def _simplified(run: list[Structure]) -> list[Structure]:
+    """Structures with the same name and features: each, from the last, is compared with all others."""
+    for index in reversed(range(len(run))):
+        for other in reversed(range(len(run))):
             if other == index:
                 continue
-            if not kept[index].same_kind(kept[other]):
-                break
-            if not kept[index].same_features(kept[other]):
-                if not kept[index].is_subset(kept[other]):
-                    continue
-                del kept[index]
-                last -= 1
-                break
-            rest = _without(kept[index], kept[other])
+            rest = _without(run[index], run[other])
             if rest is not None and len(rest) == 1:
-                kept[index] = rest[0]
+                run[index] = rest[0]
                 continue
-            if rest is None or len(rest) > 1:
-                joined = join_structures(kept[other], kept[index])
-                if joined is None:
-                    continue
-                kept[other] = joined
-            del kept[index]
-            last -= 1
-            break
-    return tuple(kept)
+            union = run[other] if rest == [] else join_structures(run[other], run[index])
+            if union is not None:
+                run[other] = union
+                del run[index]
+                break
+    return run
 
 
 def _without(structure: Structure, other: Structure) -> list[Structure] | None:
@@ -124,55 +119,13 @@ def join_structures(one: Structure, other: Structure) -> Structure | None:
 
 
 def subtract_values(minuend: Value, subtrahend: Value) -> Value | None:
-    """The difference of two values; None if empty."""
+    """The difference of two values; None if empty. What cannot be written is left unchanged."""
     if isinstance(minuend, ValueList):
-        keys = scalar_keys(minuend)
-        others = scalar_keys(subtrahend) if keys is not None and isinstance(subtrahend, ValueList) else None
-        if keys is not None and others is not None:
-            gone = set(others)
-            return as_choice([key[1] for key in keys if key not in gone])
-        found: list[Value] = []
-        for item in minuend.items:
-            rest = subtract_values(item, subtrahend)
-            found.extend(rest.items if isinstance(rest, ValueList) else () if rest is None else (rest,))
-        return as_choice(found)
-    if isinstance(subtrahend, ValueList):
-        if isinstance(minuend, Range) and len(subtrahend.items) > PIECE_LIMIT:
-            return minuend
-        left: Value | None = minuend
-        for item in subtrahend.items:
-            if left is None:
-                return None
-            left = subtract_values(left, item)
-        return left
-    if is_subset_value(minuend, subtrahend):
-        return None
-    if isinstance(minuend, IntRange):
-        return _subtract_from_integers(minuend, subtrahend)
-    if isinstance(minuend, Range) and type(subtrahend) is type(minuend):
-        parts = (
-            (minuend.low, min(minuend.high, subtrahend.low)),
-            (max(minuend.low, subtrahend.high), minuend.high),
-        )
-        return as_choice([replace(minuend, low=low, high=high) for low, high in parts if low < high])
-    return minuend
-
-
-def _subtract_from_integers(minuend: IntRange, subtrahend: Value) -> Value | None:
-    step = minuend.step
-    if type(subtrahend) is minuend.number and subtrahend in minuend:
-        first, last = int(subtrahend), int(subtrahend)
-    elif (
-        isinstance(subtrahend, IntRange) and type(subtrahend) is type(minuend) and step % subtrahend.step == 0
-    ):
-        first = -(-max(minuend.low, subtrahend.low) // step) * step
-        last = min(minuend.high, subtrahend.high) // step * step
-        if first > last:
-            return minuend
-    else:
-        return minuend
-    pieces = narrowed(minuend, minuend.low, first - step), narrowed(minuend, last + step, minuend.high)
-    return as_choice([piece for piece in pieces if piece is not None])
+        rests = [subtract_values(item, subtrahend) for item in minuend.items]
+        return as_choice([item for rest in rests if rest is not None for item in members(rest)])
+    if isinstance(minuend, Range):
+        return as_choice(pieces_without(minuend, members(subtrahend)))
+    return None if is_subset_value(minuend, subtrahend) else minuend
 
 
 def unite_values(left: Value, right: Value) -> Value | None:
@@ -193,21 +146,12 @@ def unite_values(left: Value, right: Value) -> Value | None:
     if type(right) is IntRange and type(left) is int:
         return _extend(right, left)
     if isinstance(left, Structure) and isinstance(right, Structure):
-        joined = join_structures(left, right)
-        if joined is not None:
-            return joined
+        united = join_structures(left, right)
+        if united is not None:
+            return united
     if _member_type(left) is not _member_type(right):
         return None
-    items = list(left.items if isinstance(left, ValueList) else (left,))
-    known = {(type(item), item) for item in items if type(item) in SCALARS}
-    for item in right.items if isinstance(right, ValueList) else (right,):
-        if type(item) in SCALARS:
-            if (type(item), item) not in known:
-                known.add((type(item), item))
-                items.append(item)
-        else:
-            add_choices(items, item)
-    return as_choice(items)
+    return extended(members(left), right)
 
 
 def _member_type(value: Value) -> type:

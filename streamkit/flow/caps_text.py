@@ -34,17 +34,15 @@ from streamkit.flow.caps_values import (
 
 INTEGER = re.compile(r"[+-]?(?:0[xX][0-9A-Fa-f]{1,40}|0[0-7]{0,40}|[1-9][0-9]{0,40})")
 FLOAT = re.compile(r"[+-]?(?:[0-9]+\.[0-9]*|\.[0-9]+|[0-9]+)(?:[eE][+-]?[0-9]+)?")
-HEX_FLOAT = r"[+-]?0[xX](?:[0-9A-Fa-f]{1,40}\.?[0-9A-Fa-f]{0,40})(?:[pP][+-]?[0-9]{1,5})?"
-FRACTION = re.compile(r"([+-]?[0-9]{1,40})/([+-]?[0-9]{1,40})")
-WHOLE = re.compile(r"[+-]?[0-9]{1,40}")
+HEX = re.compile(r"[+-]?0[xX][0-9A-Fa-f]{1,40}\.?[0-9A-Fa-f]{0,40}(?:[pP][+-]?[0-9]{1,5})?")
+FRACTION = re.compile(r"([+-]?[0-9]{1,40})(?:/([+-]?[0-9]{1,40}))?")
 FLAGS = r"(?:0[xX])?([0-9A-Fa-f]{1,8}):(?:0[xX])?([0-9A-Fa-f]{1,8})(?::(?:[+/][A-Za-z0-9_-]+)*)?"
 DATE = r"([0-9]{1,4})-([0-9]{1,2})-([0-9]{1,2})"
 DATE_TIME = (
     r"[0-9]{4}(?:-[01][0-9](?:-[0-3][0-9](?:T[0-2][0-9]:[0-5][0-9](?::[0-5][0-9](?:\.[0-9]{1,6})?)?"
     r"(?:Z|[+-][01][0-9](?::?[0-5][0-9])?)?)?)?)?"
 )
-# Rarely used patterns are compiled on first use.
-BYTES = r"(?:[0-9A-Fa-f]{2})*"
+BYTES = r'""|((?:[0-9A-Fa-f]{2})*)'
 ESCAPE = rb"(?s)\\([0-3][0-7]{2}|[^0-3])"
 FRACTION_WORDS = {"max": FRACTION_MAX, "min": -FRACTION_MAX, "1/max": Fraction(1, INT_MAX)}
 FLOAT_MAX = sys.float_info.max
@@ -85,52 +83,38 @@ def read_width(text: str, bits: int, *, signed: bool) -> int | None:
 def read_fraction(text: str) -> Fraction | None:
     """A fraction `n/d` or integer whose parts fit 32 bits, `min`, `max` or `1/max`, or None."""
     match = FRACTION.fullmatch(text)
-    if match or WHOLE.fullmatch(text):
-        numerator, denominator = (int(match[1]), int(match[2])) if match else (int(text), 1)
-        fits = INT_MIN <= numerator <= INT_MAX and INT_MIN <= denominator <= INT_MAX and denominator
-        value = Fraction(numerator, denominator) if fits else None
-        return value if value is not None and abs(value.numerator) <= INT_MAX else None
-    return FRACTION_WORDS.get(text.lower())
-
-
-def read_float(text: str) -> float | None:
-    """A finite number, or None."""
-    if FLOAT.fullmatch(text):
-        value = float(text)
-    elif re.fullmatch(HEX_FLOAT, text):
-        try:
-            value = float.fromhex(text)
-        except OverflowError:
-            return None
-    else:
+    if match is None:
+        return FRACTION_WORDS.get(text.lower())
+    numerator, denominator = int(match[1]), int(match[2] or 1)
+    if denominator == 0 or not all(INT_MIN <= part <= INT_MAX for part in (numerator, denominator)):
         return None
-    return value if math.isfinite(value) else None
+    value = Fraction(numerator, denominator)
+    return value if abs(value.numerator) <= INT_MAX else None
 
 
-def read_double(text: str) -> float | None:
-    """A finite number, `min` or `max`, or None."""
+def read_float(text: str, largest: float = FLOAT_MAX) -> float | None:
+    """A number up to `largest`, `min` or `max`, or None."""
     word = text.lower()
-    return FLOAT_MAX if word == "max" else -FLOAT_MAX if word == "min" else read_float(text)
+    if word in ("min", "max"):
+        return largest if word == "max" else -largest
+    try:
+        value = (
+            float(text) if FLOAT.fullmatch(text) else float.fromhex(text) if HEX.fullmatch(text) else math.nan
+        )
+    except (ValueError, OverflowError):
+        return None
+    return value if abs(value) <= largest else None
 
 
 def _read_float32(text: str) -> Float32 | None:
-    word = text.lower()
-    value = FLOAT32_MAX if word == "max" else -FLOAT32_MAX if word == "min" else read_float(text)
-    if value is None or abs(value) > FLOAT32_MAX:
-        return None
-    return Float32(struct.unpack("f", struct.pack("f", value))[0])
+    value = read_float(text, FLOAT32_MAX)
+    return None if value is None else Float32(struct.unpack("f", struct.pack("f", value))[0])
 
 
 def read_boolean(text: str) -> bool | None:
     """A boolean in any of GStreamer's spellings, or None."""
     word = text.lower()
     return True if word in ("true", "yes", "t", "1") else False if word in ("false", "no", "f", "0") else None
-
-
-def read_flag_set(text: str) -> FlagSet | None:
-    """A flag set `flags:mask`, both hexadecimal, or None."""
-    match = re.fullmatch(FLAGS, text)
-    return FlagSet(int(match[1], 16), int(match[2], 16)) if match else None
 
 
 def read_string(text: str) -> str | None:
@@ -157,28 +141,6 @@ def _is_text(text: str) -> bool:
     return (text.isascii() or not any("\ud800" <= mark <= "\udfff" for mark in text)) and "\0" not in text
 
 
-def _read_date(text: str) -> date | None:
-    match = re.fullmatch(DATE, text)
-    try:
-        return date(int(match[1]), int(match[2]), int(match[3])) if match else None
-    except ValueError:
-        return None
-
-
-def _read_date_time(text: str) -> DateTime | None:
-    return DateTime(text) if re.fullmatch(DATE_TIME, text) else None
-
-
-def _read_multiview(text: str) -> MultiviewFlags | None:
-    found = read_flag_set(text)
-    return None if found is None else MultiviewFlags(found.flags, found.mask)
-
-
-def _read_bytes(text: str) -> bytes | None:
-    text = "" if text == '""' else text
-    return bytes.fromhex(text) if re.fullmatch(BYTES, text) else None
-
-
 def _integers(number: type[int], bits: int, *, signed: bool) -> Callable[[str], Value | None]:
     def read(text: str) -> Value | None:
         found = read_width(text, bits, signed=signed)
@@ -187,7 +149,19 @@ def _integers(number: type[int], bits: int, *, signed: bool) -> Callable[[str], 
     return read
 
 
+def _matching(pattern: str, make: Callable[[re.Match[str]], Value]) -> Callable[[str], Value | None]:
+    def read(text: str) -> Value | None:
+        match = re.fullmatch(pattern, text)  # rarely used patterns are compiled on first use
+        try:
+            return make(match) if match else None
+        except ValueError:
+            return None
+
+    return read
+
+
 read_int = _integers(int, 32, signed=True)
+read_flag_set = _matching(FLAGS, lambda match: FlagSet(int(match[1], 16), int(match[2], 16)))
 READERS: dict[str, Callable[[str], Value | None]] = {
     "int": read_int,
     "uint": _integers(UInt, 32, signed=False),
@@ -195,18 +169,20 @@ READERS: dict[str, Callable[[str], Value | None]] = {
     "guint64": _integers(UInt64, 64, signed=False),
     "guchar": _integers(UChar, 8, signed=False),
     "float": _read_float32,
-    "double": read_double,
+    "double": read_float,
     "boolean": read_boolean,
     "string": read_string,
     "fraction": read_fraction,
     "bitmask": _integers(Bitmask, 64, signed=False),
     "flagset": read_flag_set,
-    "buffer": _read_bytes,
-    "date": _read_date,
-    "datetime": _read_date_time,
+    "buffer": _matching(BYTES, lambda match: bytes.fromhex(match[1] or "")),
+    "date": _matching(DATE, lambda match: date(int(match[1]), int(match[2]), int(match[3]))),
+    "datetime": _matching(DATE_TIME, lambda match: DateTime(match[0])),
     "glong": _integers(Long, 64, signed=True),
     "gulong": _integers(ULong, 64, signed=False),
-    "GstVideoMultiviewFlagsSet": _read_multiview,
+    "GstVideoMultiviewFlagsSet": _matching(
+        FLAGS, lambda match: MultiviewFlags(int(match[1], 16), int(match[2], 16))
+    ),
 }
 TYPES: dict[str, str] = {
     **{name: name for name in (*READERS, "structure", "GstCaps")},
@@ -232,10 +208,10 @@ def read_untyped(text: str, raw: str) -> Value | None:
         number = read_int(text)
         if number is not None:
             return number
-        if FLOAT.fullmatch(text) or re.fullmatch(HEX_FLOAT, text):
+        if FLOAT.fullmatch(text) or HEX.fullmatch(text):
             return read_float(text)
         match = FRACTION.fullmatch(text)
-        if (match and int(match[2])) or text.lower() == "1/max":
+        if (match and int(match[2] or 0)) or text.lower() == "1/max":
             return read_fraction(text)
     elif text.lower() in INTEGER_WORDS:
         return read_int(text)

@@ -6,11 +6,11 @@ types. The other types are small classes: values of different types are never eq
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from fractions import Fraction
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -147,11 +147,21 @@ class MultiviewFlags(FlagSet):
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ValueList:
     """Alternatives, the preferred one first."""
 
     items: tuple[Value, ...]
+
+    @cached_property
+    def scalars(self) -> frozenset[tuple[type, Value]]:
+        """The alternatives that are scalars, with their types: a list may have thousands of them."""
+        return frozenset((type(item), item) for item in self.items if type(item) in SCALARS)
+
+    @cached_property
+    def others(self) -> tuple[Value, ...]:
+        """The alternatives that are no scalars."""
+        return tuple(item for item in self.items if type(item) not in SCALARS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,33 +171,18 @@ class ValueArray:
     items: tuple[Value, ...]
 
 
-class NestedCaps:
-    """Base of caps: as a value of a field they are one opaque value, whatever they allow, as in GStreamer."""
+class Nested:
+    """Base of structures and caps, which may be values of fields themselves.
+
+    Caps are one opaque value there, whatever they allow, as in GStreamer.
+    """
 
     __slots__ = ()
-
-
-class NestedStructure(ABC):
-    """Base of structures, which may be values of fields themselves."""
-
-    __slots__ = ()
-    fields: Mapping[str, Value]
-
-    @abstractmethod
-    def intersect(self, other: Any) -> NestedStructure | None:
-        """What both structures allow, or None."""
-
-    @abstractmethod
-    def is_subset(self, other: Any) -> bool:
-        """Whether everything the structure allows is allowed by the other."""
-
-    @abstractmethod
-    def fixate(self) -> NestedStructure:
-        """One format out of those the structure allows."""
+    type_name: ClassVar[str]
 
 
 Simple = bool | int | float | str | bytes | Fraction | date | FlagSet
-Value = Simple | Range[Any] | ValueList | ValueArray | NestedStructure | NestedCaps
+Value = Simple | Range[Any] | ValueList | ValueArray | Nested
 # GStreamer's names of the types; a range has the name of its ends.
 TYPE_NAMES: dict[type, str] = {
     bool: "boolean", int: "int", IntRange: "int", UInt: "uint", Int64: "gint64", Int64Range: "gint64",
@@ -198,14 +193,3 @@ TYPE_NAMES: dict[type, str] = {
 }  # fmt: skip
 # Types whose values intersect only if they are equal; type and hash tell any two of them apart.
 SCALARS = frozenset(kind for kind in TYPE_NAMES if not issubclass(kind, Range | FlagSet))
-
-
-def is_fixed(value: Value) -> bool:
-    """Whether a value is one value and not a choice."""
-    if isinstance(value, Range | ValueList):
-        return False
-    if isinstance(value, ValueArray):
-        return all(map(is_fixed, value.items))
-    if isinstance(value, NestedStructure):
-        return all(map(is_fixed, value.fields.values()))
-    return value.mask == FULL_MASK if isinstance(value, FlagSet) else True

@@ -7,7 +7,6 @@ import pytest
 from streamkit.flow.caps_algebra import (
     intersect_values,
     is_subset_value,
-    same_type_equal,
     values_equal,
 )
 from streamkit.flow.caps_values import (
@@ -30,7 +29,7 @@ def test_values_of_different_types_are_not_equal() -> None:
     """1, 1.0, True and 1/1 are equal in Python only."""
     values: list[Value] = [1, 1.0, True, Fraction(1), "1"]
     for i, left in enumerate(values):
-        assert [same_type_equal(left, right) for right in values] == [i == j for j in range(len(values))]
+        assert [values_equal(left, right) for right in values] == [i == j for j in range(len(values))]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from streamkit.flow.caps_structure import fixate_value
+from streamkit.flow.caps_algebra import fixate_value, is_fixed
 from streamkit.flow.caps_values import (
     FlagSet,
     FloatRange,
@@ -15,7 +15,6 @@ from streamkit.flow.caps_values import (
     Value,
     ValueArray,
     ValueList,
-    is_fixed,
 )
 
 

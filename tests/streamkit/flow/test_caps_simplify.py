@@ -5,8 +5,8 @@ from fractions import Fraction
 import pytest
 
 from streamkit.errors import CapsTooLarge
+from streamkit.flow.caps_algebra import Structure
 from streamkit.flow.caps_simplify import subtract_values, unite_values
-from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_values import (
     FlagSet,
     FloatRange,

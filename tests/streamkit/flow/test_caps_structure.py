@@ -3,8 +3,8 @@
 import pytest
 
 from streamkit.flow.caps import Caps
+from streamkit.flow.caps_algebra import Structure
 from streamkit.flow.caps_simplify import join_structures
-from streamkit.flow.caps_structure import Structure
 from streamkit.flow.caps_values import IntRange, ValueList
 
 

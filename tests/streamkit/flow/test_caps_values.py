@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import pytest
 
+from streamkit.flow.caps_algebra import is_fixed
 from streamkit.flow.caps_values import (
     FlagSet,
     FloatRange,
@@ -14,7 +15,6 @@ from streamkit.flow.caps_values import (
     IntRange,
     ValueArray,
     ValueList,
-    is_fixed,
 )
 
 
