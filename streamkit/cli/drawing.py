@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from streamkit.cli.description import fail_usage
+from streamkit.cli.table import Row, facts, measure_rows
 
 if TYPE_CHECKING:
-    from streamkit.cli.table import Row
     from streamkit.element.base import Element
     from streamkit.element.pad import Pad
     from streamkit.graph.graph import Graph
@@ -23,18 +23,11 @@ SVG_LIMIT_S = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Notes:
-    """Counters of a run in a drawing.
+class Counters:
+    """Counters of a run, in a drawing: of the elements by `id`, and the length of the run, s."""
 
-    Attributes:
-        elements: lines for an element, by `id`.
-        links: lines for a link, by the `id` of its sink pad.
-        busy: share of time that an element worked, 0 to 1, by `id`.
-    """
-
-    elements: dict[int, list[str]] = field(default_factory=dict)
-    links: dict[int, list[str]] = field(default_factory=dict)
-    busy: dict[int, float] = field(default_factory=dict)
+    rows: dict[int, Row] = field(default_factory=dict)
+    elapsed_s: float = 0.0
 
 
 def link_caps(src: Pad, sink: Pad) -> str:
@@ -42,13 +35,12 @@ def link_caps(src: Pad, sink: Pad) -> str:
     return str(sink.query_caps() & src.query_caps())
 
 
-def read_notes(built: Graph, file: Path | None) -> Notes:
+def read_counters(built: Graph, file: Path | None) -> Counters:
     """Reads the counters of `launch --stats-file` for the elements of a graph; exits with 2 if invalid."""
     if file is None:
-        return Notes()
+        return Counters()
     import msgspec
 
-    from streamkit.cli.table import measure_rows
     from streamkit.graph.statistics import RunStatistics
 
     try:
@@ -59,30 +51,12 @@ def read_notes(built: Graph, file: Path | None) -> Notes:
         fail_usage(f"cannot read the statistics {file}: {error.strerror}")
     except msgspec.DecodeError as error:
         fail_usage(f"{file}: no statistics as launch --stats-file writes them: {error}")
-    rows = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
-    if not any((element.parent, element.name) in rows for element in built.elements):
+    by_name = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
+    names = {id(element): (element.parent, element.name) for element in built.elements}
+    rows = {key: by_name[name] for key, name in names.items() if name in by_name}
+    if not rows:
         fail_usage(f"{file}: none of its elements is in this description; give the one that was run")
-    notes = Notes()
-    for element in built.elements:
-        if (row := rows.get((element.parent, element.name))) is not None:
-            _note(notes, element, row, statistics.elapsed_s)
-    return notes
-
-
-def _note(notes: Notes, element: Element, row: Row, elapsed_s: float) -> None:
-    from streamkit.cli.table import facts
-
-    found = facts(row)
-    notes.busy[id(element)] = 0.0 if "queue" in found else row.busy
-    lines = [f"{name} {found[name]}" for name in ("queue", "busy", "errors", "age") if name in found]
-    frames = {pad.pad: pad.frames for pad in row.counters.pads}
-    dropped = [f"dropped {found['dropped']}"] if "dropped" in found else []
-    for pad in element.sink_pads():
-        count = frames.get(pad.name, 0)
-        rate = f", {count / elapsed_s:.1f}/s" if elapsed_s > 0 else ""
-        notes.links[id(pad)] = [f"{count} frames{rate}", *dropped]
-        dropped = []
-    notes.elements[id(element)] = lines + dropped
+    return Counters(rows, statistics.elapsed_s)
 
 
 def _ids(built: Graph) -> dict[int, str]:
@@ -96,39 +70,56 @@ def _ids(built: Graph) -> dict[int, str]:
     return found
 
 
-def _label(element: Element, notes: Notes) -> str:
-    settings = [f"{name}={value}" for name, value in element.properties_set().items()]
-    return "\n".join([element.name, *settings, *notes.elements.get(id(element), ())])
+def _label(element: Element, counters: Counters) -> str:
+    """Name, settings and counters of an element, a line each; drops stand at its first link."""
+    lines = [element.name, *(f"{name}={value}" for name, value in element.properties_set().items())]
+    if (row := counters.rows.get(id(element))) is not None:
+        found = facts(row)
+        names = ("queue", "busy", "errors", "age") + (() if any(element.sink_pads()) else ("dropped",))
+        lines += [f"{name} {found[name]}" for name in names if name in found]
+    return "\n".join(lines)
 
 
-def _link_label(src: Pad, sink: Pad, notes: Notes) -> str:
-    return "\n".join([link_caps(src, sink), *notes.links.get(id(sink), ())])
+def _link_label(src: Pad, sink: Pad, counters: Counters) -> str:
+    """Caps, frames, rate and drops of a link, a line each."""
+    lines = [link_caps(src, sink)]
+    if (row := counters.rows.get(id(sink.element))) is not None:
+        count = next((pad.frames for pad in row.counters.pads if pad.pad == sink.name), 0)
+        rate = f", {count / counters.elapsed_s:.1f}/s" if counters.elapsed_s > 0 else ""
+        lines.append(f"{count} frames{rate}")
+        if sink is next(sink.element.sink_pads()) and (dropped := facts(row).get("dropped")):
+            lines.append(f"dropped {dropped}")
+    return "\n".join(lines)
 
 
-def _colour(busy: float) -> str:
-    """From white, idle, to orange, fully busy."""
-    return f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
+def _colours(built: Graph, counters: Counters) -> dict[int, str]:
+    """Colours of elements by `id`, from white, idle, to orange, fully busy; a queue is never busy."""
+    found = {}
+    for element in built.elements:
+        if (row := counters.rows.get(id(element))) is not None:
+            busy = 0.0 if row.counters.queue is not None else row.busy
+            found[id(element)] = f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
+    return found
 
 
-def as_dot(built: Graph, notes: Notes) -> str:
+def as_dot(built: Graph, counters: Counters) -> str:
     """The graph in Graphviz's language."""
 
     def quoted(text: str) -> str:
         return json.dumps(text).replace("\\\\n", "\\n")
 
-    ids = _ids(built)
+    ids, colours = _ids(built), _colours(built, counters)
     lines = ["digraph pipeline {", "  rankdir=LR;", "  node [shape=box, fontname=sans];"]
     for element in built.elements:
-        share = notes.busy.get(id(element))
-        colour = "" if share is None else f', style=filled, fillcolor="{_colour(share)}"'
-        lines.append(f"  {quoted(ids[id(element)])} [label={quoted(_label(element, notes))}{colour}];")
+        colour = f', style=filled, fillcolor="{colours[id(element)]}"' if id(element) in colours else ""
+        lines.append(f"  {quoted(ids[id(element)])} [label={quoted(_label(element, counters))}{colour}];")
     for src, sink in built.links():
         ends = f"{quoted(ids[id(src.element)])} -> {quoted(ids[id(sink.element)])}"
-        lines.append(f"  {ends} [label={quoted(_link_label(src, sink, notes))}];")
+        lines.append(f"  {ends} [label={quoted(_link_label(src, sink, counters))}];")
     return "\n".join([*lines, "}"])
 
 
-def as_mermaid(built: Graph, notes: Notes) -> str:
+def as_mermaid(built: Graph, counters: Counters) -> str:
     """The graph in Mermaid's language."""
     ids = {id(element): f"n{index}" for index, element in enumerate(built.elements)}
 
@@ -136,36 +127,36 @@ def as_mermaid(built: Graph, notes: Notes) -> str:
         return words.replace('"', "#quot;").replace("\n", "<br>")
 
     lines = ["flowchart LR"]
-    lines += [f'  {ids[id(element)]}["{text(_label(element, notes))}"]' for element in built.elements]
+    lines += [f'  {ids[id(element)]}["{text(_label(element, counters))}"]' for element in built.elements]
     for src, sink in built.links():
-        label = text(_link_label(src, sink, notes))
+        label = text(_link_label(src, sink, counters))
         lines.append(f'  {ids[id(src.element)]} -- "{label}" --> {ids[id(sink.element)]}')
-    lines += [f"  style {ids[key]} fill:{_colour(share)}" for key, share in notes.busy.items()]
+    lines += [f"  style {ids[key]} fill:{colour}" for key, colour in _colours(built, counters).items()]
     return "\n".join(lines)
 
 
-def as_text(built: Graph, notes: Notes) -> str:
+def as_text(built: Graph, counters: Counters) -> str:
     """The graph for a terminal: each element with its settings, then its links with their caps."""
     ids, lines = _ids(built), list[str]()
     for element in built.elements:
-        _, *more = _label(element, notes).splitlines()
+        _, *more = _label(element, counters).splitlines()
         kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
         lines.append("  ".join([ids[id(element)] + kind, *more]))
         for src, sink in built.links():
             if src.element is element:
-                label = _link_label(src, sink, notes).replace("\n", ", ")
+                label = _link_label(src, sink, counters).replace("\n", ", ")
                 lines.append(f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  {label}")
     return "\n".join(lines)
 
 
-def as_svg(built: Graph, notes: Notes) -> str:
+def as_svg(built: Graph, counters: Counters) -> str:
     """The graph as SVG; needs Graphviz's `dot`."""
     dot = shutil.which("dot")
     if dot is None:
         fail_usage("svg needs the program dot of Graphviz; install Graphviz, or use --format mermaid")
     drawn = subprocess.run(
         [dot, "-Tsvg"],
-        input=as_dot(built, notes),
+        input=as_dot(built, counters),
         capture_output=True,
         text=True,
         timeout=SVG_LIMIT_S,

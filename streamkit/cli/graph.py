@@ -18,7 +18,7 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, as_text, link_caps, read_notes
+from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, as_text, link_caps, read_counters
 from streamkit.errors import DescriptionError
 from streamkit.masking import mask_secrets, presentable_value
 
@@ -72,7 +72,7 @@ def graph(
         if form is GraphFormat.JSON:
             drawn = json.dumps(presentable_value(as_json(built), mask_secrets), indent=2)
         else:
-            drawn = draw[form](built, read_notes(built, stats))
+            drawn = draw[form](built, read_counters(built, stats))
     typer.echo(drawn)
 
 

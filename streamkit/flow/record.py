@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import cos, isfinite, sin
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 import msgspec
 
@@ -11,7 +11,7 @@ from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.frame import Capture, Frame
 from streamkit.flow.ground import GroundPosition, ground_positions
-from streamkit.flow.metadata import Detections, Registration, Track, Tracks, TrackState
+from streamkit.flow.metadata import Detections, Registration, Track, TrackState
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.masking import mask_secrets
 
@@ -175,7 +175,7 @@ def track_record(
     """
     if frame.caps.name == TRACKS_CAPS.name:
         return decode_record(frame.data)
-    capture, tracks, registration = frame.capture, frame.get(Tracks), frame.get(Registration)
+    capture, registration = frame.capture, frame.get(Registration)
     detections = frame.get(Detections) if provenance else None
     positions, _ = ground_positions(frame, ground_altitude_m)
     return TrackRecord(
@@ -195,10 +195,8 @@ def track_record(
             _target_record(
                 track, positions.get(track.id), _provenance_record(track, detections) if provenance else None
             )
-            for track in tracks.tracks
-        )
-        if tracks
-        else (),
+            for track in frame.tracks
+        ),
         dropped=dropped,
     )
 
@@ -246,57 +244,51 @@ def _pixels(frame: Frame, field: str) -> int | None:
     return value if isinstance(value, int) else None
 
 
+def _finite(*numbers: float) -> tuple[float, ...] | None:
+    """Numbers as floats; None unless all are finite."""
+    return tuple(map(float, numbers)) if all(map(isfinite, numbers)) else None
+
+
 def _registration_record(registration: Registration, provenance: bool) -> RegistrationRecord:
-    rows = [(float(a), float(b), float(c)) for a, b, c in registration.to_reference.tolist()]
-    known = len(rows) == 3 and all(isfinite(value) for row in rows for value in row)
-    return RegistrationRecord(
+    rows = [_finite(*row) for row in registration.to_reference.tolist()]
+    found = RegistrationRecord(
         reference=int(registration.reference),
-        to_reference=(rows[0], rows[1], rows[2]) if known else None,
+        to_reference=None if None in rows else cast("tuple[Row3, Row3, Row3]", tuple(rows)),
         status=registration.status,
-        matches=int(registration.matches) if provenance else None,
-        inliers=int(registration.inliers) if provenance else None,
-        rmse=float(registration.rmse) if provenance and isfinite(registration.rmse) else None,
         corner_std=None if registration.corner_std is None else round(float(registration.corner_std), 3),
     )
+    if not provenance:
+        return found
+    rmse = _finite_or_none(registration.rmse)
+    matches, inliers = int(registration.matches), int(registration.inliers)
+    return msgspec.structs.replace(found, matches=matches, inliers=inliers, rmse=rmse)
 
 
 def _target_record(
-    track: Track,
-    position: GroundPosition | None,
-    provenance: ProvenanceRecord | None,
+    track: Track, position: GroundPosition | None, provenance: ProvenanceRecord | None
 ) -> TargetRecord:
-    x, y, length, width = float(track.x), float(track.y), float(track.length), float(track.width)
-    angle, score = float(track.angle), float(track.score)
-    # A sum is finite only if all its terms are: one test instead of six for every track.
-    if not isfinite(x + y + length + width + angle + score):
-        _check_finite(track, (x, y, length, width, angle, score))
-    vx, vy = track.velocity
-    vx, vy = float(vx), float(vy)
-    moving = isfinite(vx) and isfinite(vy)
-    (xx, xy), (yx, yy) = track.covariance.tolist()
-    spread = isfinite(xx + xy + yx + yy)
+    place = track.x, track.y, track.length, track.width, track.angle, track.score
+    if (known := _finite(*place)) is None:
+        raise ValueError(
+            f"track {track.id}: x, y, length, width, angle and score must be finite, got "
+            f"{', '.join(f'{value:g}' for value in place)}; end a track whose place is not known"
+        )
+    x, y, length, width, angle, score = known
+    vx, vy = _finite(*track.velocity) or (None, None)
+    spread = _finite(*track.covariance.ravel())
     cosine, sine = abs(cos(angle)), abs(sin(angle))
     half_x = (length * cosine + width * sine) / 2
     half_y = (length * sine + width * cosine) / 2
     return TargetRecord(
-        id=int(track.id),
-        state=track.state,
-        x=x,
-        y=y,
-        length=length,
-        width=width,
-        angle=angle,
+        id=int(track.id), state=track.state, x=x, y=y, length=length, width=width, angle=angle,
         bbox=(x - half_x, y - half_y, x + half_x, y + half_y),
-        vx=vx if moving else None,
-        vy=vy if moving else None,
-        position_covariance=((xx, xy), (yx, yy)) if spread else None,
+        vx=vx, vy=vy,
+        position_covariance=None if spread is None else ((spread[0], spread[1]), (spread[2], spread[3])),
         score=score,
         age_ns=int(track.age_ns),
-        geo=None
-        if position is None
-        else GeoRecord(lat=position[0], lon=position[1], error_m=round(position[2], 2)),
+        geo=position and GeoRecord(lat=position[0], lon=position[1], error_m=round(position[2], 2)),
         provenance=provenance,
-    )
+    )  # fmt: skip
 
 
 def _provenance_record(track: Track, detections: Detections | None) -> ProvenanceRecord | None:
@@ -307,40 +299,26 @@ def _provenance_record(track: Track, detections: Detections | None) -> Provenanc
     if row is not None and detections is not None and row < len(detections):
         match = _match_record(detections, row, known.gate)
     return ProvenanceRecord(
-        predicted=_finite_pair(known.predicted),
+        predicted=cast("Row2 | None", known.predicted and _finite(*known.predicted)),
         detection=match,
         shared=known.shared,
-        similarity=_finite(known.similarity),
+        similarity=_finite_or_none(known.similarity),
         learnt=known.learnt,
         cause=known.cause or None,
     )
 
 
 def _match_record(detections: Detections, row: int, gate: float | None) -> MatchRecord:
-    x, y = detections.centroids[row].tolist()
-    x0, y0, x1, y1 = detections.boxes[row].tolist()
     return MatchRecord(
         row=row,
-        gate=_finite(gate),
-        centroid=(x, y),
-        bbox=(x0, y0, x1, y1),
+        gate=_finite_or_none(gate),
+        centroid=tuple(detections.centroids[row].tolist()),
+        bbox=tuple(detections.boxes[row].tolist()),
         area=float(detections.areas[row]),
         score=float(detections.scores[row]),
         label=detections.labels[row] if detections.labels else None,
     )
 
 
-def _finite(value: float | None) -> float | None:
+def _finite_or_none(value: float | None) -> float | None:
     return None if value is None or not isfinite(value) else float(value)
-
-
-def _finite_pair(pair: tuple[float, float] | None) -> Row2 | None:
-    return None if pair is None or not isfinite(pair[0] + pair[1]) else pair
-
-
-def _check_finite(track: Track, place: tuple[float, ...]) -> None:
-    if not all(isfinite(value) for value in place):
-        raise ValueError(
-            f"track {track.id}: x, y, length, width, angle and score must be finite, got "
-            f"{', '.join(f'{value:g}' for value in place)}; end a track whose place is not known"
-        )

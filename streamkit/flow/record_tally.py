@@ -47,20 +47,19 @@ class RecordTally:
 
     def shortfall(self) -> str:
         """Why no record of the run has a target (with ground coordinates, if needed), or ""."""
-        needs_positions = self._needs_positions
-        if self._records and needs_positions and not self._positions:
+        needs_positions, frames = self._needs_positions, f"of {self._frames} frames"
+        if self._positions or (self._targets and not needs_positions):
+            return ""
+        if self._records and needs_positions:
             return f"no target in {self._records} records has a position"
-        frames = f"of {self._frames} frames"
-        if not self._frames or self._positions or (self._targets and not needs_positions):
+        if not self._frames:
             return ""
         if not self._with[Tracks]:
             return f"none {frames} carried tracks; put particletrack before it"
-        if not self._targets:
-            if self._with[Detections]:
-                return (
-                    f"no target in any {frames}, though detections were looked for" if needs_positions else ""
-                )
+        if not self._targets and not self._with[Detections]:
             return f"no target in any {frames}: none carried detections; put framediff before particletrack"
+        if not self._targets:
+            return f"no target in any {frames}, though detections were looked for" if needs_positions else ""
         if not self._with[Pose]:
             return f"no target has a position: none {frames} carried a pose; pair telemetry with posesync"
         reason = self._unlocated.most_common(1)[0][0]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,33 +27,26 @@ def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArr
     """
     changed: list[object] = []
     area = abs(float(np.linalg.det(scaling[:2, :2])))
+    size = math.sqrt(area)
     if (registration := frame.get(Registration)) is not None:
         to_previous, to_reference = scale_homographies(
             scaling, previous_scaling, registration.to_previous, registration.to_reference
         )
-        size = math.sqrt(area)
         corner_std = None if registration.corner_std is None else registration.corner_std * size
+        rmse = registration.rmse * size
         changed.append(
-            dataclasses.replace(
+            replace(
                 registration,
-                to_previous=to_previous,
-                to_reference=to_reference,
-                rmse=registration.rmse * size,
-                corner_std=corner_std,
+                to_previous=to_previous, to_reference=to_reference, rmse=rmse, corner_std=corner_std,
             )
-        )
+        )  # fmt: skip
     if (ground := frame.get(GroundReference)) is not None:
-        changed.append(dataclasses.replace(ground, to_local=ground.to_local @ np.linalg.inv(scaling)))
+        changed.append(replace(ground, to_local=ground.to_local @ np.linalg.inv(scaling)))
     if (detections := frame.get(Detections)) is not None:
         corners = scale_points(scaling, detections.boxes.reshape(-1, 2)).reshape(-1, 2, 2)
-        changed.append(
-            dataclasses.replace(
-                detections,
-                centroids=scale_points(scaling, detections.centroids),
-                boxes=np.hstack([corners.min(axis=1), corners.max(axis=1)]),
-                areas=detections.areas * area,
-            )
-        )
+        boxes = np.hstack([corners.min(axis=1), corners.max(axis=1)])
+        centroids = scale_points(scaling, detections.centroids)
+        changed.append(replace(detections, centroids=centroids, boxes=boxes, areas=detections.areas * area))
     if (tracks := frame.get(Tracks)) is not None:
         changed.append(_scale_tracks(tracks, scaling))
     return frame.attach(*changed) if changed else frame
@@ -67,7 +60,7 @@ def _scale_tracks(item: Tracks, scaling: FloatArray) -> Tracks:
     linear = scaling[:2, :2]
     return Tracks(
         tuple(
-            dataclasses.replace(
+            replace(
                 row, x=x, y=y, length=length, width=width, angle=angle,
                 covariance=linear @ row.covariance @ linear.T,
                 provenance=_scale_provenance(row.provenance, scaling),
@@ -81,4 +74,4 @@ def _scale_provenance(item: Provenance | None, scaling: FloatArray) -> Provenanc
     if item is None or item.predicted is None:
         return item
     x, y = scale_points(scaling, np.array([item.predicted]))[0].tolist()
-    return dataclasses.replace(item, predicted=(x, y))
+    return replace(item, predicted=(x, y))
