@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from streamkit.masking import presentable
 
 USAGE_EXIT = 2
 SIZE_LIMIT = 1_000_000
+BLANK_OR_QUOTED = re.compile(r'"(?:(?<=\\)"|[^"])*"?| ')  # in quotes an escaped one does not close
 
 
 def _complete(context: typer.Context, incomplete: str) -> list[str]:
@@ -70,18 +72,11 @@ def join_arguments(arguments: Sequence[str]) -> str:
     """
     if len(arguments) == 1:
         return arguments[0]
-    return " ".join(_escape_blanks(argument) for argument in arguments)
+    return " ".join(BLANK_OR_QUOTED.sub(_escaped, argument) for argument in arguments)
 
 
-def _escape_blanks(argument: str) -> str:
-    kept: list[str] = []
-    quoted, previous = False, ""
-    for character in argument:
-        if character == '"' and not (quoted and previous == "\\"):
-            quoted = not quoted
-        previous = character
-        kept.append("\\ " if character == " " and not quoted else character)
-    return "".join(kept)
+def _escaped(match: re.Match[str]) -> str:
+    return "\\ " if match[0] == " " else match[0]
 
 
 def read_description(

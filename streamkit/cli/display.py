@@ -39,7 +39,6 @@ class Display:
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline = pipeline
         self.began_s = self._drawn_s = time.monotonic()
-        self.last: RunStatistics | None = None
 
     def begin(self) -> None:
         """Counts the time from now on: before, elements have started, and perhaps compiled loops."""
@@ -52,11 +51,6 @@ class Display:
             elements=self.pipeline.statistics(),
             processes=self.pipeline.process_statistics(),
         )
-
-    def measure_last(self) -> RunStatistics:
-        """Statistics of the whole run; call it at the end."""
-        self.last = self.measure()
-        return self.last
 
     def show(self) -> None:
         """Redraws if the interval has passed."""
@@ -72,8 +66,8 @@ class Display:
         """Prints a line on stderr, above the display."""
         typer.echo(presentable(line), err=True)
 
-    def end(self) -> None:
-        """Draws the final state."""
+    def end(self, whole: RunStatistics) -> None:
+        """Draws the final state, with the statistics of the whole run."""
 
     def abandon(self) -> None:
         """Restores the terminal before the process ends at once."""
@@ -150,47 +144,43 @@ class Progress(Display):
             self.shown = False
         super().print_line(line)
 
-    def end(self) -> None:
-        """Prints the whole run in one line."""
-        if self.last is not None:
-            self._write(self.last, is_last=True)
-            sys.stderr.write(f"{presentable(results_text(summarise(self.last)))}\n")
+    @override
+    def end(self, whole: RunStatistics) -> None:
+        self._write(whole, is_last=True)
+        sys.stderr.write(f"{presentable(results_text(summarise(whole)))}\n")
 
 
-class Lines(Display):
+class Totals(Display):
+    """A table of the whole run at the end."""
+
+    @override
+    def end(self, whole: RunStatistics) -> None:
+        from rich.console import Console
+
+        Console(stderr=True, width=160).print(as_tables(whole))
+
+
+class Lines(Totals):
     """A line with all counters every second, for logs; a table at the end."""
 
     every_s = LINE_EVERY_S
     before: RunStatistics | None = None
 
-    def __init__(self, pipeline: Pipeline, *, every_second: bool = True) -> None:
-        super().__init__(pipeline)
-        self.every_second = every_second
-
     @override
     def draw(self) -> None:
-        if not self.every_second:
-            return
         now = self.measure()
         self.print_line(as_line(now, self.before))
         self.before = now
 
-    def end(self) -> None:
-        """Prints the table of the whole run."""
-        if self.last is not None:
-            from rich.console import Console
 
-            Console(stderr=True, width=160).print(as_tables(self.last))
+class Table(Display):
+    """A table on the terminal, redrawn in place, with rates over about the last second."""
 
-
-class Table(Lines):
-    """A table on the terminal, redrawn in place."""
-
-    every_s = REDRAW_EVERY_S
+    before: RunStatistics | None = None
     _live: Live | None = None
 
+    @override
     def draw(self) -> None:
-        """Redraws the table with rates over about the last second."""
         now = self.measure()
         self._update(now, self.before)
         if self.before is None or now.elapsed_s - self.before.elapsed_s >= LINE_EVERY_S:
@@ -223,8 +213,7 @@ class Table(Lines):
             self._live.console.print(presentable(line), markup=False, highlight=False)
 
     @override
-    def end(self) -> None:
-        if self.last is not None:
-            self._update(self.last, None)
+    def end(self, whole: RunStatistics) -> None:
+        self._update(whole, None)
         if self._live is not None:
             self._live.stop()

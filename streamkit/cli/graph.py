@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import enum
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -27,14 +26,7 @@ if TYPE_CHECKING:
     from streamkit.graph.graph import Graph
 
 
-class GraphFormat(enum.StrEnum):
-    """Output format of a graph."""
-
-    JSON = "json"
-    DOT = "dot"
-    MERMAID = "mermaid"
-    TEXT = "text"
-    SVG = "svg"
+GraphFormat = Literal["json", "dot", "mermaid", "text", "svg"]
 
 
 def graph(
@@ -54,22 +46,17 @@ def graph(
     from streamkit.graph.build import build
     from streamkit.graph.negotiate import remembered_caps
 
-    form = form or (GraphFormat.TEXT if sys.stdout.isatty() else GraphFormat.MERMAID)
+    form = form or ("text" if sys.stdout.isatty() else "mermaid")
     source = read_description(description, file, settings or [])
     try:
         built = build(source.text, source.variables)
     except DescriptionError as error:
-        fail_description(error, source, as_json=form is GraphFormat.JSON)
+        fail_description(error, source, as_json=form == "json")
     for note in source.unused_variables():
         typer.echo(f"note: {note}", err=True)
-    draw = {
-        GraphFormat.DOT: as_dot,
-        GraphFormat.MERMAID: as_mermaid,
-        GraphFormat.SVG: as_svg,
-        GraphFormat.TEXT: as_text,
-    }
+    draw = {"dot": as_dot, "mermaid": as_mermaid, "svg": as_svg, "text": as_text}
     with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):
-        if form is GraphFormat.JSON:
+        if form == "json":
             drawn = json.dumps(presentable_value(as_json(built), mask_secrets), indent=2)
         else:
             drawn = draw[form](built, read_counters(built, stats))

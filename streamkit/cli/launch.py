@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import enum
 import gc
 import os
 import signal
@@ -11,7 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 from typer.core import TyperCommand
@@ -39,24 +38,7 @@ if TYPE_CHECKING:
     from streamkit.service.monitor import Monitor
 
 
-class StatisticsFormat(enum.StrEnum):
-    """Output format of counters."""
-
-    TEXT = "text"
-    JSON = "json"
-
-
-class LogFormat(enum.StrEnum):
-    """How lines for people are printed."""
-
-    TEXT = "text"
-    JSON = "json"
-
-
-class ProcessChoice(enum.StrEnum):
-    """Who puts bins into processes."""
-
-    AUTO = "auto"
+Form = Literal["text", "json"]
 
 
 class LaunchCommand(TyperCommand):
@@ -83,7 +65,7 @@ def launch(
     ] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")] = False,
     stats: Annotated[
-        StatisticsFormat | None,
+        Form | None,
         typer.Option(
             "--stats",
             metavar="[=json]",
@@ -94,7 +76,7 @@ def launch(
         Path | None, typer.Option("--stats-file", help="Write the counters into a JSON file at the end.")
     ] = None,
     summary: Annotated[
-        StatisticsFormat | None,
+        Form | None,
         typer.Option(
             "--summary",
             metavar="[=json]",
@@ -102,7 +84,7 @@ def launch(
         ),
     ] = None,
     processes: Annotated[
-        ProcessChoice | None,
+        Literal["auto"] | None,
         typer.Option(
             "--processes", help="Measure for 5 s, then cut the pipeline into processes of like work."
         ),
@@ -125,8 +107,8 @@ def launch(
         ),
     ] = None,
     log_format: Annotated[
-        LogFormat, typer.Option("--log-format", help="json: each line on stderr is a JSON object.")
-    ] = LogFormat.TEXT,
+        Form, typer.Option("--log-format", help="json: each line on stderr is a JSON object.")
+    ] = "text",
     supervise: Annotated[
         bool, typer.Option("--supervise", help="Run in a child; start it again when it fails, with back-off.")
     ] = False,
@@ -140,7 +122,7 @@ def launch(
         _supervise()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
-        as_json = json_errors or log_format is LogFormat.JSON
+        as_json = json_errors or log_format == "json"
         with without_collection():
             from msgspec import structs
 
@@ -148,7 +130,7 @@ def launch(
             from streamkit.service.monitor import Monitor
 
             pipeline = build(source, as_json=as_json)
-        if processes is ProcessChoice.AUTO:
+        if processes is not None:
             from streamkit.cli.processes import choose_processes
 
             source = choose_processes(source, pipeline)
@@ -166,7 +148,7 @@ def launch(
     assert run.statistics is not None
     statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
     code = code or int(strict and bool(run.shortfalls))
-    if stats is StatisticsFormat.JSON:
+    if stats == "json":
         typer.echo(to_json(statistics))
     if summary is not None:
         _print_summary(statistics, summary)
@@ -237,26 +219,24 @@ def serve_metrics(monitor: Monitor, address: str | None) -> contextlib.AbstractC
         fail_usage(str(error))
 
 
-def choose_display(
-    pipeline: Pipeline, stats: StatisticsFormat | None, log_format: LogFormat, *, quiet: bool
-) -> Display:
+def choose_display(pipeline: Pipeline, stats: Form | None, log_format: Form, *, quiet: bool) -> Display:
     """The display for a terminal, a file or a program."""
-    from streamkit.cli.display import Display, JsonDisplay, Lines, Progress, Table
+    from streamkit.cli.display import Display, JsonDisplay, Lines, Progress, Table, Totals
 
-    if log_format is LogFormat.JSON:
+    if log_format == "json":
         return JsonDisplay(pipeline)
-    is_terminal = sys.stderr.isatty()
-    if stats is StatisticsFormat.TEXT:
-        return Table(pipeline) if is_terminal and not quiet else Lines(pipeline, every_second=not quiet)
-    return Progress(pipeline) if is_terminal and not quiet else Display(pipeline)
+    for_terminal, for_file = (Table, Lines) if stats == "text" else (Progress, Display)
+    if quiet:
+        return (Totals if stats == "text" else Display)(pipeline)
+    return (for_terminal if sys.stderr.isatty() else for_file)(pipeline)
 
 
-def _print_summary(statistics: RunStatistics, form: StatisticsFormat) -> None:
+def _print_summary(statistics: RunStatistics, form: Form) -> None:
     """Prints the run in one line: JSON on stdout, text on stderr."""
     from streamkit.cli.summary import as_text, summarise
 
     found = summarise(statistics)
-    if form is StatisticsFormat.JSON:
+    if form == "json":
         typer.echo(to_json(found))
     else:
         typer.echo(presentable(as_text(found)), err=True)

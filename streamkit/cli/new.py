@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import enum
 import importlib.util
 import keyword
 import re
 import sys
 from pathlib import Path
 from string import Template
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,29 +19,22 @@ NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 LONGEST_NAME = 50
 
 
-class ElementKind(enum.StrEnum):
-    """Kind of the element in a new package."""
-
-    TRANSFORM = "transform"
-    SOURCE = "source"
-    SINK = "sink"
-
-
-SUMMARIES = {
-    ElementKind.TRANSFORM: "Multiplies the brightness of each frame.",
-    ElementKind.SOURCE: "Makes a grey ramp that moves sideways.",
-    ElementKind.SINK: "Writes the mean brightness of each frame into a text file, one line a frame.",
+ElementKind = Literal["transform", "source", "sink"]
+SUMMARIES: dict[ElementKind, str] = {
+    "transform": "Multiplies the brightness of each frame.",
+    "source": "Makes a grey ramp that moves sideways.",
+    "sink": "Writes the mean brightness of each frame into a text file, one line a frame.",
 }
-EXAMPLE_PIPELINES = {
-    ElementKind.TRANSFORM: "videotestsrc num-buffers=30 ! {} gain=1.5 ! fakesink",
-    ElementKind.SOURCE: "{} num-buffers=30 ! fakesink",
-    ElementKind.SINK: "videotestsrc num-buffers=30 ! {} location=means.txt",
+EXAMPLE_PIPELINES: dict[ElementKind, str] = {
+    "transform": "videotestsrc num-buffers=30 ! {} gain=1.5 ! fakesink",
+    "source": "{} num-buffers=30 ! fakesink",
+    "sink": "videotestsrc num-buffers=30 ! {} location=means.txt",
 }
 
 
 def new(
     name: Annotated[str, typer.Argument(help="Name of the package, for example my-blur.")],
-    kind: Annotated[ElementKind, typer.Option(help="Kind of its element.")] = ElementKind.TRANSFORM,
+    kind: Annotated[ElementKind, typer.Option(help="Kind of its element.")] = "transform",
 ) -> None:
     """Creates a plugin package in a new folder; it installs, and its own test passes."""
     check_free_name(name)

@@ -86,7 +86,8 @@ class Run:
                 code = self._play()
                 code = self._stop() or code
                 self._print_remaining()
-                self.display.end()
+                if self.statistics is not None:
+                    self.display.end(self.statistics)
         finally:
             report.close()
         return code
@@ -117,7 +118,7 @@ class Run:
         finally:
             self._is_watching = self._is_starting = False
             self._print_caps()
-            self.statistics = self.display.measure_last()
+            self.statistics = self.display.measure()
             gc.unfreeze()
 
     def _is_cancelled(self, error: ElementFailure) -> bool:

@@ -41,7 +41,6 @@ class PropertyDeclaration(Traits):
         self.attribute = ""
         self.owner: type = object
         self._annotation = annotation
-        self._kind: tuple[type, bool] | None = None
 
     def __set_name__(self, owner: type, attribute: str) -> None:
         self.owner, self.attribute = owner, attribute
@@ -63,30 +62,28 @@ class PropertyDeclaration(Traits):
     @property
     def kind(self) -> type:
         """Type of the value: int, float, bool, str, Fraction, Caps, an enum or flags."""
-        return self._resolved()[0]
+        return self._kind_and_optional[0]
 
     @property
     def optional(self) -> bool:
         """Whether the value may be None."""
-        return self._resolved()[1]
+        return self._kind_and_optional[1]
 
-    def _resolved(self) -> tuple[type, bool]:
-        if self._kind is None:
-            annotation = self._annotation
-            if annotation is None:
-                annotation = self.owner.__annotations__.get(self.attribute, type(self.default))
-            if isinstance(annotation, str):
-                names = vars(sys.modules[self.owner.__module__])
-                annotation = eval(annotation, dict(names))  # the author's own annotation
-            members = [annotation]
-            if isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is typing.Union:
-                members = list(typing.get_args(annotation))
-            plain = [member for member in members if member is not type(None)]
-            if len(plain) != 1 or not isinstance(plain[0], type):
-                where = f"{self.owner.__name__}.{self.attribute}"
-                raise TypeError(f"property {where}: annotate it with one type, or `type | None`")
-            self._kind = (plain[0], len(plain) != len(members))
-        return self._kind
+    @functools.cached_property
+    def _kind_and_optional(self) -> tuple[type, bool]:
+        annotation = self._annotation
+        if annotation is None:
+            annotation = self.owner.__annotations__.get(self.attribute, type(self.default))
+        if isinstance(annotation, str):
+            names = vars(sys.modules[self.owner.__module__])
+            annotation = eval(annotation, dict(names))  # the author's own annotation
+        is_union = isinstance(annotation, types.UnionType) or typing.get_origin(annotation) is typing.Union
+        members = typing.get_args(annotation) if is_union else (annotation,)
+        plain = [member for member in members if member is not type(None)]
+        if len(plain) != 1 or not isinstance(plain[0], type):
+            where = f"{self.owner.__name__}.{self.attribute}"
+            raise TypeError(f"property {where}: annotate it with one type, or `type | None`")
+        return plain[0], len(plain) != len(members)
 
     @property
     def choices(self) -> tuple[str, ...]:

@@ -108,24 +108,18 @@ class Sink(Element):
         return True
 
     def _render_in_time(self, frame: Frame, running_time_ns: int) -> None:
-        if not self._is_throttled(running_time_ns) and self._wait_for_time(frame, running_time_ns):
+        if self.throttle_time:
+            if running_time_ns < self._next_ns:
+                self.count_drop("throttled")
+                return
+            self._next_ns = running_time_ns + self.throttle_time
+        if not self.sync or self._wait_for_time(frame, running_time_ns):
             self.position_ns = frame.pts
             self._last_end_ns = running_time_ns + (frame.duration or 0)
             self.render(frame)
 
-    def _is_throttled(self, running_time_ns: int) -> bool:
-        if not self.throttle_time:
-            return False
-        if running_time_ns < self._next_ns:
-            self.count_drop("throttled")
-            return True
-        self._next_ns = running_time_ns + self.throttle_time
-        return False
-
     def _wait_for_time(self, frame: Frame, running_time_ns: int) -> bool:
         """Waits until a frame is due, across pauses; False if it is too late."""
-        if not self.sync:
-            return True
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
         began_ns = time.perf_counter_ns()
         with self.waiting():
@@ -134,10 +128,8 @@ class Sink(Element):
                     raise Flushing(self.name)
                 self._hold(frame)
         self.waited_ns += time.perf_counter_ns() - began_ns
-        if self.max_lateness < 0:
-            return True
         late_ns = self.clock_ns() - self.timing.due_ns(due_ns)
-        if late_ns <= self.max_lateness:
+        if self.max_lateness < 0 or late_ns <= self.max_lateness:
             return True
         self.count_drop("too late")
         if self.qos:
@@ -189,12 +181,9 @@ class Sink(Element):
             with self.calling("drain"):
                 self.drain()
             pad.is_eos = True
-            self._report_end()
+            if self.host is not None:
+                self.host.sink_ended(self)
+            else:
+                self.post(Message(MessageKind.EOS, self.name))
         else:
             pad.is_eos = True
-
-    def _report_end(self) -> None:
-        if self.host is not None:
-            self.host.sink_ended(self)
-        else:
-            self.post(Message(MessageKind.EOS, self.name))

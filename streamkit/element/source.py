@@ -47,7 +47,6 @@ class Source(Element):
     def begin_run(self) -> None:
         """Resets the state of an earlier run."""
         self._finishing = self._renegotiates = False
-        self._needs_check = False  # pause, end or renegotiation before the next frame
         self.over.clear()
         self._resumed.set()
         self._flush_over.set()
@@ -87,11 +86,10 @@ class Source(Element):
             self._resumed.clear()
         else:
             self._resumed.set()
-        self._needs_check = paused or self._finishing
 
     def finish(self) -> None:
         """Ends the stream with EOS after the current frame; cancels a wait for the next one."""
-        self._finishing = self._needs_check = True
+        self._finishing = True
         self.over.set()
         self._resumed.set()
         self.waking.set()
@@ -103,12 +101,11 @@ class Source(Element):
 
     def renegotiate(self) -> None:
         """Renegotiates caps with downstream before the next frame."""
-        self._renegotiates = self._needs_check = True
+        self._renegotiates = True
 
     def halt(self) -> None:
         """Ends streaming before the next frame because the pipeline stops."""
         super().halt()
-        self._needs_check = True
         self.over.set()
         self._resumed.set()
         self._flush_over.set()
@@ -147,20 +144,19 @@ class Source(Element):
             pad.caps = caps
 
     def _push_all(self) -> None:
-        if self._needs_check and self._must_end():  # a live source starts only when the pipeline plays
+        if self._must_end():  # a live source starts only when the pipeline plays
             return
-        frames = self.frames()
-        pad = next(self.src_pads(), None)  # None: the stream brings the pads
+        frames = iter(self.frames())
+        main = next(self.src_pads(), None)  # None: the stream brings the pads
         try:
-            while True:
+            while not self._must_end():
                 try:
-                    while True:
-                        self.at_work[0] = AT_WORK
-                        frame = self._advance(frames, pad)
-                        self.at_work[0] = IDLE
-                        if frame is None:
-                            return
-                        (pad or self.src_pad).push(frame)
+                    self.at_work[0] = AT_WORK
+                    item = next(frames, None)
+                    self.at_work[0] = IDLE
+                    if item is None:
+                        return
+                    self._push(item, main)
                 except Flushing:
                     self._wait_for_flush_end()
         finally:
@@ -169,6 +165,21 @@ class Source(Element):
             if close is not None:
                 close()
 
+    def _push(self, item: Frame | tuple[str, Frame] | Event, main: Pad | None) -> None:
+        """Pushes a frame through its pad, or sends an event through all pads."""
+        if self.is_live and not self._resumed.is_set():
+            self.count_drop("paused")  # stale by the time the pipeline resumes
+        elif isinstance(item, Frame):
+            pad = main or self.src_pad
+            pad.push(self._prepared(pad, item))
+        elif isinstance(item, tuple):
+            pad = self.pads[item[0]]
+            if pad is main or pad.peer is not None:
+                pad.push(self._prepared(pad, item[1]))
+        else:
+            for pad in list(self.src_pads()):
+                pad.send_event(item)
+
     def _wait_for_flush_end(self) -> None:
         """Waits until a flush ends; the frame that met the flush is lost."""
         if self.stopping.is_set():
@@ -176,29 +187,6 @@ class Source(Element):
         self.count_drop("flushed")
         while not self._flush_over.wait(POLL_S) and not self.stopping.is_set():
             continue
-
-    def _advance(self, frames: Iterator[Frame | tuple[str, Frame] | Event], main: Pad | None) -> Frame | None:
-        """The next frame for the first src pad, `main`, or None at the end; pushes frames for other pads."""
-        if self._needs_check and self._must_end():
-            return None
-        for item in frames:
-            if self._needs_check and self.is_live and not self._resumed.is_set():
-                self.count_drop("paused")  # stale by the time the pipeline resumes
-                if self._must_end():
-                    break
-                continue
-            if isinstance(item, Frame):
-                return self._prepared(main or self.src_pad, item)
-            if not isinstance(item, tuple):
-                for pad in list(self.src_pads()):
-                    pad.send_event(item)
-                continue
-            pad = self.pads[item[0]]
-            if pad is main:
-                return self._prepared(pad, item[1])
-            if pad.peer is not None:
-                pad.push(self._prepared(pad, item[1]))
-        return None
 
     def _prepared(self, pad: Pad, frame: Frame) -> Frame:
         """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""
@@ -237,7 +225,6 @@ class Source(Element):
         if self._renegotiates:
             self._renegotiates = False
             self._renegotiate()
-        self._needs_check = self._finishing
         return self._finishing
 
     def _renegotiate(self) -> None:

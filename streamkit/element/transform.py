@@ -79,10 +79,9 @@ class Transform(Element):
 
     def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         """Handles an event; an element that overrides `receive_event` forwards events itself."""
-        if type(self).receive_event is not Transform.receive_event:
-            self.receive_event(pad, event)
-            return None
-        return self._take_event(event)
+        if type(self).receive_event is Transform.receive_event:
+            return self._take_event(event)
+        return super().pass_event(pad, event)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Negotiates on caps, drains on EOS, forwards everything in order."""

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
+from streamkit.flow.metadata import Registration, Track, Tracks
+
 if TYPE_CHECKING:
     from streamkit.flow.caps import Caps
-    from streamkit.flow.metadata import Registration, Track
 
 Item = TypeVar("Item")
 NO_METADATA: Mapping[type, object] = MappingProxyType({})
@@ -85,16 +86,12 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
     @property
     def tracks(self) -> tuple[Track, ...]:
         """The targets, in order of their ids; empty without a tracker."""
-        from streamkit.flow.metadata import Tracks
-
         found = self.get(Tracks)
         return () if found is None else found.tracks
 
     @property
     def registration(self) -> Registration | None:
         """Its registration; None without a stitcher."""
-        from streamkit.flow.metadata import Registration
-
         return self.get(Registration)
 
     def attach(self, *items: object) -> Frame:

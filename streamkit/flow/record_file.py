@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from streamkit.errors import StreamError
 from streamkit.flow.record import TargetRecord, TrackRecord, decode_record
@@ -92,15 +95,10 @@ def read_tracks(path: str | Path) -> NDArray[Any]:
     return np.array(rows, list(COLUMNS.items()))
 
 
-# In the order of COLUMNS.
 def _row(run: int, record: TrackRecord, target: TargetRecord) -> tuple[object, ...]:
-    geo, nan = target.geo, float("nan")
-    ground = (
-        (nan, nan, nan) if geo is None else (geo.lat, geo.lon, nan if geo.error_m is None else geo.error_m)
-    )
-    speed = (nan if target.vx is None else target.vx, nan if target.vy is None else target.vy)
-    pts_ns = NO_TIME if record.pts_ns is None else record.pts_ns
-    return (
-        run, record.epoch, record.seq, pts_ns, target.id, target.state.value, target.x, target.y,
-        target.length, target.width, target.angle, *speed, target.score, target.age_ns, *ground,
-    )  # fmt: skip
+    found: dict[str, object] = {"run": run}
+    for part in (record, target, target.geo):
+        found |= {} if part is None else msgspec.structs.asdict(part)
+    unknown = {"pts_ns": NO_TIME}
+    values = ((name, found.get(name)) for name in COLUMNS)
+    return tuple(unknown.get(name, math.nan) if value is None else value for name, value in values)
