@@ -77,19 +77,14 @@ class Transform(Element):
         beyond = other.peer_caps() & other.template.caps
         return self.transform_caps(beyond, str(other.template.direction))
 
-    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
-        """Handles an event; an element that overrides `receive_event` forwards events itself."""
-        if type(self).receive_event is Transform.receive_event:
-            return self._take_event(event)
-        return super().pass_event(pad, event)
-
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Negotiates on caps, drains on EOS, forwards everything in order."""
-        onward = self._take_event(event)
+        """Handles an event, and forwards it in order."""
+        onward = Transform.pass_event(self, pad, event)
         if onward is not None:
             onward[0].send_event(onward[1])
 
-    def _take_event(self, event: Event) -> tuple[Pad, Event] | None:
+    @override
+    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         with self.guarded():
             if isinstance(event, CapsEvent):
                 src_caps = self._negotiate(event.caps)
@@ -98,8 +93,8 @@ class Transform(Element):
                 self._drain()
             else:
                 self.event(event)
-        for pad in self.side_pads():
-            pad.send_event(event)
+        for side_pad in self.side_pads():
+            side_pad.send_event(event)
         return self.src_pad, event
 
     def _drain(self) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,7 @@ class RetentionLimits:
         return bool(self.files or self.total_bytes or self.age_s)
 
 
-@dataclass(frozen=True, slots=True)
-class WrittenFile:
+class WrittenFile(msgspec.Struct, frozen=True):
     """A complete file in the ledger."""
 
     name: str
@@ -57,9 +57,9 @@ class Retention:
         self._ledger = ledger if limits.is_limited else None
         self._files: deque[WrittenFile] = deque()
         if self._ledger is not None and self._ledger.is_file():
-            with suppress(ValueError, TypeError):  # a last line that was cut short
-                for line in self._ledger.read_text(encoding="utf-8").splitlines():
-                    self._files.append(WrittenFile(**json.loads(line)))
+            with suppress(msgspec.DecodeError):  # a last line that was cut short
+                for line in self._ledger.read_bytes().splitlines():
+                    self._files.append(msgspec.json.decode(line, type=WrittenFile))
         self._total = sum(file.size for file in self._files)
 
     def add(self, path: Path, now_s: float, companion: Path | None = None) -> None:
@@ -85,7 +85,7 @@ class Retention:
             self._delete(files[0])
             self._total -= files.popleft().size
         if self._ledger is not None:
-            self._ledger.write_text("".join(f"{json.dumps(asdict(file))}\n" for file in files), "utf-8")
+            self._ledger.write_bytes(msgspec.json.Encoder().encode_lines(files))
 
     def _delete(self, file: WrittenFile) -> None:
         path = self._folder / file.name
