@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
-from streamkit.element.entries import PluginEntry
+from streamkit.element.entries import PluginEntry, installed_entries
 from streamkit.errors import PluginBroken
 from streamkit.masking import presentable
 
@@ -31,8 +31,8 @@ SUMMARY = "Streams frames through graphs of elements: drone video in, tracks out
 def installed_commands() -> dict[str, PluginEntry]:
     """All commands by name, the engine's first; the first of a name wins."""
     found = dict(CORE)
-    for entry in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda entry: entry.name):
-        found.setdefault(entry.name, PluginEntry("command", entry.name, entry.value, entry.dist))
+    for entry in installed_entries("command", GROUP):
+        found.setdefault(entry.name, entry)
     return found
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import subprocess
 import sys
 import time
 
 import typer
 
-from streamkit.element.entries import PluginEntry
+from streamkit.element.entries import PluginEntry, installed_entries
 
 GROUP = "streamkit.preparations"
 # One process each: they run in parallel, and failures are isolated.
@@ -25,19 +24,17 @@ def prepare() -> None:
     A plugin names a function without arguments in the entry-point group `streamkit.preparations`.
     Completed preparations are not repeated.
     """
-    entries = [
-        PluginEntry("preparation", entry.name, entry.value, entry.dist)
-        for entry in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda entry: entry.name)
-    ]
     began = time.monotonic()
-    running = [(entry, _begin(entry)) for entry in entries]
+    running = [(entry, _begin(entry)) for entry in installed_entries("preparation", GROUP)]
     failures = 0
     try:
         for entry, process in running:
             stderr = _result(process, entry, began)
             if process.returncode:
                 failures += 1
-                typer.echo(f"error: {_refusal(entry, process.returncode, stderr)}", err=True)
+                reason = stderr.strip().rpartition("\n")[2] or f"it ended with {process.returncode}"
+                text = f"{entry.name} ({entry.target}) cannot be prepared: {reason}; {entry.remedy}"
+                typer.echo(f"error: {text}", err=True)
             else:
                 typer.echo(f"{entry.name} is ready after {time.monotonic() - began:.1f} s")
     finally:
@@ -69,12 +66,3 @@ def _result(process: subprocess.Popen[str], entry: PluginEntry, began: float) ->
     process.kill()
     process.communicate()
     return f"it took more than {LIMIT_S:g} s"
-
-
-def _refusal(entry: PluginEntry, code: int, stderr: str) -> str:
-    """The error of a failed preparation: what, why, and the remedy."""
-    reason = stderr.strip().rpartition("\n")[2] or f"it ended with {code}"
-    return (
-        f"{entry.name} ({entry.target}) cannot be prepared: {reason}; "
-        f"reinstall or update {entry.package}, or tell its author"
-    )

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 from streamkit.cli.crash_report import CrashReport
 from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.service.monitor import Monitor
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
     from streamkit.element.base import Element
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
-    from streamkit.service.monitor import Monitor
 
 POLL_S = 0.2
 EOS_LIMIT_S = 10.0
@@ -63,7 +63,7 @@ class Run:
         self.eos_on_shutdown = eos_on_shutdown
         self.verbose = verbose
         self.quiet = quiet
-        self.monitor = monitor
+        self.monitor = monitor or Monitor(pipeline)
         self.interrupts = 0
         self.abandons_start = False
         self.statistics: RunStatistics | None = None
@@ -108,8 +108,7 @@ class Run:
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
             self._is_watching = True
-            if self.monitor is not None:
-                self.monitor.begin()
+            self.monitor.begin()
             return self._watch()
         except StreamkitError as error:
             if isinstance(error, ElementFailure) and self._is_cancelled(error):
@@ -134,8 +133,7 @@ class Run:
 
     def _stop(self) -> int:
         """Stops the pipeline; returns 1 if a call of an element was abandoned."""
-        if self.monitor is not None:
-            self.monitor.end()
+        self.monitor.end()
         try:
             self.pipeline.stop()
         except StateError as error:
@@ -152,8 +150,7 @@ class Run:
                 self._print_message(message)
             self._print_caps()
             self.display.show()
-            if self.monitor is not None:
-                self.monitor.beat()
+            self.monitor.beat()
             if message is not None:
                 if message.kind is MessageKind.ERROR:
                     return self._fail(message.text, message.error)

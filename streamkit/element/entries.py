@@ -79,7 +79,15 @@ class PluginEntry:
 
     def broken(self, done: str, cause: BaseException) -> PluginBroken:
         """The error for an entry that cannot be loaded or made: where, the cause, the remedy."""
-        return PluginBroken(
-            f"{self.where} cannot be {done}: {type(cause).__name__}: {cause}; "
-            f"reinstall or update {self.package}, or tell its author"
-        )
+        return PluginBroken(f"{self.where} cannot be {done}: {type(cause).__name__}: {cause}; {self.remedy}")
+
+    @property
+    def remedy(self) -> str:
+        """What to do if it does not work."""
+        return f"reinstall or update {self.package}, or tell its author"
+
+
+def installed_entries(kind: str, group: str) -> list[PluginEntry]:
+    """The entries of a group of all installed packages, sorted by name."""
+    found = sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name)
+    return [PluginEntry(kind, entry.name, entry.value, entry.dist) for entry in found]

@@ -76,11 +76,6 @@ class Pad:
         known_caps: cached result of `query_caps`, or None.
     """
 
-    __slots__ = (
-        "awaits_first_frame", "caps", "element", "is_eos", "known_caps", "name", "peer", "push", "segment",
-        "template",
-    )  # fmt: skip
-
     def __init__(self, element: Element, template: PadTemplate, name: str) -> None:
         self.element = element
         self.template = template

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib.metadata
 from collections.abc import Iterator
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.entries import PluginEntry
+from streamkit.element.entries import PluginEntry, installed_entries
 from streamkit.element.gstreamer_names import gstreamer_hint
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
@@ -20,9 +19,9 @@ GROUP = "streamkit.elements"
 def installed_elements() -> dict[str, PluginEntry]:
     """All elements of all installed packages by name; the first of a name wins."""
     found: dict[str, PluginEntry] = {}
-    for entry in importlib.metadata.entry_points(group=GROUP):
-        found.setdefault(entry.name, PluginEntry("element", entry.name, entry.value, entry.dist))
-    return dict(sorted(found.items()))
+    for entry in installed_entries("element", GROUP):
+        found.setdefault(entry.name, entry)
+    return found
 
 
 @functools.cache

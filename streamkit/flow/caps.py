@@ -6,7 +6,7 @@ Source: GStreamer's documentation of GstCaps; results as in GStreamer 1.22.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import lru_cache
 
 from streamkit.errors import CapsTooLarge
@@ -95,7 +95,9 @@ class Caps(Nested):
         """
         if self.is_any or other.is_any or self is other:
             return self & other
-        return _intersections(_zigzag(self.structures, other.structures))
+        pairs = itertools.product(enumerate(self.structures), enumerate(other.structures))
+        ordered = sorted(pairs, key=lambda pair: (pair[0][0] + pair[1][0], pair[1][0]))
+        return _intersections((mine, theirs) for (_, mine), (_, theirs) in ordered)
 
     def can_intersect(self, other: Caps) -> bool:
         """Whether the intersection is not empty."""
@@ -217,14 +219,6 @@ def _intersections(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
             if work > WORK_LIMIT:
                 raise CapsTooLarge(f"the intersection takes more than {WORK_LIMIT} comparisons")
     return Caps(found)
-
-
-def _zigzag(
-    left: tuple[Structure, ...], right: tuple[Structure, ...]
-) -> Iterator[tuple[Structure, Structure]]:
-    for total in range(len(left) + len(right) - 1):
-        for index in range(max(0, total - len(left) + 1), min(total + 1, len(right))):
-            yield left[total - index], right[index]
 
 
 def read_value(text: str) -> Value:
