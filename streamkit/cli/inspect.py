@@ -54,7 +54,9 @@ def inspect(
 
         text = as_text(facts, set() if everything else inherited(element_class(element)))
         typer.echo(
-            "\n".join(map(fitted, PARAGRAPH_BREAK.sub(" ", text).split("\n"))) if is_terminal() else text
+            "\n".join(map(fitted, PARAGRAPH_BREAK.sub(" ", text).split("\n")))
+            if sys.stdout.isatty()
+            else text
         )
 
 
@@ -74,12 +76,7 @@ def _list_all(*, as_json: bool) -> None:
         summary = (entry.docstring() or entry.target).partition("\n")[0]
         package = "" if entry.package == "streamkit" else f"  ({entry.package} {entry.version})"
         line = f"{entry.name:<{width}}  {summary}{package}"
-        typer.echo(fitted(line, width + 2) if is_terminal() else line)
-
-
-def is_terminal() -> bool:
-    """Whether people read the output, in a window of some width."""
-    return sys.stdout.isatty()
+        typer.echo(fitted(line, width + 2) if sys.stdout.isatty() else line)
 
 
 def fitted(line: str, indent: int | None = None) -> str:

@@ -100,7 +100,6 @@ class Element(PadOwner):
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
         self.is_playing = self.is_waiting = False
         self.set_in_text: dict[str, Any] = {}
-        self.make_always_pads()
         for key, value in properties.items():
             self.set_property(key, value)
 

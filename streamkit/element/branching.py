@@ -86,13 +86,11 @@ class Combine(Element):
 
     def push_output(self, frame: Frame, pad: Pad | None = None) -> None:
         """Sends a frame of an input, after the events that precede it."""
-        src = self.src_pad
-        if frame.caps is not src.caps or (pad is not None and pad is not self._last_input):
-            self._send_caps_and_segment(frame.caps, pad)
-        src.push(frame)
+        self._send_caps_and_segment(frame.caps, pad)
+        self.src_pad.push(frame)
 
     def _send_caps_and_segment(self, caps: Caps | None, pad: Pad | None) -> None:
-        """Sends caps, and the segment if the input has changed."""
+        """Sends caps if they are new, and the segment if the input has changed."""
         src = self.src_pad
         if caps is not None and caps is not src.caps:
             src.check_accepted(caps)

@@ -232,14 +232,12 @@ class PadOwner:
         cls.pad_templates = {template.name: template for template in (*found, *cls.templates)}
 
     def __init__(self) -> None:
-        self.pads: dict[str, Pad] = {}
+        self.pads: dict[str, Pad] = {
+            template.name: Pad(cast("Element", self), template, template.name)
+            for template in self.pad_templates.values()
+            if template.presence is Presence.ALWAYS
+        }
         self._next_numbers: dict[str, int] = {}
-
-    def make_always_pads(self) -> None:
-        """Makes the pads that exist from the beginning."""
-        for template in self.pad_templates.values():
-            if template.presence is Presence.ALWAYS:
-                self.pads[template.name] = Pad(cast("Element", self), template, template.name)
 
     def sink_pads(self) -> Iterator[Pad]:
         """The sink pads."""

@@ -10,7 +10,7 @@ import os
 import sys
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any, Generic, TypeVar, cast, overload
 
@@ -246,14 +246,21 @@ class SettingsOf(Generic[T]):
         return found
 
 
+def _fields(kind: Any) -> Iterator[tuple[str, Traits | None, Any]]:
+    """Name, traits and default of each field of a settings dataclass."""
+    for field in dataclasses.fields(kind):
+        factory = field.default_factory
+        default = field.default if factory is dataclasses.MISSING else factory()
+        yield field.name, traits_of(field), default
+
+
 def _declarations(kind: Any) -> dict[str, PropertyDeclaration]:
     """The properties that a settings dataclass and those nested in it declare."""
     found: dict[str, PropertyDeclaration] = {}
     kinds = typing.get_type_hints(kind)
-    for field in dataclasses.fields(kind):
-        traits, default = traits_of(field), _default(field)
+    for name, traits, default in _fields(kind):
         if traits is not None:
-            found[field.name] = PropertyDeclaration(default, "", traits, kinds[field.name])
+            found[name] = PropertyDeclaration(default, "", traits, kinds[name])
         elif dataclasses.is_dataclass(default):
             found.update(_declarations(type(default)))
     return found
@@ -262,19 +269,12 @@ def _declarations(kind: Any) -> dict[str, PropertyDeclaration]:
 def _snapshot(kind: Any, values: dict[str, Any]) -> Any:
     """An instance of a settings dataclass with the values of an element."""
     given = {}
-    for field in dataclasses.fields(kind):
-        default = _default(field)
-        if traits_of(field) is not None:
-            given[field.name] = values[field.name]
+    for name, traits, default in _fields(kind):
+        if traits is not None:
+            given[name] = values[name]
         elif dataclasses.is_dataclass(default):
-            given[field.name] = _snapshot(type(default), values)
+            given[name] = _snapshot(type(default), values)
     return kind(**given)
-
-
-def _default(field: dataclasses.Field[Any]) -> Any:
-    if field.default_factory is not dataclasses.MISSING:
-        return field.default_factory()
-    return field.default
 
 
 def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:

@@ -6,7 +6,6 @@ Source: GStreamer's documentation of value deserialisation, and what GStreamer 1
 from __future__ import annotations
 
 import enum
-import re
 from fractions import Fraction
 from typing import Any
 
@@ -19,6 +18,7 @@ from streamkit.flow.caps_text import (
     read_integer,
     read_width,
 )
+from streamkit.flow.caps_text import unquote_string as unquote_string  # noqa: PLC0414  exported
 
 INT, UINT, INT64, UINT64 = 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1  # maxima of C's types
 # Bits, and whether it is signed, of the C type whose maximum a property has.
@@ -26,8 +26,6 @@ WIDTHS: dict[Any, tuple[int, bool]] = {
     INT: (32, True), UINT: (32, False), INT64: (64, True), UINT64: (64, False),
 }  # fmt: skip
 BLANKS = " \t\n\r\f\v"  # C's functions skip them in front of a number
-ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
-UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
 
 
 class Choice(enum.StrEnum):
@@ -84,34 +82,6 @@ def value_from_text(kind: type, text: str, *, minimum: Any = None, maximum: Any 
     if issubclass(kind, enum.Enum):
         return _choice(kind, text)
     raise ValueError(f"values of type {kind.__name__} cannot be written in a description")
-
-
-def unquote_string(text: str) -> str:
-    """Removes a pair of double quotes around a string and resolves the escapes inside.
-
-    Raises:
-        ValueError: an inner quote is not escaped, an escape is invalid, or the bytes are not UTF-8.
-    """
-    if not (text.startswith('"') and text.endswith('"')):
-        return text
-    inner = text[1:-1]
-    if len(text) < 2 or UNESCAPED_QUOTE.match(inner):
-        raise ValueError("its quotes must be closed, and quotes inside them escaped")
-    if "\\" not in inner:
-        return inner
-    try:
-        return ESCAPE.sub(_resolved, inner.encode()).decode()
-    except UnicodeDecodeError:
-        raise ValueError("its octal escapes must make UTF-8") from None
-
-
-def _resolved(escape: re.Match[bytes]) -> bytes:
-    mark = escape[1]
-    if len(mark) == 3:
-        return bytes((int(mark, 8),))
-    if mark in (b"0", b"1", b"2", b"3"):
-        raise ValueError(r"an octal escape has three digits, \000 to \377")
-    return mark
 
 
 def _demand(value: Any, rule: str) -> Any:

@@ -43,7 +43,8 @@ DATE_TIME = (
     r"(?:Z|[+-][01][0-9](?::?[0-5][0-9])?)?)?)?)?"
 )
 BYTES = r'""|((?:[0-9A-Fa-f]{2})*)'
-ESCAPE = rb"(?s)\\([0-3][0-7]{2}|[^0-3])"
+ESCAPE = re.compile(rb"\\([0-3][0-7]{2}|.)", re.DOTALL)
+UNESCAPED_QUOTE = re.compile(r'(?:[^"\\]|\\.)*(?:"|\\$)', re.DOTALL)
 FRACTION_WORDS = {"max": FRACTION_MAX, "min": -FRACTION_MAX, "1/max": Fraction(1, INT_MAX)}
 FLOAT_MAX = sys.float_info.max
 FLOAT32_MAX = 3.4028234663852886e38
@@ -117,28 +118,43 @@ def read_boolean(text: str) -> bool | None:
     return True if word in ("true", "yes", "t", "1") else False if word in ("false", "no", "f", "0") else None
 
 
+def unquote_string(text: str) -> str:
+    r"""A text in double quotes without them, where `\c` is c and `\ooo` a byte of UTF-8; others as they are.
+
+    Raises:
+        ValueError: an inner quote is not escaped, an escape is invalid, or the bytes are not UTF-8.
+    """
+    if not (text.startswith('"') and text.endswith('"')):
+        return text
+    inner = text[1:-1]
+    if len(text) < 2 or UNESCAPED_QUOTE.match(inner):
+        raise ValueError("its quotes must be closed, and quotes inside them escaped")
+    if "\\" not in inner:
+        return inner
+    try:
+        return ESCAPE.sub(_unescaped, inner.encode()).decode()
+    except UnicodeError:
+        raise ValueError("its octal escapes must make UTF-8") from None
+
+
+def _unescaped(escape: re.Match[bytes]) -> bytes:
+    mark = escape[1]
+    if len(mark) == 3:
+        return bytes((int(mark, 8),))
+    if mark in (b"0", b"1", b"2", b"3"):
+        raise ValueError(r"an octal escape has three digits, \000 to \377")
+    return mark
+
+
 def read_string(text: str) -> str | None:
-    r"""A string: in quotes `\c` is c and `\ooo` a byte of UTF-8; None if invalid."""
+    """A string of characters that UTF-8 has, without NUL, or None."""
     if text == "NULL":
         return NullText(text)
-    if text[:1] != '"' or text[-1:] != '"':
-        return text if _is_text(text) else None
-    inner = text[1:-1]
-    if "\\" not in inner:
-        return inner if len(text) > 1 and '"' not in inner and _is_text(inner) else None
-    raw = inner.encode("utf-8", "surrogatepass")
-    plain = re.sub(ESCAPE, b"", raw)
-    if b"\\" in plain or b'"' in plain:
-        return None
-    raw = re.sub(ESCAPE, lambda m: bytes((int(m[1], 8),)) if len(m[1]) == 3 else m[1], raw)
     try:
-        return raw.decode() if b"\0" not in raw else None
-    except UnicodeDecodeError:
+        found = unquote_string(text)
+        return None if b"\0" in found.encode() else found
+    except ValueError:
         return None
-
-
-def _is_text(text: str) -> bool:
-    return (text.isascii() or not any("\ud800" <= mark <= "\udfff" for mark in text)) and "\0" not in text
 
 
 def _integers(number: type[int], bits: int, *, signed: bool) -> Callable[[str], Value | None]:

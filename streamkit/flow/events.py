@@ -31,7 +31,7 @@ class Segment:
         """Whether a frame overlaps the segment."""
         if self.stop_ns is not None and pts_ns >= self.stop_ns:
             return False
-        return pts_ns >= self.start_ns or (bool(duration_ns) and pts_ns + (duration_ns or 0) > self.start_ns)
+        return pts_ns >= self.start_ns or pts_ns + (duration_ns or 0) > self.start_ns
 
 
 OPEN_SEGMENT = Segment()
