@@ -135,6 +135,8 @@ def launch(
 
             source = choose_processes(source, pipeline)
             pipeline = build(source, as_json=as_json)
+            gc.collect()  # the pipeline that was measured
+    gc.freeze()  # what the imports have made is not searched again while the elements start
     if pipeline.graph.processes:
         share_cores(len(pipeline.graph.processes) + 1)
     pipeline.watchdog_s = watchdog_s
