@@ -181,24 +181,24 @@ class PoseSync(Combine):
             counts = {name: count + counts[name] for name, count in self._file.reader.counts().items()}
             described = f"in the file {self._file.reader.describe()}"
         self.post_message("telemetry", **self._counts, **counts, largest_gap_ns=self._largest_gap_ns)
-        if self._lacks_stream and not any(counts.values()):
-            return
+        paired, frames = self._counts["paired"], self._counts["frames"]
         if not any(counts.values()):
+            if not self._lacks_stream:
+                self.post_warning(
+                    "no frame has got a pose: no telemetry came; link the source's klv or subtitle to "
+                    f"{self.name}.telemetry, or set location=FILE; `streamkit doctor` says what a video has",
+                    "shortfall",
+                )
+        elif not paired:
             self.post_warning(
-                "no frame has got a pose: no telemetry came; link the source's klv or subtitle to "
-                f"{self.name}.telemetry, or set location=FILE; `streamkit doctor` says what a video has",
+                f"no frame of {frames} has got a pose: {described}; check that the telemetry is of this "
+                "flight and its times fit (offset-s=)",
                 "shortfall",
             )
-        elif not self._counts["paired"]:
+        elif paired < COVERED_SHARE * frames:
             self.post_warning(
-                f"no frame of {self._counts['frames']} has got a pose: {described}; check "
-                "that the telemetry is of this flight and its times fit (offset-s=)",
-                "shortfall",
-            )
-        elif self._counts["paired"] < COVERED_SHARE * self._counts["frames"]:
-            self.post_warning(
-                f"only {self._counts['paired']} of {self._counts['frames']} frames have got a pose: the "
-                f"telemetry does not cover the others; {described}",
+                f"only {paired} of {frames} frames have got a pose: the telemetry does not cover the "
+                f"others; {described}",
                 "shortfall",
             )
 
@@ -232,15 +232,7 @@ class PoseSync(Combine):
         sample, gap_ns, is_stale = found
         self._counts["stale" if is_stale else "paired"] += 1
         self._largest_gap_ns = max(self._largest_gap_ns, abs(gap_ns))
-        pose = Pose(
-            *sample.pose,
-            gap_ns,
-            is_stale,
-            frame_centre=sample.frame_centre,
-            corners=sample.corners,
-            ground_altitude=sample.ground_altitude,
-        )
-        frame = frame.attach(pose, sample)
+        frame = frame.attach(Pose(**sample.pose, gap_ns=gap_ns, is_stale=is_stale), sample)
         if is_stale or sample.utc_ns is None or (frame.capture and frame.capture.origin == "rtcp"):
             return frame
         return frame.replace(capture=Capture(sample.utc_ns, "misb"))

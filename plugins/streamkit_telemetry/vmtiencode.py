@@ -15,7 +15,6 @@ from streamkit_telemetry.st0601writer import (
     local_set_packet,
 )
 from streamkit_telemetry.vmti import VMTI_TAG, DetectionStatus, VmtiTarget, encode_vmti
-from streamkit_telemetry_formats.sample import Sample
 
 KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
 STATUSES = {
@@ -61,16 +60,15 @@ class VmtiEncode(Transform):
         else:
             now_us = utc_us = frame.capture.utc_ns // 1000
         now_us = min(max(now_us, 0), LATEST_US)
-        width, height = frame.caps.get("width"), frame.caps.get("height")
-        assert isinstance(width, int)
-        assert isinstance(height, int)
+        size = frame.caps.integer("width"), frame.caps.integer("height")
         targets = [target_of(track, utc_us) for track in tracks.tracks if track.state in STATUSES]
         detected = sum(track.state is not TrackState.LOST for track in tracks.tracks)
+        pose = frame.get(Pose)
         elements = [
             encode_time(now_us),
-            encode_pose(sample) if (sample := sample_of(frame)) is not None else b"",
+            encode_pose(pose) if pose is not None and not pose.is_stale else b"",
             encode_version(),
-            element(VMTI_TAG, encode_vmti(targets, detected, (width, height), self.system_name)),
+            element(VMTI_TAG, encode_vmti(targets, detected, size, self.system_name)),
         ]
         data = local_set_packet(b"".join(elements))
         return frame.replace(data=data, caps=self._caps, flags=0, metadata={})
@@ -96,17 +94,3 @@ def target_of(track: Track, utc_us: int | None) -> VmtiTarget:
         None if utc_us is None else max(0, utc_us - track.age_ns // 1000),
         utc_us if is_seen else None,
     )
-
-
-def sample_of(frame: Frame) -> Sample | None:
-    """The pose of a frame, with what its telemetry says of the ground; None without one or a stale one."""
-    pose, found = frame.get(Pose), frame.get(Sample)
-    if pose is None or pose.is_stale:
-        return None
-    return Sample(
-        0, pose.latitude, pose.longitude, pose.altitude, pose.heading, pose.pitch, pose.roll,
-        pose.sensor_angles, pose.field_of_view,
-        frame_centre=None if found is None else found.frame_centre,
-        corners=() if found is None else found.corners,
-        source=pose.source,
-    )  # fmt: skip

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,11 @@ NO_FIX = re.compile(
 )
 ABOVE_TAKE_OFF, ABOVE_SEA, UNKNOWN_HEIGHT = "dji above take-off", "dji above sea level", "dji"
 ABOVE_GROUND = "dji above ground"
+# Fields with a height, the first there is counts; "height" stands for what HEIGHT finds.
+HEIGHTS = (
+    ("abs_alt", ABOVE_SEA), ("rel_alt", ABOVE_TAKE_OFF), ("altitude", UNKNOWN_HEIGHT),
+    ("height", ABOVE_TAKE_OFF), ("hb", ABOVE_TAKE_OFF), ("hs", ABOVE_GROUND),
+)  # fmt: skip
 WIDEST = math.radians(170)
 Attitude = tuple[float, float, float]
 
@@ -49,12 +55,12 @@ class DjiTelemetry:
 
     Attributes:
         subtitles: seen.
-        without_position: of them, those without a position.
+        poses: of them, those that gave a sample.
     """
 
     def __init__(self) -> None:
         self.subtitles = 0
-        self.without_position = 0
+        self.poses = 0
         self._unreadable = 0
         self._reader = SubtitleReader()
         self._clock = AircraftClock()
@@ -63,11 +69,6 @@ class DjiTelemetry:
     def broken(self) -> int:
         """Subtitles whose times or position cannot be read."""
         return self._unreadable + self._reader.broken
-
-    @property
-    def poses(self) -> int:
-        """Subtitles that gave a sample."""
-        return self.subtitles - self.without_position - self._unreadable
 
     def read(self, lines: Iterable[str]) -> Iterator[Sample]:
         """The samples of a file's lines; subtitles without a position are skipped."""
@@ -83,10 +84,10 @@ class DjiTelemetry:
         """The sample of one subtitle; None without a valid position."""
         self.subtitles += 1
         sample = sample_of(text, pts)
-        if sample is None and POSITION.search(text) and not NO_FIX.search(text):
+        if sample is not None:
+            self.poses += 1
+        elif POSITION.search(text) and not NO_FIX.search(text):
             self._unreadable += 1
-        elif sample is None:
-            self.without_position += 1
         return sample
 
 
@@ -94,28 +95,34 @@ def sample_of(text: str, pts: int) -> Sample | None:
     """The sample of one subtitle's text, shown first at `pts` ns; None without a valid position."""
     fields = {name.lower(): float(value) for name, value in FIELD.findall(text)}
     place = _place(text, fields)
-    if place is None or not _is_on_earth(*place):
+    if place is None:
         return None
     altitude, source = _altitude(text, fields)
     for body, *angles in ANGLES.findall(text):
         fields |= {f"{body}{axis}": float(angle) for axis, angle in zip("PRY", angles, strict=True)}
     flight = attitude(fields, "FP", "FR", "FY")
     gimbal = attitude(fields, "GP", "GR", "GY") or attitude(fields, "gb_pitch", "gb_roll", "gb_yaw")
+    # The ground is taken to be as high as the take-off.
+    is_above_ground = source in (ABOVE_TAKE_OFF, ABOVE_GROUND)
     return Sample(
         pts,
         *place,
         altitude=altitude,
-        heading=wrap_bearing(flight[2]) if flight is not None else None,
-        pitch=flight[0] if flight is not None else None,
-        roll=flight[1] if flight is not None else None,
-        sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
+        **orientation(flight, gimbal),
         field_of_view=_field_of_view(text),
         source=source,
-        # The ground is taken to be as high as the take-off.
-        ground_altitude=0.0
-        if source in (ABOVE_TAKE_OFF, ABOVE_GROUND)
-        else take_off_altitude(fields, "abs_alt", "rel_alt"),
+        ground_altitude=0.0 if is_above_ground else take_off_altitude(fields, "abs_alt", "rel_alt"),
     )
+
+
+def orientation(flight: Attitude | None, gimbal: Attitude | None) -> dict[str, Any]:
+    """The fields of a sample for the attitudes of aircraft and gimbal, as far as they are known."""
+    found: dict[str, Any] = {}
+    if flight is not None:
+        found = {"heading": wrap_bearing(flight[2]), "pitch": flight[0], "roll": flight[1]}
+    if gimbal is not None:
+        found["sensor_angles"] = relative_angles(flight or (0.0, 0.0, 0.0), gimbal)
+    return found
 
 
 def _field_of_view(text: str) -> tuple[float, float] | None:
@@ -165,33 +172,28 @@ def rotation(pitch: float, roll: float, yaw: float) -> NDArray[np.float64]:
 def _place(text: str, fields: dict[str, float]) -> tuple[float, float] | None:
     longitude = fields.get("longitude", fields.get("longtitude"))  # as several models spell it
     if "latitude" in fields and longitude is not None:
-        return fields["latitude"], longitude
+        return on_earth(fields["latitude"], longitude)
     found = GPS.search(text)
     if found is None:
         return None
     first, second = float(found[1]), float(found[2])
     # The models that give an altitude in metres as third number have the latitude first.
-    return (first, second) if found[4] else (second, first)
+    return on_earth(first, second) if found[4] else on_earth(second, first)
 
 
-def _is_on_earth(latitude: float, longitude: float) -> bool:
-    """Whether there is a fix: without one the aircraft writes zeros."""
-    return abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude, longitude) != (0.0, 0.0)
+def on_earth(latitude: float | None, longitude: float | None) -> tuple[float, float] | None:
+    """A position, deg; None where there is none, or no fix: without one the aircraft writes zeros."""
+    if latitude is None or longitude is None or (latitude, longitude) == (0.0, 0.0):
+        return None
+    return (latitude, longitude) if abs(latitude) <= 90 and abs(longitude) <= 180 else None
 
 
 def _altitude(text: str, fields: dict[str, float]) -> tuple[float | None, str]:
-    if "abs_alt" in fields:
-        return fields["abs_alt"], ABOVE_SEA
-    if "rel_alt" in fields:
-        return fields["rel_alt"], ABOVE_TAKE_OFF
-    if "altitude" in fields:
-        return fields["altitude"], UNKNOWN_HEIGHT
-    height = HEIGHT.search(text)
-    if height is not None:
-        return float(height[1]), ABOVE_TAKE_OFF
-    if "hb" in fields:
-        return fields["hb"], ABOVE_TAKE_OFF
-    return fields.get("hs"), ABOVE_GROUND if "hs" in fields else UNKNOWN_HEIGHT
+    if (height := HEIGHT.search(text)) is not None:
+        fields = {"height": float(height[1]), **fields}
+    return next(
+        ((fields[name], source) for name, source in HEIGHTS if name in fields), (None, UNKNOWN_HEIGHT)
+    )
 
 
 def attitude(fields: Mapping[str, float], pitch: str, roll: str, yaw: str) -> Attitude | None:

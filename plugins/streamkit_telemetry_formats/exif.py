@@ -63,18 +63,20 @@ def read_exif(tiff: bytes) -> ExifData:
     if order is None or len(tiff) < 8 or struct.unpack_from(f"{order}H", tiff, 2)[0] != _MAGIC:
         return ExifData()
     first = _directory(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
-    camera = _directory(tiff, order, _offset(first.get(_EXIF_DIRECTORY)))
-    gps = _directory(tiff, order, _offset(first.get(_GPS_DIRECTORY)))
+    camera, gps = (
+        _directory(tiff, order, int(_number(first, tag) or 0)) for tag in (_EXIF_DIRECTORY, _GPS_DIRECTORY)
+    )
     latitude, longitude = _degrees(gps, _LATITUDE, "S", 90), _degrees(gps, _LONGITUDE, "W", 180)
     fix = None if latitude is None or longitude is None else (latitude, longitude)
-    direction = _number(gps.get(_DIRECTION))
+    direction, altitude = _number(gps, _DIRECTION), _number(gps, _ALTITUDE)
     is_true = str(gps.get(_DIRECTION_NORTH, "T")).startswith("T")
+    is_below = altitude is not None and _number(gps, _ALTITUDE_SIDE) == 1
     return ExifData(
         position=None if fix == (0.0, 0.0) else fix,
-        altitude=_altitude(gps),
+        altitude=-altitude if is_below and altitude else altitude,
         direction=None if direction is None or not is_true else wrap_bearing(math.radians(direction)),
         utc_ns=_utc_ns(gps),
-        focal_35mm=_number(camera.get(_FOCAL_35MM)) or None,
+        focal_35mm=_number(camera, _FOCAL_35MM) or None,
         field_of_view=_field_of_view(camera),
         model=str(first.get(_MODEL, "")),
     )
@@ -83,8 +85,8 @@ def read_exif(tiff: bytes) -> ExifData:
 def _field_of_view(camera: dict[int, Value]) -> float | None:
     """Horizontal field of view, rad, by the focal length and the pixels of the sensor; None if unknown."""
     tags = _FOCAL_LENGTH, _PIXELS_ACROSS, _SENSOR_PER_UNIT
-    focal_mm, pixels, per_unit = (_number(camera.get(tag)) or 0.0 for tag in tags)
-    unit_mm = _SENSOR_UNITS_MM.get(int(_number(camera.get(_SENSOR_UNIT)) or 2), 0.0)
+    focal_mm, pixels, per_unit = (_number(camera, tag) or 0.0 for tag in tags)
+    unit_mm = _SENSOR_UNITS_MM.get(int(_number(camera, _SENSOR_UNIT) or 2), 0.0)
     if not min(focal_mm, pixels, per_unit, unit_mm) > 0:
         return None
     return 2 * math.atan(pixels / per_unit * unit_mm / (2 * focal_mm))
@@ -125,11 +127,8 @@ def _value(tiff: bytes, order: str, kind: int, count: int, place: int) -> Value 
     return tuple(above / below if below else math.nan for above, below in pairs)
 
 
-def _offset(value: Value | None) -> int:
-    return int(_number(value) or 0)
-
-
-def _number(value: Value | None) -> float | None:
+def _number(entries: dict[int, Value], tag: int) -> float | None:
+    value = entries.get(tag)
     return value[0] if isinstance(value, tuple) and math.isfinite(value[0]) else None
 
 
@@ -142,12 +141,6 @@ def _degrees(gps: dict[int, Value], tag: int, negative: str, most: float) -> flo
     if not 0 <= degrees <= most:
         return None
     return -degrees if str(gps.get(tag - 1, "")).upper().startswith(negative) else degrees
-
-
-def _altitude(gps: dict[int, Value]) -> float | None:
-    altitude = _number(gps.get(_ALTITUDE))
-    is_below = _number(gps.get(_ALTITUDE_SIDE)) == 1
-    return None if altitude is None else -altitude if is_below else altitude
 
 
 def _utc_ns(gps: dict[int, Value]) -> int | None:

@@ -6,11 +6,15 @@ Source: SMPTE ST 336 (key, BER length, value); MISB ST 0601, "Checksum"; MISB EG
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Key = TypeVar("Key")
 
 KEY_PREFIX = bytes.fromhex("060e2b34")
 KEY_BYTES = 16
@@ -23,10 +27,10 @@ SET_KEY = re.compile(
     re.escape(KEY_PREFIX) + b"(?:" + LOCAL_SET_KEY + b"|" + UNIVERSAL_SET_KEY + b")", re.DOTALL
 )
 # A damaged length must not make the reader wait for a gigabyte.
-LONGEST_VALUE = 1 << 16
+MAX_VALUE_BYTES = 1 << 16
 CHECKSUM_HEAD = b"\x01\x02"
 # The universal set has 29 elements; without a limit a hostile stream makes each search long.
-MOST_UNIVERSAL_ELEMENTS = 64
+MAX_UNIVERSAL_ELEMENTS = 64
 
 
 class BadKlv(ValueError):
@@ -53,31 +57,22 @@ class KlvPacket:
         return self.key[4:6] == UNIVERSAL_SET[4:6]
 
 
+def prefix_sums(data: bytes) -> NDArray[np.int64]:
+    """int64[2, n + 1]: weighted sums of the bytes before each offset, by which any part is checked at once.
+
+    Row 0 counts the bytes at even offsets 256 times, row 1 those at odd offsets, and the others once.
+    """
+    is_odd = np.arange(len(data)) % 2
+    weighted = np.frombuffer(data, np.uint8) * np.where(is_odd == [[0], [1]], 256, 1)
+    return np.pad(np.cumsum(weighted, axis=1), [(0, 0), (1, 0)])
+
+
 def checksum(data: bytes) -> int:
     """The 16-bit sum of a packet from its key to the checksum's own length byte.
 
     Source: MISB ST 0601, "Checksum": bytes at even offsets count 256 times, modulo 65536.
     """
-    return (sum(data[0::2]) * 256 + sum(data[1::2])) & 0xFFFF
-
-
-def second_byte_sums(data: bytes) -> NDArray[np.int64]:
-    """int64[n + 2]: entry i + 2 is the sum of the bytes i, i - 2, i - 4, ... of n bytes.
-
-    From it the checksum of any part takes constant time, however many candidates overlap.
-    """
-    values = np.frombuffer(data, np.uint8)
-    sums = np.zeros(len(values) + 2, np.int64)
-    for parity in (0, 1):
-        np.cumsum(values[parity::2], out=sums[2 + parity :: 2])
-    return sums
-
-
-def checksum_from_sums(sums: NDArray[np.int64], begin: int, end: int) -> int:
-    """The checksum of the bytes from `begin` to before `end`, out of all `second_byte_sums`; end > begin."""
-    last, other = (end + 1, end) if (end - begin) % 2 else (end, end + 1)
-    high, low = sums[last] - sums[begin], sums[other] - sums[begin + 1]
-    return int(high * 256 + low) & 0xFFFF
+    return int(prefix_sums(data)[0, -1]) & 0xFFFF
 
 
 def read_length(data: bytes, at: int) -> tuple[int, int] | None:
@@ -94,9 +89,8 @@ def read_length(data: bytes, at: int) -> tuple[int, int] | None:
     count = first & 0x7F
     if not 1 <= count <= 8:
         raise BadKlv(f"a BER length has one to eight bytes, this one has {count}")
-    if at + 1 + count > len(data):
-        return None
-    return int.from_bytes(data[at + 1 : at + 1 + count], "big"), at + 1 + count
+    end = at + 1 + count
+    return (int.from_bytes(data[at + 1 : end], "big"), end) if end <= len(data) else None
 
 
 def read_tag(data: bytes, at: int) -> tuple[int, int] | None:
@@ -115,20 +109,19 @@ def read_tag(data: bytes, at: int) -> tuple[int, int] | None:
     return None
 
 
+def read_key(data: bytes, at: int) -> tuple[bytes, int] | None:
+    """A key of 16 bytes and the offset of its length; None if there is none."""
+    key = data[at : at + KEY_BYTES]
+    return (key, at + KEY_BYTES) if key.startswith(KEY_PREFIX) else None
+
+
 def elements(value: bytes) -> Iterator[tuple[int, bytes]]:
     """The tags and values of a local set.
 
     Raises:
         BadKlv: an element reaches beyond the set's end.
     """
-    at = 0
-    while at < len(value):
-        tag = read_tag(value, at)
-        length = read_length(value, tag[1]) if tag is not None else None
-        if tag is None or length is None or length[1] + length[0] > len(value):
-            raise BadKlv(f"the element at byte {at} reaches beyond the end of its set")
-        yield tag[0], value[length[1] : length[1] + length[0]]
-        at = length[1] + length[0]
+    return _elements(value, read_tag)
 
 
 def universal_elements(value: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -137,16 +130,23 @@ def universal_elements(value: bytes) -> Iterator[tuple[bytes, bytes]]:
     Raises:
         BadKlv: an element has no key or reaches beyond the set's end, or there are too many.
     """
-    at = count = 0
+    for count, item in enumerate(_elements(value, read_key)):
+        if count == MAX_UNIVERSAL_ELEMENTS:
+            raise BadKlv(f"a universal set has at most {MAX_UNIVERSAL_ELEMENTS} elements")
+        yield item
+
+
+def _elements(
+    value: bytes, read: Callable[[bytes, int], tuple[Key, int] | None]
+) -> Iterator[tuple[Key, bytes]]:
+    at = 0
     while at < len(value):
-        count += 1
-        length = read_length(value, at + KEY_BYTES)
-        is_cut = length is None or length[1] + length[0] > len(value)
-        if is_cut or value[at : at + len(KEY_PREFIX)] != KEY_PREFIX or count > MOST_UNIVERSAL_ELEMENTS:
-            raise BadKlv(f"byte {at} of the universal set is no element, or the one there does not end in it")
-        assert length is not None
-        yield value[at : at + KEY_BYTES], value[length[1] : length[1] + length[0]]
-        at = length[1] + length[0]
+        key = read(value, at)
+        length = read_length(value, key[1]) if key is not None else None
+        if key is None or length is None or sum(length) > len(value):
+            raise BadKlv(f"the element at byte {at} reaches beyond the end of its set, or has no key")
+        at = sum(length)
+        yield key[0], value[length[1] : at]
 
 
 class KlvReader:
@@ -176,17 +176,20 @@ class KlvReader:
         return self._packets(is_end=True)
 
     def _packets(self, is_end: bool) -> list[KlvPacket]:
-        data, found = self._buffer, list[KlvPacket]()
-        candidates = _Candidates(data)
-        at = 0
-        while (begin := candidates.next_key(at)) is not None:
-            self.skipped += begin - at
-            at = begin
-            end = candidates.end_of(at)
-            # Another key inside an incomplete packet: its length is damaged, so do not wait for its end.
-            if end is None and not is_end and candidates.last_key <= at:
-                break
-            packet = None if end is None else candidates.packet(at, end)
+        data, found, at = self._buffer, list[KlvPacket](), 0
+        sums = cache(partial(prefix_sums, data))
+        last_key = max(data.rfind(UAS_LOCAL_SET[:7]), data.rfind(UNIVERSAL_SET[:7]))
+        while (key := SET_KEY.search(data, at)) is not None:
+            self.skipped += key.start() - at
+            at = key.start()
+            try:
+                packet = _read_packet(data, at, sums)
+            except BadKlv:
+                packet = None
+            else:
+                # Another key inside an incomplete packet: its length is damaged, so do not wait for its end.
+                if packet is None and not is_end and last_key <= at:
+                    break
             if packet is not None:
                 self.good += 1
                 found.append(packet)
@@ -205,61 +208,27 @@ class KlvReader:
         return found
 
 
-class _Candidates:
-    """The offsets in a buffer at which a packet may begin; each is checked in constant time.
+def _read_packet(data: bytes, begin: int, sums: Callable[[], NDArray[np.int64]]) -> KlvPacket | None:
+    """The packet that begins with the key at `begin`; None where its end has not come yet.
 
-    Attributes:
-        last_key: position of the last key of a set; -1 if there is none.
+    Raises:
+        BadKlv: its length, form or checksum is wrong.
     """
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._sums: NDArray[np.int64] | None = None
-        self.last_key = max(data.rfind(UAS_LOCAL_SET[:7]), data.rfind(UNIVERSAL_SET[:7]))
-
-    def next_key(self, at: int) -> int | None:
-        """Position of the next key of a set."""
-        found = SET_KEY.search(self._data, at)
-        return None if found is None else found.start()
-
-    def end_of(self, at: int) -> int | None:
-        """End of the packet at `at`: `at` itself if its length is invalid, None if it is incomplete."""
-        try:
-            length = read_length(self._data, at + KEY_BYTES)
-        except BadKlv:
-            return at
-        if length is None:
-            return None
-        if length[0] > LONGEST_VALUE:
-            return at
-        end = length[0] + length[1]
-        return end if end <= len(self._data) else None
-
-    def packet(self, begin: int, end: int) -> KlvPacket | None:
-        """The packet from `begin` to `end`; None if its checksum or form is wrong."""
-        length = read_length(self._data, begin + KEY_BYTES) if end > begin else None
-        if length is None or end == length[1]:
-            return None
-        packet = KlvPacket(
-            self._data[begin : begin + KEY_BYTES], self._data[length[1] : end], self._data[begin:end]
-        )
-        is_good = (
-            self._elements_fit(packet)
-            if packet.is_universal_set
-            else self._checksum_fits(begin, end, length[0])
-        )
-        return packet if is_good else None
-
-    def _checksum_fits(self, begin: int, end: int, size: int) -> bool:
-        data = self._data
-        if size < 4 or data[end - 4 : end - 2] != CHECKSUM_HEAD:
-            return False
-        if self._sums is None:
-            self._sums = second_byte_sums(data)
-        return checksum_from_sums(self._sums, begin, end - 2) == int.from_bytes(data[end - 2 : end], "big")
-
-    def _elements_fit(self, packet: KlvPacket) -> bool:
-        try:
-            return bool(list(universal_elements(packet.value)))
-        except BadKlv:
-            return False
+    length = read_length(data, begin + KEY_BYTES)
+    if length is None:
+        return None
+    size, at = length
+    if not 4 <= size <= MAX_VALUE_BYTES:
+        raise BadKlv(f"a set has 4 to {MAX_VALUE_BYTES} bytes, this one has {size}")
+    end = at + size
+    if end > len(data):
+        return None
+    if data[begin + 4 : begin + 6] == UNIVERSAL_SET[4:6]:
+        for _ in universal_elements(data[at:end]):
+            pass  # without a checksum, its elements must fit
+    else:
+        before, behind = sums()[begin % 2, [begin, end - 2]]
+        expected = CHECKSUM_HEAD + (int(behind - before) & 0xFFFF).to_bytes(2, "big")
+        if data[end - 4 : end] != expected:
+            raise BadKlv("the checksum is wrong or missing")
+    return KlvPacket(data[begin : begin + KEY_BYTES], data[at:end], data[begin:end])

@@ -17,13 +17,11 @@ class MisbTelemetry:
     Attributes:
         reader: counts good and bad packets.
         poses: samples made.
-        without_position: good packets that give no sample because they have no position.
         broken_tags: values left out because their length or range violates the standard.
     """
 
     def __init__(self) -> None:
         self.reader = KlvReader()
-        self.without_position = 0
         self.broken_tags = 0
         self.poses = 0
         self._held: dict[int, tuple[int, int | float | str | bytes]] = {}
@@ -54,18 +52,15 @@ class MisbTelemetry:
                 self.reader.good -= 1
                 continue
             self.broken_tags += len(local_set.broken)
-            shown = self._clock_time(local_set) if pts is None else pts
+            shown = self._clock_time(local_set.values.get(2)) if pts is None else pts
             sample = None if shown is None else self._sample(local_set, shown)
-            if sample is None:
-                self.without_position += 1
-            else:
+            if sample is not None:
                 found.append(sample)
         self.poses += len(found)
         return found
 
-    def _clock_time(self, local_set: LocalSet) -> int | None:
+    def _clock_time(self, time_ns: object) -> int | None:
         """Time since the first packet by the platform's clock, ns."""
-        time_ns = local_set.values.get(2)
         if not isinstance(time_ns, int):
             return None
         if self._clock_zero is None:
@@ -93,7 +88,7 @@ def sample_of(values: dict[int, int | float | str | bytes], pts: int) -> Sample 
         heading=numbers.get(5),
         pitch=numbers.get(90, numbers.get(6)),
         roll=numbers.get(91, numbers.get(7)),
-        sensor_angles=_all(numbers, 18, 19, 20),
+        sensor_angles=(numbers[18], numbers[19], numbers[20]) if {18, 19, 20} <= numbers.keys() else None,
         field_of_view=(numbers[16], numbers[17]) if {16, 17} <= numbers.keys() else None,
         frame_centre=_position(numbers, 23, 24, 78 if 78 in numbers else 25),
         ground_altitude=numbers.get(25 if ellipsoid is None else 78),
@@ -102,10 +97,6 @@ def sample_of(values: dict[int, int | float | str | bytes], pts: int) -> Sample 
         utc_ns=time_ns if isinstance(time_ns, int) else None,
         source=ABOVE_SEA if ellipsoid is None and 15 in numbers else ABOVE_ELLIPSOID,
     )
-
-
-def _all(numbers: dict[int, float], a: int, b: int, c: int) -> tuple[float, float, float] | None:
-    return (numbers[a], numbers[b], numbers[c]) if {a, b, c} <= numbers.keys() else None
 
 
 def _position(numbers: dict[int, float], latitude: int, longitude: int, elevation: int) -> Position | None:

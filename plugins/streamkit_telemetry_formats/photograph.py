@@ -8,8 +8,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from streamkit.geometry.angles import wrap_bearing
-from streamkit_telemetry_formats.dji import ABOVE_SEA, WIDEST, attitude, relative_angles, take_off_altitude
+from streamkit_telemetry_formats.dji import (
+    ABOVE_SEA,
+    WIDEST,
+    attitude,
+    on_earth,
+    orientation,
+    take_off_altitude,
+)
 from streamkit_telemetry_formats.dji_cameras import camera_view
 from streamkit_telemetry_formats.exif import ExifData, read_exif
 from streamkit_telemetry_formats.sample import Sample
@@ -49,22 +55,22 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
     header = read_header(data)
     exif = read_exif(header.exif)
     fields = read_fields(header.xmp)
-    place = _place(fields) or exif.position
+    longitude = fields.get("GpsLongitude", fields.get("GpsLongtitude"))  # as several models spell it
+    place = on_earth(fields.get("GpsLatitude"), longitude) or exif.position
     if place is None:
         return None
     flight, gimbal = (
         attitude(fields, f"{body}PitchDegree", f"{body}RollDegree", f"{body}YawDegree")
         for body in ("Flight", "Gimbal")
     )
-    altitude, source = _altitude(fields, exif)
+    altitude, source = exif.altitude, EXIF if exif.altitude is None else EXIF_ABOVE_SEA
+    if "AbsoluteAltitude" in fields:
+        altitude, source = fields["AbsoluteAltitude"], ABOVE_SEA
     return Sample(
         pts,
         *place,
         altitude=altitude,
-        heading=wrap_bearing(flight[2]) if flight is not None else exif.direction,
-        pitch=flight[0] if flight is not None else None,
-        roll=flight[1] if flight is not None else None,
-        sensor_angles=relative_angles(flight or (0.0, 0.0, 0.0), gimbal) if gimbal is not None else None,
+        **{"heading": exif.direction, **orientation(flight, gimbal)},
         field_of_view=_field_of_view(exif, header.size),
         utc_ns=exif.utc_ns,
         source=source,
@@ -75,20 +81,6 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
 def read_fields(packet: bytes) -> dict[str, float]:
     """The numbers of an XMP packet's name space `drone-dji` by name, such as `GimbalPitchDegree`."""
     return {name.decode("ascii", "replace"): float(number) for name, number in _FIELD.findall(packet)}
-
-
-def _place(fields: dict[str, float]) -> tuple[float, float] | None:
-    latitude = fields.get("GpsLatitude")
-    longitude = fields.get("GpsLongitude", fields.get("GpsLongtitude"))  # as several models spell it
-    if latitude is None or longitude is None or (latitude, longitude) == (0.0, 0.0):
-        return None
-    return (latitude, longitude) if abs(latitude) <= 90 and abs(longitude) <= 180 else None
-
-
-def _altitude(fields: dict[str, float], exif: ExifData) -> tuple[float | None, str]:
-    if "AbsoluteAltitude" in fields:
-        return fields["AbsoluteAltitude"], ABOVE_SEA
-    return exif.altitude, EXIF if exif.altitude is None else EXIF_ABOVE_SEA
 
 
 def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float, float] | None:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from streamkit.geometry.angles import wrap_bearing, wrap_turn
 
 Position = tuple[float, float, float | None]
-Angles = tuple[float, float, float]
-Number = float | None
 # What a value is between two of them, at a share of the way.
 Interpolation = Callable[[Any, Any, float], Any]
-PoseFields = tuple[
-    float, float, Number, Number, Number, Number, Angles | None, tuple[float, float] | None, str
-]
+OWN = ("pts", "target", "utc_ns")  # fields that a pose lacks
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +55,9 @@ class Sample:
     ground_altitude: float | None = None
 
     @property
-    def pose(self) -> PoseFields:
-        """The camera's part of it, in the order of the fields of `streamkit.Pose`."""
-        return (
-            self.latitude, self.longitude, self.altitude, self.heading, self.pitch, self.roll,
-            self.sensor_angles, self.field_of_view, self.source,
-        )  # fmt: skip
+    def pose(self) -> dict[str, Any]:
+        """The fields that `streamkit.Pose` has too, by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in OWN}
 
 
 def between(before: Sample, after: Sample, pts: int) -> Sample:
@@ -74,12 +67,15 @@ def between(before: Sample, after: Sample, pts: int) -> Sample:
     """
     share = (pts - before.pts) / (after.pts - before.pts)
     nearer = before if share < 0.5 else after
-    pairs = ((name, mix, getattr(before, name), getattr(after, name)) for name, mix in INTERPOLATIONS.items())
-    mixed = {name: mix(a, b, share) for name, mix, a, b in pairs if a is not None and b is not None}
+    mixed: dict[str, Any] = {"pts": pts}
+    for name, mix in INTERPOLATIONS.items():
+        a, b = getattr(before, name), getattr(after, name)
+        if a is not None and b is not None:
+            mixed[name] = mix(a, b, share)
     if len(before.corners) == len(after.corners):
         corners = zip(before.corners, after.corners, strict=True)
         mixed["corners"] = tuple(_point(a, b, share) for a, b in corners)
-    return replace(nearer, pts=pts, **mixed)
+    return replace(nearer, **mixed)
 
 
 def _linear(a: float, b: float, share: float) -> float:

@@ -114,132 +114,109 @@ def _check_size(data: bytes, size: int, most: int = 8) -> None:
 RAD = math.pi / 180
 HPA = 100.0
 
-_LATITUDE, _LONGITUDE = signed(90, 4), signed(180, 4)
-_ALTITUDE = unsigned(-900, 19_000, 2)
-_HEIGHT = imapb(-900, 40_000)
-_OFFSET = signed(0.075, 2)
-_CIRCLE = unsigned(0, 360, 2, RAD)
-_TIME = time(size=8)
-_AXES = "Latitude", "Longitude"
-_BYTE, _WORD = unsigned(size=1), unsigned(size=2)
-
-# Tags without a unit: nested sets and packs, texts, and numbers of one byte.
-_NESTED = {
-    48: "Security Local Set", 66: "Target Location Covariance Matrix", 73: "RVT Local Set",
-    74: "VMTI Local Set", 81: "Image Horizon Pixel Pack", 94: "MIIS Core Identifier",
-    95: "SAR Motion Imagery Local Set", 97: "Range Image Local Set", 98: "Geo-Registration Local Set",
-    99: "Composite Imaging Local Set", 100: "Segment Local Set", 101: "Amend Local Set", 102: "SDCC-FLP",
-    115: "Control Command", 116: "Control Command Verification List", 121: "Active Wavelength List",
-    122: "Country Codes", 127: "Sensor Frame Rate Pack", 128: "Wavelengths List", 130: "Airbase Locations",
-    138: "Payload List", 139: "Active Payloads", 140: "Weapons Stores", 141: "Waypoint List",
-    142: "View Domain", 143: "Metadata Substream ID Pack",
-}  # fmt: skip
-_TEXTS = {
-    3: "Mission ID", 4: "Platform Tail Number", 10: "Platform Designation", 11: "Image Source Sensor",
-    12: "Image Coordinate System", 59: "Platform Call Sign", 70: "Alternate Platform Name",
-    106: "Stream Designator", 107: "Operational Base", 108: "Broadcast Source", 129: "Target ID",
-    135: "Communications Method",
-}  # fmt: skip
-_BYTES = {
-    34: "Icing Detected", 47: "Generic Flag Data", 61: "Weapon Fired", 63: "Sensor Field of View Name",
-    65: "UAS Datalink LS Version Number", 77: "Operational Mode", 123: "Number of NAVSATs in View",
-    124: "Positioning Method Source", 125: "Platform Status", 126: "Sensor Control Mode",
-}  # fmt: skip
-
-TAGS: dict[int, St0601Tag] = {
-    **{tag: St0601Tag(name, "", nested) for tag, name in _NESTED.items()},
-    **{tag: St0601Tag(name, "", text) for tag, name in _TEXTS.items()},
-    **{tag: St0601Tag(name, "", _BYTE) for tag, name in _BYTES.items()},
-    **{
-        26 + i: St0601Tag(f"Offset Corner {_AXES[i % 2]} Point {i // 2 + 1}", "deg", _OFFSET)
-        for i in range(8)
-    },
-    **{
-        82 + i: St0601Tag(
-            f"Corner {_AXES[i % 2]} Point {i // 2 + 1} (Full)", "deg", (_LATITUDE, _LONGITUDE)[i % 2]
-        )
-        for i in range(8)
-    },
-    1: St0601Tag("Checksum", "", unsigned(size=2)),
-    2: St0601Tag("Precision Time Stamp", "ns", _TIME),
-    5: St0601Tag("Platform Heading Angle", "rad", _CIRCLE),
-    6: St0601Tag("Platform Pitch Angle", "rad", signed(20, 2, RAD)),
-    7: St0601Tag("Platform Roll Angle", "rad", signed(50, 2, RAD)),
-    8: St0601Tag("Platform True Airspeed", "m/s", _BYTE),
-    9: St0601Tag("Platform Indicated Airspeed", "m/s", _BYTE),
-    13: St0601Tag("Sensor Latitude", "deg", _LATITUDE),
-    14: St0601Tag("Sensor Longitude", "deg", _LONGITUDE),
-    15: St0601Tag("Sensor True Altitude", "m", _ALTITUDE),
-    16: St0601Tag("Sensor Horizontal Field of View", "rad", unsigned(0, 180, 2, RAD)),
-    17: St0601Tag("Sensor Vertical Field of View", "rad", unsigned(0, 180, 2, RAD)),
-    18: St0601Tag("Sensor Relative Azimuth Angle", "rad", unsigned(0, 360, 4, RAD)),
-    19: St0601Tag("Sensor Relative Elevation Angle", "rad", signed(180, 4, RAD)),
-    20: St0601Tag("Sensor Relative Roll Angle", "rad", unsigned(0, 360, 4, RAD)),
-    21: St0601Tag("Slant Range", "m", unsigned(0, 5_000_000, 4)),
-    22: St0601Tag("Target Width", "m", unsigned(0, 10_000, 2)),
-    23: St0601Tag("Frame Center Latitude", "deg", _LATITUDE),
-    24: St0601Tag("Frame Center Longitude", "deg", _LONGITUDE),
-    25: St0601Tag("Frame Center Elevation", "m", _ALTITUDE),
-    35: St0601Tag("Wind Direction", "rad", _CIRCLE),
-    36: St0601Tag("Wind Speed", "m/s", unsigned(0, 100, 1)),
-    37: St0601Tag("Static Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
-    38: St0601Tag("Density Altitude", "m", _ALTITUDE),
-    39: St0601Tag("Outside Air Temperature", "deg C", signed(size=1)),
-    40: St0601Tag("Target Location Latitude", "deg", _LATITUDE),
-    41: St0601Tag("Target Location Longitude", "deg", _LONGITUDE),
-    42: St0601Tag("Target Location Elevation", "m", _ALTITUDE),
-    43: St0601Tag("Target Track Gate Width", "px", unsigned(size=1, scale=2)),
-    44: St0601Tag("Target Track Gate Height", "px", unsigned(size=1, scale=2)),
-    45: St0601Tag("Target Error Estimate CE90", "m", unsigned(0, 4095, 2)),
-    46: St0601Tag("Target Error Estimate LE90", "m", unsigned(0, 4095, 2)),
-    49: St0601Tag("Differential Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
-    50: St0601Tag("Platform Angle of Attack", "rad", signed(20, 2, RAD)),
-    51: St0601Tag("Platform Vertical Speed", "m/s", signed(180, 2)),
-    52: St0601Tag("Platform Sideslip Angle", "rad", signed(20, 2, RAD)),
-    53: St0601Tag("Airfield Barometric Pressure", "Pa", unsigned(0, 5000, 2, HPA)),
-    54: St0601Tag("Airfield Elevation", "m", _ALTITUDE),
-    55: St0601Tag("Relative Humidity", "%", unsigned(0, 100, 1)),
-    56: St0601Tag("Platform Ground Speed", "m/s", _BYTE),
-    57: St0601Tag("Ground Range", "m", unsigned(0, 5_000_000, 4)),
-    58: St0601Tag("Platform Fuel Remaining", "kg", unsigned(0, 10_000, 2)),
-    60: St0601Tag("Weapon Load", "", _WORD),
-    62: St0601Tag("Laser PRF Code", "", _WORD),
-    64: St0601Tag("Platform Magnetic Heading", "rad", _CIRCLE),
-    67: St0601Tag("Alternate Platform Latitude", "deg", _LATITUDE),
-    68: St0601Tag("Alternate Platform Longitude", "deg", _LONGITUDE),
-    69: St0601Tag("Alternate Platform Altitude", "m", _ALTITUDE),
-    71: St0601Tag("Alternate Platform Heading", "rad", _CIRCLE),
-    72: St0601Tag("Event Start Time", "ns", _TIME),
-    75: St0601Tag("Sensor Ellipsoid Height", "m", _ALTITUDE),
-    76: St0601Tag("Alternate Platform Ellipsoid Height", "m", _ALTITUDE),
-    78: St0601Tag("Frame Center Height Above Ellipsoid", "m", _ALTITUDE),
-    79: St0601Tag("Sensor North Velocity", "m/s", signed(327, 2)),
-    80: St0601Tag("Sensor East Velocity", "m/s", signed(327, 2)),
-    90: St0601Tag("Platform Pitch Angle (Full)", "rad", signed(90, 4, RAD)),
-    91: St0601Tag("Platform Roll Angle (Full)", "rad", signed(90, 4, RAD)),
-    92: St0601Tag("Platform Angle of Attack (Full)", "rad", signed(90, 4, RAD)),
-    93: St0601Tag("Platform Sideslip Angle (Full)", "rad", signed(180, 4, RAD)),
-    96: St0601Tag("Target Width Extended", "m", imapb(0, 1_500_000)),
-    103: St0601Tag("Density Altitude Extended", "m", _HEIGHT),
-    104: St0601Tag("Sensor Ellipsoid Height Extended", "m", _HEIGHT),
-    105: St0601Tag("Alternate Platform Ellipsoid Height Extended", "m", _HEIGHT),
-    109: St0601Tag("Range To Recovery Location", "m", imapb(0, 21_000, 1000, most=4)),
-    110: St0601Tag("Time Airborne", "s", unsigned(most=4)),
-    111: St0601Tag("Propulsion Unit Speed", "1/min", unsigned(most=4)),
-    112: St0601Tag("Platform Course Angle", "rad", imapb(0, 360, RAD)),
-    113: St0601Tag("Altitude Above Ground Level", "m", _HEIGHT),
-    114: St0601Tag("Radar Altimeter", "m", _HEIGHT),
-    117: St0601Tag("Sensor Azimuth Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
-    118: St0601Tag("Sensor Elevation Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
-    119: St0601Tag("Sensor Roll Rate", "rad/s", imapb(-1000, 1000, RAD, most=4)),
-    120: St0601Tag("On-board MI Storage Percent Full", "%", imapb(0, 100, most=4)),
-    131: St0601Tag("Take-off Time", "ns", time()),
-    132: St0601Tag("Transmission Frequency", "Hz", imapb(1, 99_999, 1e6, most=4)),
-    133: St0601Tag("On-board MI Storage Capacity", "GB", unsigned(most=4)),
-    134: St0601Tag("Zoom Percentage", "%", imapb(0, 100, most=4)),
-    136: St0601Tag("Leap Seconds", "s", signed(most=4)),
-    137: St0601Tag("Correction Offset", "ns", signed(scale=1000)),
-}
+# Unit and decoder of tags: the name of each, as in the standard.
+_GROUPS: tuple[tuple[str, Decoder, dict[int, str]], ...] = (
+    ("", nested, {
+        48: "Security Local Set", 66: "Target Location Covariance Matrix", 73: "RVT Local Set",
+        74: "VMTI Local Set", 81: "Image Horizon Pixel Pack", 94: "MIIS Core Identifier",
+        95: "SAR Motion Imagery Local Set", 97: "Range Image Local Set", 98: "Geo-Registration Local Set",
+        99: "Composite Imaging Local Set", 100: "Segment Local Set", 101: "Amend Local Set", 102: "SDCC-FLP",
+        115: "Control Command", 116: "Control Command Verification List", 121: "Active Wavelength List",
+        122: "Country Codes", 127: "Sensor Frame Rate Pack", 128: "Wavelengths List",
+        130: "Airbase Locations", 138: "Payload List", 139: "Active Payloads", 140: "Weapons Stores",
+        141: "Waypoint List", 142: "View Domain", 143: "Metadata Substream ID Pack",
+    }),
+    ("", text, {
+        3: "Mission ID", 4: "Platform Tail Number", 10: "Platform Designation", 11: "Image Source Sensor",
+        12: "Image Coordinate System", 59: "Platform Call Sign", 70: "Alternate Platform Name",
+        106: "Stream Designator", 107: "Operational Base", 108: "Broadcast Source", 129: "Target ID",
+        135: "Communications Method",
+    }),
+    ("", unsigned(size=1), {
+        34: "Icing Detected", 47: "Generic Flag Data", 61: "Weapon Fired", 63: "Sensor Field of View Name",
+        65: "UAS Datalink LS Version Number", 77: "Operational Mode", 123: "Number of NAVSATs in View",
+        124: "Positioning Method Source", 125: "Platform Status", 126: "Sensor Control Mode",
+    }),
+    ("", unsigned(size=2), {1: "Checksum", 60: "Weapon Load", 62: "Laser PRF Code"}),
+    ("ns", time(size=8), {2: "Precision Time Stamp", 72: "Event Start Time"}),
+    ("ns", time(), {131: "Take-off Time"}),
+    ("ns", signed(scale=1000), {137: "Correction Offset"}),
+    ("s", unsigned(most=4), {110: "Time Airborne"}),
+    ("s", signed(most=4), {136: "Leap Seconds"}),
+    ("deg", signed(90, 4), {
+        13: "Sensor Latitude", 23: "Frame Center Latitude", 40: "Target Location Latitude",
+        67: "Alternate Platform Latitude",
+        **{80 + 2 * point: f"Corner Latitude Point {point} (Full)" for point in range(1, 5)},
+    }),
+    ("deg", signed(180, 4), {
+        14: "Sensor Longitude", 24: "Frame Center Longitude", 41: "Target Location Longitude",
+        68: "Alternate Platform Longitude",
+        **{81 + 2 * point: f"Corner Longitude Point {point} (Full)" for point in range(1, 5)},
+    }),
+    ("deg", signed(0.075, 2), {
+        24 + 2 * point + at: f"Offset Corner {axis} Point {point}"
+        for point in range(1, 5) for at, axis in enumerate(("Latitude", "Longitude"))
+    }),
+    ("rad", unsigned(0, 360, 2, RAD), {
+        5: "Platform Heading Angle", 35: "Wind Direction", 64: "Platform Magnetic Heading",
+        71: "Alternate Platform Heading",
+    }),
+    ("rad", signed(20, 2, RAD), {
+        6: "Platform Pitch Angle", 50: "Platform Angle of Attack", 52: "Platform Sideslip Angle",
+    }),
+    ("rad", signed(50, 2, RAD), {7: "Platform Roll Angle"}),
+    ("rad", unsigned(0, 180, 2, RAD), {
+        16: "Sensor Horizontal Field of View", 17: "Sensor Vertical Field of View",
+    }),
+    ("rad", unsigned(0, 360, 4, RAD), {
+        18: "Sensor Relative Azimuth Angle", 20: "Sensor Relative Roll Angle",
+    }),
+    ("rad", signed(180, 4, RAD), {
+        19: "Sensor Relative Elevation Angle", 93: "Platform Sideslip Angle (Full)",
+    }),
+    ("rad", signed(90, 4, RAD), {
+        90: "Platform Pitch Angle (Full)", 91: "Platform Roll Angle (Full)",
+        92: "Platform Angle of Attack (Full)",
+    }),
+    ("rad", imapb(0, 360, RAD), {112: "Platform Course Angle"}),
+    ("rad/s", imapb(-1000, 1000, RAD, most=4), {
+        117: "Sensor Azimuth Rate", 118: "Sensor Elevation Rate", 119: "Sensor Roll Rate",
+    }),
+    ("m", unsigned(-900, 19_000, 2), {
+        15: "Sensor True Altitude", 25: "Frame Center Elevation", 38: "Density Altitude",
+        42: "Target Location Elevation", 54: "Airfield Elevation", 69: "Alternate Platform Altitude",
+        75: "Sensor Ellipsoid Height", 76: "Alternate Platform Ellipsoid Height",
+        78: "Frame Center Height Above Ellipsoid",
+    }),
+    ("m", imapb(-900, 40_000), {
+        103: "Density Altitude Extended", 104: "Sensor Ellipsoid Height Extended",
+        105: "Alternate Platform Ellipsoid Height Extended", 113: "Altitude Above Ground Level",
+        114: "Radar Altimeter",
+    }),
+    ("m", unsigned(0, 5_000_000, 4), {21: "Slant Range", 57: "Ground Range"}),
+    ("m", unsigned(0, 10_000, 2), {22: "Target Width"}),
+    ("m", imapb(0, 1_500_000), {96: "Target Width Extended"}),
+    ("m", unsigned(0, 4095, 2), {45: "Target Error Estimate CE90", 46: "Target Error Estimate LE90"}),
+    ("m", imapb(0, 21_000, 1000, most=4), {109: "Range To Recovery Location"}),
+    ("m/s", unsigned(size=1), {
+        8: "Platform True Airspeed", 9: "Platform Indicated Airspeed", 56: "Platform Ground Speed",
+    }),
+    ("m/s", unsigned(0, 100, 1), {36: "Wind Speed"}),
+    ("m/s", signed(180, 2), {51: "Platform Vertical Speed"}),
+    ("m/s", signed(327, 2), {79: "Sensor North Velocity", 80: "Sensor East Velocity"}),
+    ("Pa", unsigned(0, 5000, 2, HPA), {
+        37: "Static Pressure", 49: "Differential Pressure", 53: "Airfield Barometric Pressure",
+    }),
+    ("deg C", signed(size=1), {39: "Outside Air Temperature"}),
+    ("px", unsigned(size=1, scale=2), {43: "Target Track Gate Width", 44: "Target Track Gate Height"}),
+    ("%", unsigned(0, 100, 1), {55: "Relative Humidity"}),
+    ("%", imapb(0, 100, most=4), {120: "On-board MI Storage Percent Full", 134: "Zoom Percentage"}),
+    ("kg", unsigned(0, 10_000, 2), {58: "Platform Fuel Remaining"}),
+    ("1/min", unsigned(most=4), {111: "Propulsion Unit Speed"}),
+    ("Hz", imapb(1, 99_999, 1e6, most=4), {132: "Transmission Frequency"}),
+    ("GB", unsigned(most=4), {133: "On-board MI Storage Capacity"}),
+)  # fmt: skip
+TAGS = {tag: St0601Tag(name, unit, decode) for unit, decode, names in _GROUPS for tag, name in names.items()}
 
 
 @dataclass(frozen=True, slots=True)

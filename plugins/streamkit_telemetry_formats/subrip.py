@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 # Some aircraft write 00:00:60,000 for the end of a minute.
-_TIME = r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,3})"
-TIMES = re.compile(rf"^\s*{_TIME}\s*-->\s*{_TIME}")
+TIMES = re.compile(
+    r"^\s*(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,3})\s*-->\s*\d{1,3}:\d{1,2}:\d{1,2}[,.]\d{1,3}"
+)
 ARROW = "-->"
 NUMBER = re.compile(r"[0-9]{1,9}")
 LONGEST_TEXT = 4096
@@ -32,12 +33,10 @@ class Cue:
 
     Attributes:
         begin: ns; None where it has a number but no line of times.
-        end: ns, likewise.
         text: its lines, without the number.
     """
 
     begin: int | None
-    end: int | None
     text: str
 
 
@@ -90,13 +89,12 @@ class SubtitleReader:
         times, lines = self._times, self._lines
         self._times, self._lines, self._size = None, [], 0
         if times is not None:
-            parts = times.groups()
-            return Cue(_ns(parts[:4]), _ns(parts[4:]), "\n".join(lines)[:LONGEST_TEXT])
+            return Cue(_ns(*times.groups()), "\n".join(lines)[:LONGEST_TEXT])
         if any(ARROW in line for line in lines):
             self.broken += 1
             return None
         is_numbered = len(lines) > 1 and NUMBER.fullmatch(lines[0].strip()) is not None
-        return Cue(None, None, "\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
+        return Cue(None, "\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
 
 
 def subtitle_text(text: str) -> str:
@@ -106,9 +104,9 @@ def subtitle_text(text: str) -> str:
     return (parts[8] if is_ass else text).replace("\\N", "\n")
 
 
-def _ns(parts: tuple[str, ...]) -> int:
-    hours, minutes, seconds = (int(part) for part in parts[:3])
-    return ((hours * 60 + minutes) * 60 + seconds) * 1_000_000_000 + int(parts[3].ljust(3, "0")) * 1_000_000
+def _ns(hours: str, minutes: str, seconds: str, thousandths: str) -> int:
+    whole = (int(hours) * 60 + int(minutes)) * 60 + int(seconds)
+    return whole * 1_000_000_000 + int(thousandths.ljust(3, "0")) * 1_000_000
 
 
 class AircraftClock:

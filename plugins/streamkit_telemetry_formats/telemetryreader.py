@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from streamkit_telemetry_formats.dji import DjiTelemetry
 from streamkit_telemetry_formats.klv import SET_KEY
@@ -106,7 +107,6 @@ class TelemetryFile:
     """The samples of a file in its order, with times from its beginning; read on demand.
 
     Attributes:
-        path: of the file.
         reader: counts what was read and refused since the beginning.
 
     Raises:
@@ -115,29 +115,24 @@ class TelemetryFile:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file: IO[bytes] | None = None
-        self.rewind()
+        self._path = path
+        self._begin()
 
     def rewind(self) -> None:
         """Restarts at the beginning; raises the same errors as the constructor."""
         self.close()
+        self._begin()
+
+    def _begin(self) -> None:
         self.reader = TelemetryReader()
-        is_klv = holds_klv(self.path)
-        self._file = self.path.open("rb")
-        samples = self._klv(self._file) if is_klv else self.reader.subtitles(_lines(self._file))
-        try:
-            first = next(samples, None)
-        except BaseException:
-            self.close()
-            raise
+        self._reading = self._read()
+        first = next(self._reading, None)
         if first is None:
-            self.close()
             raise NoTelemetry(
-                f"{self.path}: no position in it; it must hold MISB ST 0601 packets with good checksums, "
+                f"{self._path}: no position in it; it must hold MISB ST 0601 packets with good checksums, "
                 "or DJI subtitles"
             )
-        self._samples = chain([first], samples)
+        self._samples = chain([first], self._reading)
 
     def next(self) -> Sample | None:
         """The next sample; None at the end.
@@ -145,21 +140,20 @@ class TelemetryFile:
         Raises:
             OSError: reading failed.
         """
-        return None if self._file is None else next(self._samples, None)
+        return next(self._samples, None)
 
     def close(self) -> None:
         """Closes the file. Safe to call twice."""
-        file, self._file = self._file, None
-        if file is not None:
-            file.close()
+        self._reading.close()
 
-    def _klv(self, file: IO[bytes]) -> Iterator[Sample]:
+    def _read(self) -> Generator[Sample]:
         """Packets of a raw file have only the platform's clock; that of the first packet is time zero."""
-        while data := file.read(CHUNK_BYTES):
-            yield from self.reader.klv(data, None)
+        is_klv = holds_klv(self._path)
+        with self._path.open("rb") as file:
+            if not is_klv:
+                lines = iter(partial(file.readline, CHUNK_BYTES), b"")
+                yield from self.reader.subtitles(line.decode("utf-8", "replace") for line in lines)
+                return
+            while data := file.read(CHUNK_BYTES):
+                yield from self.reader.klv(data, None)
         yield from self.reader.finish()
-
-
-def _lines(file: IO[bytes]) -> Iterator[str]:
-    while line := file.readline(CHUNK_BYTES):
-        yield line.decode("utf-8", "replace")

@@ -134,7 +134,7 @@ def _clock_check(seen: Seen) -> Check:
 def _telemetry_check(seen: Seen, *, is_live: bool) -> Check:
     pad, counts = seen.best_telemetry
     if photograph := seen.photograph:
-        latitude, longitude = photograph.pose[:2]
+        latitude, longitude = photograph.latitude, photograph.longitude
         text = f"in the photograph: {latitude:.6f} {longitude:.6f}, {photograph.source}"
         return _check("telemetry", True, text, {"latitude": latitude, "longitude": longitude})
     kind, total = f"MISB KLV, pad {pad}", counts["good_packets"] + counts["bad_packets"]

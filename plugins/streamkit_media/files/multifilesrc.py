@@ -103,5 +103,5 @@ def with_pose(frame: Frame, data: bytes) -> Frame:
     sample = sample_of_photograph(data, frame.pts or 0)
     if sample is None:
         return frame
-    frame = frame.attach(Pose(*sample.pose, ground_altitude=sample.ground_altitude), sample)
+    frame = frame.attach(Pose(**sample.pose), sample)
     return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))

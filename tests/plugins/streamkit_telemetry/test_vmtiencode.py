@@ -11,7 +11,6 @@ from streamkit import Capture, Frame, MessageKind, Pipeline, Pose, Track, Tracks
 from streamkit.testing import Harness
 from streamkit_telemetry_formats.klv import KlvReader
 from streamkit_telemetry_formats.misb import MisbTelemetry
-from streamkit_telemetry_formats.sample import Sample
 
 UTC_NS = 1_700_000_000_123_456_789
 WIDTH, HEIGHT = 640, 480
@@ -174,13 +173,13 @@ def test_a_frame_without_targets_says_so() -> None:
 
 def test_the_pose_comes_back() -> None:
     """What the platform's tags hold is read as it was, to the resolution of the tags."""
-    pose = Pose(
-        34.7, -118.2, 1500.0, 1.5, math.radians(25), math.radians(-10), (0.5, -0.7, 6.0), (0.4, 0.3), "misb"
-    )
     corners = ((34.71, -118.21), (34.71, -118.19), (34.69, -118.19), (34.69, -118.21))
-    seen = Sample(0, 34.7, -118.2, frame_centre=(34.701, -118.201, None), corners=corners)
+    pose = Pose(
+        34.7, -118.2, 1500.0, 1.5, math.radians(25), math.radians(-10), (0.5, -0.7, 6.0), (0.4, 0.3), "misb",
+        frame_centre=(34.701, -118.201, None), corners=corners,
+    )  # fmt: skip
     with Harness("vmtiencode") as harness:
-        (out,) = harness.push(frame_of(track(1)).attach(pose, seen))
+        (out,) = harness.push(frame_of(track(1)).attach(pose))
     (sample,) = MisbTelemetry().feed(out.data, 0)
     assert (sample.latitude, sample.longitude) == pytest.approx((34.7, -118.2), abs=1e-7)
     assert sample.altitude == pytest.approx(1500, abs=0.2)

@@ -195,7 +195,7 @@ def test_no_fix_is_not_broken(text: str) -> None:
     """The text before the first fix does not count as damage."""
     telemetry = DjiTelemetry()
     assert telemetry.sample(text, 0) is None
-    assert (telemetry.broken, telemetry.without_position) == (0, 1)
+    assert (telemetry.broken, telemetry.subtitles - telemetry.poses) == (0, 1)
 
 
 def test_long_rows_of_digits_are_not_numbers() -> None:

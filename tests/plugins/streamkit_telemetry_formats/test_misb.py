@@ -144,4 +144,4 @@ def test_the_platforms_clock_serves_where_the_stream_has_no_times() -> None:
     telemetry = MisbTelemetry()
     data = local_set(clock(0) + POSITION) + local_set(clock(3)) + local_set(clock(9)) + local_set(POSITION)
     assert [sample.pts for sample in telemetry.feed(data, None)] == [0, 3 * 10**9]
-    assert telemetry.without_position == 2
+    assert telemetry.reader.good - telemetry.poses == 2

@@ -10,11 +10,11 @@ def cues_of(text: str) -> list[Cue]:
 
 
 def test_cues() -> None:
-    """Times to the millisecond, several lines, Windows line ends, a file cut within its last cue."""
+    """Beginnings to the millisecond, several lines, Windows line ends, a file cut within its last cue."""
     text = "1\r\n00:00:01,000 --> 00:00:02,500\r\none\r\ntwo\r\n\r\n2\r\n01:00:00.040 --> 01:00:60,000\r\nthr"
     assert list(cues_of(text)) == [
-        Cue(1_000_000_000, 2_500_000_000, "one\ntwo"),
-        Cue(3_600_040_000_000, 3_660_000_000_000, "thr"),
+        Cue(1_000_000_000, "one\ntwo"),
+        Cue(3_600_040_000_000, "thr"),
     ]
 
 

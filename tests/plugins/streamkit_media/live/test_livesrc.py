@@ -71,7 +71,7 @@ def test_telemetry_comes_with_the_video(start_ffmpeg: Start, port: int) -> None:
                 for packet in packets
                 for sample in reader.packet(packet.data, packet.caps.name, packet.pts)
             ]
-            assert {round(sample.pose[0], 4) for sample in samples} == {latitude}
+            assert {round(sample.latitude, 4) for sample in samples} == {latitude}
 
 
 def test_a_sender_that_comes_back_is_a_new_epoch(start_ffmpeg: Start, port: int) -> None:
