@@ -93,6 +93,11 @@ def parameter_sets(codec: str, extradata: bytes) -> Iterator[bytes]:
         raise BadPacket("the codec's header ends within an array of parameter sets")
 
 
+def holds_slice(codec: str, data: bytes) -> bool:
+    """Whether a slice of a picture begins in a packet, or in a piece of one; it has start codes."""
+    return any(unit and _is_slice(codec, unit[0]) for unit in units(data))
+
+
 def is_reference(codec: str, data: bytes | memoryview, extradata: bytes) -> bool:
     """Whether other frames may depend on the one in a packet; True where that is unknown."""
     if codec not in CODECS:

@@ -36,7 +36,7 @@ from streamkit_media.container import (
 )
 from streamkit_media.files.playrange import PlayRange, RangePosition
 from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, port_of
-from streamkit_media.live.sockets import cut_connections, open_sockets
+from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.packets import DECODE_ONLY, DecodeOnly, packet_frame, read_packets
 from streamkit_media.streams import (
     AUDIO_CAPS,
@@ -89,12 +89,13 @@ class FileSrc(Source):
     loop: bool = Property(False, doc="Repeat forever; times continue.")
 
     _is_opening = False
+    _sockets: ConnectionSockets | None = None
 
     def start(self) -> None:
         """Opens the file, so that a bad one fails before playing."""
         self._container: InputContainer | None = None
         self._where = mask_secrets(self.location)
-        self._sockets = frozenset(open_sockets()) if is_network(self.location) else frozenset()
+        self._sockets = None
         scheme = self.location.partition("://")[0].lower()
         if scheme in (*LIVE_SCHEMES, *RTSP_SCHEMES):
             source = "rtspsrc location=" if scheme in RTSP_SCHEMES else "livesrc uri="
@@ -103,6 +104,11 @@ class FileSrc(Source):
             raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
         if self.stop_s is not None and self.stop_s <= self.start_s:
             raise ResourceError(f"stop-s= must be after start-s={self.start_s:g}, got {self.stop_s:g}")
+        if is_network(self.location):
+            try:
+                self._sockets = ConnectionSockets(port_of(self.location))
+            except ValueError as error:
+                raise ResourceError(f"{error}, got {self._where!r}") from None
         self._range = PlayRange(self.start_s, self.stop_s)
         self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
@@ -174,13 +180,13 @@ class FileSrc(Source):
     def interrupt(self) -> None:
         """Cuts a connection that is being opened or read."""
         super().interrupt()
-        if not is_network(self.location):
+        if self._sockets is None:
             return
-        port, deadline_s = port_of(self.location), time.monotonic() + CUT_LIMIT_S
-        cut_connections(port, self._sockets)
+        deadline_s = time.monotonic() + CUT_LIMIT_S
+        self._sockets.cut()
         while self._is_opening and time.monotonic() < deadline_s:  # it may just begin, or try again
             time.sleep(CUT_EVERY_S)
-            cut_connections(port, self._sockets)
+            self._sockets.cut()
 
     def stop(self) -> None:
         """Closes the file if `frames` never ran."""

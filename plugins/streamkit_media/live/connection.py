@@ -69,19 +69,17 @@ class LiveConnection:
         clock: Clock,
     ) -> None:
         self._source, self._kinds = source, kinds
-        self._where = mask_secrets(source.location)
         self._timeline, self._clock = timeline, clock
         self._latency_ns = latency_ms * 1_000_000
         self._freshness = Freshness(self._latency_ns)
         self._catches_up = False
         self._shown_ns = clock.monotonic_ns()
         self._ending = threading.Event()
-        self._asked_s = 0.0
         self.found: frozenset[StreamKind] = frozenset()
         self.next_seq = first_seq
         self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
-        self._thread = threading.Thread(target=self._run, name=f"reader {self._where}", daemon=False)
+        self._thread = threading.Thread(target=self._run, name=f"reader {source.where}", daemon=False)
 
     def begin(self) -> None:
         """Starts reading."""
@@ -112,28 +110,27 @@ class LiveConnection:
         """
         queue, timeout_s = self.queue, self._source.timeout_s
         self.begin()
-        last = time.monotonic()
-        flags = FrameFlags.NONE
-        reported = 0
+        last, has_gap, reported = time.monotonic(), False, 0
         while not is_over.is_set():
             frame = queue.get(min(LOOK_S, timeout_s), is_over)
             if (dropped := queue.statistics.dropped) > reported:
                 count_drop(OVERRUN, dropped - reported)
-                reported = dropped
-                flags = FrameFlags.DISCONTINUITY
+                reported, has_gap = dropped, True
             if frame is not None:
                 kind = frame.get(StreamKind) or StreamKind.VIDEO
-                if kind is StreamKind.VIDEO and self._is_late(frame, has_jumped=bool(flags)):
-                    frame = frame.attach(LATE)
-                if kind is StreamKind.VIDEO and flags:
-                    frame, flags = frame.replace(flags=frame.flags | flags), FrameFlags.NONE
+                if kind is StreamKind.VIDEO:
+                    if self._is_late(frame, has_jumped=has_gap):
+                        frame = frame.attach(LATE)
+                    if has_gap:
+                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+                    has_gap = False
                 yield kind, frame
                 # The consumer's own time is not the server's silence.
                 last = time.monotonic()
             elif queue.is_over:
                 return
             elif time.monotonic() - last > timeout_s + WATCHDOG_MARGIN_S:
-                raise silence(self._where, timeout_s)
+                raise silence(self._source.where, timeout_s)
 
     def _is_late(self, frame: Frame, *, has_jumped: bool) -> bool:
         """Whether newer frames go first: once one has waited too long, all but the newest are late.
@@ -161,35 +158,33 @@ class LiveConnection:
         except StreamkitError as cause:
             error = cause
         except Exception as cause:  # raised by the queue in the consumer's thread
-            error = ResourceError(f"{self._where}: {mask_secrets(str(cause))}")
+            error = ResourceError(f"{self._source.where}: {mask_secrets(str(cause))}")
         finally:
             self._source.close()
             self.queue.end(None if self._ending.is_set() else error)
 
     def _read_from(self, container: InputContainer) -> None:
-        video_stream(container, self._source.location)
+        source = self._source
+        video_stream(container, source.location)
         streams = streams_of(container, self._kinds)
         carried = {stream.index: (stream_caps(stream, kind), kind) for stream, kind in streams}
         self.found = frozenset(kind for _, kind in streams)
-        self._asked_s = time.monotonic()
+        due = time.monotonic() + source.timeout_s
         try:
-            for packet in self._source.packets(container, [stream for stream, _ in streams], self._left_s):
+            for packet in source.packets(container, [stream for stream, _ in streams]):
                 if self._ending.is_set():
                     return
                 # At its time limit FFmpeg gives out the piece of a frame it holds, then waits as long again.
-                if self._left_s() <= 0:
-                    raise silence(self._where, self._source.timeout_s)
+                if time.monotonic() >= due:
+                    raise silence(source.where, source.timeout_s)
                 self._arrived(packet, *carried[packet.stream_index])
-                self._asked_s = time.monotonic()
+                due = time.monotonic() + source.timeout_s
         except ConnectionLost:
             raise
         except StreamError as error:
-            if self._left_s() <= 0:
-                raise silence(self._where, self._source.timeout_s) from None
-            raise StreamError(f"{self._where}: {error}; check that the server still runs") from None
-
-    def _left_s(self) -> float:
-        return self._source.timeout_s - (time.monotonic() - self._asked_s)
+            if time.monotonic() >= due:
+                raise silence(source.where, source.timeout_s) from None
+            raise StreamError(f"{source.where}: {error}; check that the server still runs") from None
 
     def _arrived(self, packet: Packet[Stream], caps: Caps, kind: StreamKind) -> None:
         """Queues a packet with its time of arrival."""
@@ -200,9 +195,8 @@ class LiveConnection:
         frame = frame.replace(
             seq=self.next_seq, arrival_ns=now, capture=capture, pts=self._timeline.place(frame.pts, now)
         )
-        frame = frame.attach(self._freshness if kind is StreamKind.VIDEO else kind)
         self.next_seq += 1
-        self.queue.put(frame)
+        self.queue.put(frame.attach(self._freshness if kind is StreamKind.VIDEO else kind))
 
 
 def sender_time_ns(packet: Packet[Stream]) -> int | None:

@@ -6,7 +6,6 @@ FFmpeg's own udp protocol cannot be ended from outside while nothing arrives.
 from __future__ import annotations
 
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import cast
@@ -15,12 +14,13 @@ from av.container import Flags, InputContainer
 from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
+from typing_extensions import override
 
-from streamkit import ResourceError, mask_secrets
+from streamkit import ResourceError
 from streamkit_media.container import open_stream, video_stream
-from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined, frame_duration
+from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.datagrams import BUFFER_BYTES, OVERFLOWS, datagram_address, open_receiver, overflows
-from streamkit_media.live.liveinput import ConnectionLost, Silence
+from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
 from streamkit_media.live.transportpackets import Reception, TransportPackets
 from streamkit_media.live.urlinput import LIVE_OPTIONS
 from streamkit_media.packets import nanoseconds, read_packets
@@ -29,10 +29,12 @@ LOOK_S = 0.1
 PARSING = ~cast("int", Flags.no_parse.value)
 DATAGRAM_BYTES = 1 << 16
 RESTART_NS = 500_000_000  # decoding times that fall by more are of a sender that has begun again
+# FFmpeg hands on a PES packet in pieces of 200 KB with its header, cut between transport packets.
+FULL_PIECE_BYTES = 200 * 1024 - 184
 
 
-class DatagramInput:
-    """Receives a transport stream at a UDP port; see `LiveInput`.
+class DatagramInput(LiveInput):
+    """Receives a transport stream at a UDP port.
 
     Args:
         location: udp:// URL, see `datagram_address`.
@@ -49,31 +51,24 @@ class DatagramInput:
         reception: Reception,
         warn: Callable[[str], object],
         *,
-        low_latency: bool = True,
+        low_latency: bool,
     ) -> None:
-        self.location, self.timeout_s = location, timeout_s
-        self._where = mask_secrets(location)
+        super().__init__(location, timeout_s)
         self._reception, self._warn = reception, warn
         self._low_latency = low_latency
         self._packets = TransportPackets(reception)
-        self._ending = threading.Event()
         self._receiver: socket.socket | None = None
         self._held = b""
         self._failure: Silence | None = None
         self._overflowed = 0
         self._has_come = False
 
+    @override
     def open(self) -> InputContainer:
-        """Opens the port and waits until the stream is known.
-
-        Raises:
-            ResourceError: the port cannot be used, or what comes is no transport stream with video.
-            Silence: nothing has come.
-        """
         try:
             self._receiver = open_receiver(datagram_address(self.location))
         except OSError as error:
-            raise ResourceError(f"{self._where}: the port cannot be used: {error}") from None
+            raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
         self._receiver.settimeout(LOOK_S)
         options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
         return open_stream(self, self.location, "mpegts", options)
@@ -98,7 +93,7 @@ class DatagramInput:
         """The transport packets of the next datagram that has some."""
         assert self._receiver is not None
         deadline = time.monotonic() + self.timeout_s
-        while not self._ending.is_set():
+        while not self.ended.is_set():
             if time.monotonic() > deadline:
                 raise self._silence()
             try:
@@ -116,32 +111,30 @@ class DatagramInput:
     def _count_overflows(self, total: int) -> None:
         if total and not self._overflowed:
             self._warn(
-                f"{self._where}: datagrams come faster than they are read; allow a larger buffer with "
+                f"{self.where}: datagrams come faster than they are read; allow a larger buffer with "
                 f"sysctl net.core.rmem_max={BUFFER_BYTES}"
             )
         self._reception.overflowed += max(0, total - self._overflowed)
         self._overflowed = max(self._overflowed, total)
 
     def _silence(self) -> Silence:
+        limit = f"{self.timeout_s:g} s"
         if self._has_come:
             return Silence(
-                f"{self._where}: nothing has come for {self.timeout_s:g} s (timeout-s); check the sender, or "
+                f"{self.where}: nothing has come for {limit} (timeout-s); check the sender, or "
                 "allow more time"
             )
         return Silence(
-            f"{self._where}: no video within {self.timeout_s:g} s: no MPEG-TS comes to this port; check the "
+            f"{self.where}: no video within {limit}: no MPEG-TS comes to this port; check the "
             "sender's address and the firewall, or allow more time"
         )
 
-    def packets(
-        self, container: InputContainer, streams: Sequence[Stream], left_s: Callable[[], float]
-    ) -> Iterator[Packet[Stream]]:
+    @override
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         """The packets until `cut`; raises `ConnectionLost` where the sender restarts."""
-        pieces = self._until_restart(read_packets(container, *streams), streams[0])
-        if not self._low_latency:
-            yield from pieces
-            return
-        yield from whole_frames(container, pieces, video_stream(container, self.location))
+        video = video_stream(container, self.location)
+        packets = self._until_restart(read_packets(container, *streams), video)
+        return whole_frames(container, packets, video) if self._low_latency else packets
 
     def _until_restart(self, packets: Iterator[Packet[Stream]], video: Stream) -> Iterator[Packet[Stream]]:
         highest = None
@@ -149,16 +142,12 @@ class DatagramInput:
             if packet.stream_index == video.index and packet.dts is not None:
                 now = nanoseconds(packet.dts, packet.time_base)
                 if highest is not None and now < highest - RESTART_NS:
-                    raise ConnectionLost(f"{self._where}: the sender has begun another stream")
+                    raise ConnectionLost(f"{self.where}: the sender has begun another stream")
                 highest = now if highest is None else max(highest, now)
             yield packet
 
-    def cut(self) -> None:
-        """Ends a wait within a tenth of a second."""
-        self._ending.set()
-
+    @override
     def close(self) -> None:
-        """Closes the port."""
         if self._receiver is not None:
             self._receiver.close()
 
@@ -170,18 +159,15 @@ def whole_frames(
 
     Where it is several, or the codec is not known here, FFmpeg's parser takes over.
     """
-    units = None
-    if can_be_joined(video):
-        units = AccessUnits(video.codec_context.name, frame_duration(video), has_decoding_times=True)
-    else:
+    units = AccessUnits(video, has_decoding_times=True) if can_be_joined(video) else None
+    if units is None:
         container.flags &= PARSING
     for piece in pieces:
         if units is None or piece.stream_index != video.index:
             yield piece
             continue
-        for unit in units.add(piece, is_marked=True):
-            unit.stream = video
-            yield unit
+        yield from units.add(piece, is_marked=piece.size <= FULL_PIECE_BYTES)
         if units.has_several:
             container.flags &= PARSING
+            yield from units.flush()
             units = None

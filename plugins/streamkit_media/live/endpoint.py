@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import random
-from typing import ClassVar, NoReturn
+from typing import ClassVar
 from urllib.parse import SplitResult, urlsplit
 
 from streamkit import Element, Property, ResourceError, mask_secrets
@@ -105,7 +105,15 @@ class Endpoint(Element):
             raise ResourceError(f"{error}, got {self._where!r}; write {self.example}") from None
         parts = urlsplit(self.location)
         self.check_address(parts)
-        self._tls_options = self._secured() if parts.scheme in PLAIN_OF else {}
+        self._tls_options: dict[str, str] = {}
+        if parts.scheme in PLAIN_OF and not self.tls_verify:
+            self._tls_options = {"tls_verify": "0"}
+        elif parts.scheme in PLAIN_OF:  # FFmpeg's default is to trust every server
+            try:
+                authorities = trusted_authorities(self.tls_ca_file)
+            except OSError as error:
+                raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
+            self._tls_options = {"tls_verify": "1", "ca_file": authorities}
 
     def check_address(self, parts: SplitResult) -> None:
         """Checks the parts of the location; raises `ResourceError` where they name no server."""
@@ -125,29 +133,33 @@ class Endpoint(Element):
         """The location as FFmpeg gets it."""
         return with_credentials(self.location, self.user_id, self.user_pw)
 
-    def _secured(self) -> dict[str, str]:
-        """FFmpeg's options for TLS; its default is to trust every server."""
-        if not self.tls_verify:
-            return {"tls_verify": "0"}
-        try:
-            return {"tls_verify": "1", "ca_file": trusted_authorities(self.tls_ca_file)}
-        except OSError as error:
-            raise ResourceError(f"tls-ca-file={self.tls_ca_file}: {error}") from None
+    def _retry(
+        self,
+        error: ResourceError | None,
+        *,
+        has_worked: bool = True,
+        is_final: bool = False,
+        is_at_once: bool = False,
+    ) -> float:
+        """Counts and reports the next try; the delay before it, s.
 
-    def _has_tried_enough(self, *, has_worked: bool) -> bool:
-        """Whether to give up; `has_worked` means that a connection has worked before."""
-        if self.max_retries >= 0:
-            return self._backoff.tries >= self.max_retries
-        return not has_worked and self.reconnect is not Reconnect.ALWAYS
+        Args:
+            error: why the connection ended; None where the stream has ended regularly.
+            has_worked: whether a connection has worked before.
+            is_final: whether there is to be no other try.
+            is_at_once: whether the next try is itself a wait.
 
-    def _give_up(self, error: ResourceError) -> NoReturn:
-        """Raises the error of the last try."""
-        tries = self._backoff.tries
-        self._post_state("gave-up", attempt=tries, reason=str(error))
-        raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
-
-    def _delay_before_retry(self, reason: str, *, is_at_once: bool = False) -> float:
-        """Counts and reports the next try; the delay before it, s."""
+        Raises:
+            ResourceError: the error, where there is to be no other try, or there were enough.
+        """
+        tries, limit = self._backoff.tries, self.max_retries
+        if limit < 0 and not has_worked and self.reconnect is not Reconnect.ALWAYS:
+            limit = 0
+        is_enough = 0 <= limit <= tries
+        if error is not None and (is_final or self.reconnect is Reconnect.NEVER or is_enough):
+            self._post_state("gave-up", attempt=tries, reason=str(error))
+            raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
+        reason = f"{self._where}: the stream has ended" if error is None else str(error)
         delay_s = self._backoff.next_delay_s() * (not is_at_once)
         self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")

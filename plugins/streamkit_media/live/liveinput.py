@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+import threading
+from collections.abc import Iterator, Sequence
 
 from av.container import InputContainer
 from av.packet import Packet
@@ -29,32 +29,40 @@ def silence(location: str, timeout_s: float) -> Silence:
     )
 
 
-class LiveInput(Protocol):
+class LiveInput:
     """One connection, used once and by one thread; `cut` alone is called from others.
 
-    Attributes:
-        location: URL of the stream, for errors.
+    Args:
+        location: URL of the stream.
         timeout_s: limit for opening and for each read.
+
+    Attributes:
+        where: the location as it may be shown.
+        ended: set by `cut`.
     """
 
-    location: str
-    timeout_s: float
+    def __init__(self, location: str, timeout_s: float) -> None:
+        self.location, self.timeout_s = location, timeout_s
+        self.where = mask_secrets(location)
+        self.ended = threading.Event()
 
     def open(self) -> InputContainer:
         """Connects; raises `ResourceError` where that fails."""
+        raise NotImplementedError
 
-    def packets(
-        self, container: InputContainer, streams: Sequence[Stream], left_s: Callable[[], float]
-    ) -> Iterator[Packet[Stream]]:
-        """The packets of streams, the video first, with `left_s` to wait for the next, until the end.
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
+        """The packets of streams, the video first, until the end.
 
         Raises:
             StreamError: reading failed; a `ConnectionLost` says for itself what to do.
             TimedOut: nothing has come for the time limit.
         """
+        raise NotImplementedError
 
     def cut(self) -> None:
         """Ends calls under way; may be called again and again until `close`."""
+        self.ended.set()
 
     def close(self) -> None:
         """Releases what `open` has acquired apart from the container; called in any case."""
+        raise NotImplementedError

@@ -104,11 +104,10 @@ class LiveSource(Endpoint, Source):
             ResourceError: a connection failed and is not, or no longer, to be tried again.
         """
         while not self.over.is_set():
-            before = self._received
+            before, failure = self._received, None
             self._post_state("connecting", attempt=self._backoff.tries, transport=self.carrier)
             try:
                 yield from self._one_connection()
-                failure = None
             except ResourceError as error:
                 failure = error
             finally:
@@ -119,8 +118,21 @@ class LiveSource(Endpoint, Source):
                 if self.falls_back(failure):
                     continue
                 failure = self.with_remedy(failure)
-            if not self._tries_again(failure):
+            if isinstance(failure, Silence):
+                self._post_state("stalled", reason=str(failure))
+            has_ended = failure is None or (
+                self.reconnect is Reconnect.NEVER and isinstance(failure, ConnectionLost)
+            )
+            if has_ended and self.reconnect is not Reconnect.ALWAYS:
+                self.post_warning(f"{self._where}: the server has ended the stream")
                 return
+            delay_s = self._retry(
+                failure,
+                has_worked=self._epoch >= 0,
+                is_final=isinstance(failure, AccessRefused),
+                is_at_once=self.listens(failure),
+            )
+            self.over.wait(delay_s)
 
     @override
     def interrupt(self) -> None:
@@ -194,26 +206,3 @@ class LiveSource(Endpoint, Source):
                 f"{self._where}: FFmpeg does not close {ABANDONED_LIMIT} connections that have "
                 "ended; check the name server and the network"
             )
-
-    # Between two connections.
-
-    def _tries_again(self, failure: ResourceError | None) -> bool:
-        """Waits before the next try; False where the stream has ended regularly.
-
-        Raises:
-            ResourceError: it is not to be tried again.
-        """
-        if isinstance(failure, Silence):
-            self._post_state("stalled", reason=str(failure))
-        ends = self.reconnect is Reconnect.NEVER
-        if failure is None or (ends and isinstance(failure, ConnectionLost)):
-            if ends or self.reconnect is Reconnect.ON_ERROR:
-                self.post_warning(f"{self._where}: the server has ended the stream")
-                return False
-        elif (
-            ends or isinstance(failure, AccessRefused) or self._has_tried_enough(has_worked=self._epoch >= 0)
-        ):
-            self._give_up(failure)
-        reason = str(failure) if failure is not None else f"{self._where}: the stream has ended"
-        self.over.wait(self._delay_before_retry(reason, is_at_once=self.listens(failure)))
-        return True

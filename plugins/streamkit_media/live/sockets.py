@@ -17,10 +17,54 @@ DESCRIPTORS = Path("/proc/self/fd")
 TCP_INFO_BYTES = 8
 TCP_ESTABLISHED = 1
 FAMILIES = (socket.AF_INET, socket.AF_INET6)
-IS_LISTENING = (socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
 
 
-def open_sockets() -> dict[str, int]:
+class ConnectionSockets:
+    """The sockets of one connection that FFmpeg makes: those to its port that are opened from now on.
+
+    Two connections to the same server do not cut each other: what one has claimed, the others leave alone.
+
+    Args:
+        port: of the server.
+    """
+
+    _lock = threading.Lock()
+    _claims: dict[ConnectionSockets, frozenset[str]] = {}  # noqa: RUF012 - of all connections of the process
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._known = frozenset(_open_sockets())
+        self._names: frozenset[str] = frozenset()
+
+    def claim(self) -> None:
+        """Takes the sockets that the connection, which is complete now, consists of."""
+        with self._lock:
+            found = _duplicates(_open_sockets().keys() - self._known.union(*self._claims.values()))
+            self._names = frozenset(name for name, connection in found if _leads_to(connection, self._port))
+            self._claims[self] = self._names
+
+    def release(self) -> None:
+        """Gives up the claim to the sockets, which the container has closed."""
+        with self._lock:
+            self._claims.pop(self, None)
+
+    def cut(self) -> int:
+        """Shuts the connection down, also one that is half open; returns the number of its sockets."""
+        with self._lock:
+            others = [names for other, names in self._claims.items() if other is not self]
+        found = _duplicates(_open_sockets().keys() - self._known.union(*others))
+        return sum(_cut(connection, self._port) for _, connection in found)
+
+    def is_closed_by_peer(self) -> bool:
+        """Whether the other side has closed the connection."""
+        return any(_state(connection) != TCP_ESTABLISHED for _, connection in _duplicates(self._names))
+
+    def duplicate(self) -> socket.socket | None:
+        """A socket of our own on the same connection; None where it is closed, or is not one socket alone."""
+        return _duplicate(*self._names) if len(self._names) == 1 else None
+
+
+def _open_sockets() -> dict[str, int]:
     """The process's open sockets: a name unique to each, and its file descriptor."""
     found = {}
     for entry in os.listdir(DESCRIPTORS):
@@ -33,49 +77,8 @@ def open_sockets() -> dict[str, int]:
     return found
 
 
-class Claims:
-    """Which sockets belong to which connection, so that two to the same server do not cut each other."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._of: dict[object, frozenset[str]] = {}
-
-    def claim(self, owner: object, port: int, known: frozenset[str]) -> frozenset[str]:
-        """Assigns an owner the sockets to a port that were opened after `known` and have no owner."""
-        with self._lock:
-            taken = known.union(*self._of.values())
-            found = _duplicates(open_sockets().keys() - taken)
-            mine = frozenset(name for name, connection in found if _leads_to(connection, port))
-            self._of[owner] = mine
-            return mine
-
-    def of_others(self, owner: object) -> frozenset[str]:
-        """The sockets of all other owners."""
-        with self._lock:
-            return frozenset().union(*(names for other, names in self._of.items() if other is not owner))
-
-    def release(self, owner: object) -> None:
-        """Removes the owner's sockets."""
-        with self._lock:
-            self._of.pop(owner, None)
-
-
-CLAIMS = Claims()
-
-
-def is_closed_by_peer(names: frozenset[str]) -> bool:
-    """Whether the other side has closed one of these TCP connections."""
-    return any(_state(connection) != TCP_ESTABLISHED for _, connection in _duplicates(names))
-
-
-def cut_connections(port: int, known: frozenset[str]) -> int:
-    """Shuts down the TCP connections to a port, also half-open ones, except `known`; returns their number."""
-    return sum(_cut(connection, port) for _, connection in _duplicates(open_sockets().keys() - known))
-
-
-def duplicate(name: str) -> socket.socket | None:
-    """A socket of our own on the same connection; None if it was closed meanwhile."""
-    number = open_sockets().get(name)
+def _duplicate(name: str) -> socket.socket | None:
+    number = _open_sockets().get(name)
     if number is None:
         return None
     try:
@@ -95,7 +98,7 @@ def duplicate(name: str) -> socket.socket | None:
 def _duplicates(names: Iterable[str]) -> Iterator[tuple[str, socket.socket]]:
     """The sockets of these names that are still open, each closed when the next is asked for."""
     for name in names:
-        if (connection := duplicate(name)) is not None:
+        if (connection := _duplicate(name)) is not None:
             with connection:
                 yield name, connection
 
@@ -107,8 +110,12 @@ def _leads_to(connection: socket.socket, port: int, *, or_is_half_open: bool = F
     try:
         return bool(connection.getpeername()[1] == port)
     except OSError as error:
-        is_half_open = error.errno == errno.ENOTCONN and not connection.getsockopt(*IS_LISTENING)
-        return or_is_half_open and is_half_open
+        is_half_open = error.errno == errno.ENOTCONN
+        return or_is_half_open and is_half_open and not _is_listening(connection)
+
+
+def _is_listening(connection: socket.socket) -> bool:
+    return bool(connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
 
 
 def _state(connection: socket.socket) -> int:

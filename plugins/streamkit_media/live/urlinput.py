@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from threading import Event
 from urllib.parse import urlsplit
 
 from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
+from typing_extensions import override
 
-from streamkit import ResourceError, mask_secrets
+from streamkit import ResourceError
 from streamkit_media.container import AccessRefused, open_container
-from streamkit_media.live.liveinput import ConnectionLost
-from streamkit_media.live.pacing import paced
+from streamkit_media.live.liveinput import ConnectionLost, LiveInput
 from streamkit_media.live.reachability import port_of, unreachable
-from streamkit_media.live.sockets import CLAIMS, cut_connections, is_closed_by_peer, open_sockets
+from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.packets import read_packets
 
 # FFmpeg would otherwise read up to five seconds to guess the frame rate.
 LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
 PLAYLIST = "hls"
 ONE_CLIENT = ("tcp", "rtmp")  # a simple sender takes one client: a look at the port would take its place
+MAX_PACE_S = 1.0  # a longer step of the decoding times is a jump
 
 
-class UrlInput:
-    """A connection to a server; see `LiveInput`.
+class UrlInput(LiveInput):
+    """A connection to a server.
 
     Args:
         location: URL of the stream.
@@ -35,18 +36,12 @@ class UrlInput:
     """
 
     def __init__(self, location: str, options: Mapping[str, str], timeout_s: float) -> None:
-        self.location, self.timeout_s = location, timeout_s
+        super().__init__(location, timeout_s)
         self.options = {**LIVE_OPTIONS, **options}
-        self.sockets: frozenset[str] = frozenset()
-        self._known = frozenset(open_sockets())
-        self._ended = threading.Event()
+        self.sockets = ConnectionSockets(port_of(location))
 
+    @override
     def open(self) -> InputContainer:
-        """Connects.
-
-        Raises:
-            ResourceError: refused, silent or not to be trusted; the text says which.
-        """
         began = time.monotonic()
         try:
             return self.opened(self.options)
@@ -55,42 +50,64 @@ class UrlInput:
         except ResourceError as error:
             serves_one_client = urlsplit(self.location).scheme in ONE_CLIENT
             left_s = self.timeout_s - (time.monotonic() - began)
-            if left_s <= 0 or self._ended.is_set() or serves_one_client:
+            if left_s <= 0 or self.ended.is_set() or serves_one_client:
                 raise
             # FFmpeg often does not say why.
             reason = unreachable(self.location, self.options.get("ca_file"), left_s, "check the address")
-            raise ResourceError(f"{mask_secrets(self.location)}: {reason}") if reason else error from None
+            raise ResourceError(f"{self.where}: {reason}") if reason else error from None
 
     def opened(self, options: Mapping[str, str]) -> InputContainer:
-        """Connects with these options, and notes the connection's sockets."""
-        if self._ended.is_set():
-            raise ResourceError(f"{mask_secrets(self.location)}: the connection was ended from here")
+        """Connects with these options."""
+        if self.ended.is_set():
+            raise ResourceError(f"{self.where}: the connection was ended from here")
         container = open_container(self.location, options, (self.timeout_s, self.timeout_s))
-        self.sockets = CLAIMS.claim(self, port_of(self.location), self._known)
+        self.sockets.claim()
         return container
 
-    def packets(
-        self, container: InputContainer, streams: Sequence[Stream], left_s: Callable[[], float]
-    ) -> Iterator[Packet[Stream]]:
-        """The packets until the stream ends; raises `ConnectionLost` where the server closes it amid."""
+    @override
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         packets = read_packets(container, *streams)
         if container.format.name == PLAYLIST:  # which says itself where the stream ends
-            yield from paced(packets, self._ended)
+            yield from paced(packets, self.ended)
             return
         yield from packets
         self.check_end()
 
     def check_end(self) -> None:
         """Raises `ConnectionLost` where the stream has ended because the server has closed the connection."""
-        if is_closed_by_peer(self.sockets):
-            where = mask_secrets(self.location)
-            raise ConnectionLost(f"{where}: the server has closed the connection; check that it still runs")
+        if self.sockets.is_closed_by_peer():
+            raise ConnectionLost(
+                f"{self.where}: the server has closed the connection; check that it still runs"
+            )
 
+    @override
     def cut(self) -> None:
-        """Shuts down the connection, also while it is being made."""
-        self._ended.set()
-        cut_connections(port_of(self.location), self._known | CLAIMS.of_others(self))
+        super().cut()
+        self.sockets.cut()
 
+    @override
     def close(self) -> None:
-        """Gives up the claim to the sockets, which the container has closed."""
-        CLAIMS.release(self)
+        self.sockets.release()
+
+
+def paced(
+    packets: Iterator[Packet[Stream]], ended: Event, now_s: Callable[[], float] = time.monotonic
+) -> Iterator[Packet[Stream]]:
+    """Packets that arrive in bursts, as the segments of a playlist do, each when its decoding time has come.
+
+    A packet that comes too late moves the times of all after it, so that they do not follow in a burst.
+
+    Args:
+        packets: of all streams, in the order of the container.
+        ended: set to end a wait, and the packets.
+        now_s: monotonic clock, s.
+    """
+    offset_s: float | None = None
+    for packet in packets:
+        if packet.dts is not None and packet.time_base:
+            decoding_s, now = float(packet.dts * packet.time_base), now_s()
+            if offset_s is None or not 0 <= decoding_s + offset_s - now <= MAX_PACE_S:
+                offset_s = now - decoding_s
+            elif ended.wait(decoding_s + offset_s - now):
+                return
+        yield packet

@@ -6,42 +6,47 @@ every thread of the process; so this is a process of its own, which can be kille
 
 from __future__ import annotations
 
-import enum
 import os
 import signal
 import struct
 import sys
 from fractions import Fraction
-from typing import Any, BinaryIO
+from typing import BinaryIO, TypeVar
 
 import av
 import msgspec
-from av.container import OutputContainer
 from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError
 from av.packet import Packet
-from av.stream import Stream
 
 TIME_BASE = Fraction(1, 90_000)
 SECOND_NS = 1_000_000_000
 FAILURES = (FFmpegError, OSError, ValueError, RuntimeError, LookupError)
-HEAD = struct.Struct(">cI")
+LENGTH = struct.Struct(">I")
+Message = TypeVar("Message")
 
 
-class PushMessage(enum.Enum):
-    """Kinds of messages; the first three go to the push process, the others come from it."""
+class PushOrder(msgspec.Struct, frozen=True):
+    """Where to push; the first message.
 
-    OPEN = b"O"  # what to open, see `pusher.Push`
-    PACKET = b"P"  # a `PushPacket`
-    END = b"E"
-    AWAKE = b"A"  # it runs, and waits for OPEN
-    READY = b"R"  # the server records
-    WRITTEN = b"W"  # the oldest packet that was not yet so is with the operating system
-    DONE = b"D"
-    FAILED = b"F"  # `reason` and `is_refused`
+    Attributes:
+        url: of the recording.
+        options: of FFmpeg.
+        codec: FFmpeg's name.
+        width: px.
+        height: px.
+        timeout_s: longest silence of the server.
+    """
+
+    url: str
+    options: dict[str, str]
+    codec: str
+    width: int
+    height: int
+    timeout_s: float
 
 
-class PushPacket(msgspec.Struct, frozen=True, array_like=True):
-    """One coded packet.
+class PushPacket(msgspec.Struct, frozen=True):
+    """One coded packet; all further messages.
 
     Attributes:
         pts: ns from the connection's beginning.
@@ -58,102 +63,61 @@ class PushPacket(msgspec.Struct, frozen=True, array_like=True):
     data: bytes
 
 
-def message(kind: PushMessage, content: object = None) -> bytes:
-    """A message as it goes through the pipe."""
-    encoded = b"" if content is None else msgspec.msgpack.encode(content)
-    return HEAD.pack(kind.value, len(encoded)) + encoded
+class PushAnswer(msgspec.Struct, frozen=True):
+    """What the push process says once it runs, after each message, and when the recording has ended.
 
-
-def take_messages(received: bytearray) -> list[tuple[PushMessage, bytes]]:
-    """The complete messages, each with its encoded content; they are removed.
-
-    Raises:
-        ValueError: the bytes are no message.
-    """
-    found, at = [], 0
-    while at + HEAD.size <= len(received):
-        kind, length = HEAD.unpack_from(received, at)
-        end = at + HEAD.size + length
-        if end > len(received):
-            break
-        found.append((PushMessage(kind), bytes(received[at + HEAD.size : end])))
-        at = end
-    del received[:at]
-    return found
-
-
-class Push:
-    """One connection to a server that records.
-
-    Args:
-        order: `url`, `options` of FFmpeg, `codec` (FFmpeg's name), `width`, `height` (px).
-
-    Raises:
-        FFmpegError: the server cannot be reached, or does not want it.
+    Attributes:
+        failure: in FFmpeg's words; the process ends then. "" where all is well.
+        is_refused: whether the server wants other credentials.
     """
 
-    def __init__(self, order: dict[str, Any]) -> None:
-        self._container: OutputContainer = av.open(
-            order["url"], "w", format="rtsp", container_options=order["options"]
-        )
-        self._stream: Stream = self._container.add_mux_stream(
-            order["codec"], width=order["width"], height=order["height"], time_base=TIME_BASE
-        )
-        self._container.start_encoding()
+    failure: str = ""
+    is_refused: bool = False
 
-    def write(self, sent: PushPacket) -> None:
-        """Sends one packet.
 
-        Raises:
-            FFmpegError: the connection has ended.
-        """
-        packet = Packet(sent.data)
-        packet.stream = self._stream
-        packet.time_base = TIME_BASE
-        packet.pts, packet.dts = _ticks(sent.pts), _ticks(sent.dts)
-        if sent.duration:
-            packet.duration = _ticks(sent.duration)
-        packet.is_keyframe = sent.is_keyframe
-        self._container.mux_one(packet)
+def write_message(pipe: BinaryIO, content: msgspec.Struct) -> None:
+    """Writes a message; raises `OSError` where nobody reads any more."""
+    data = msgspec.msgpack.encode(content)
+    pipe.write(LENGTH.pack(len(data)) + data)
+    pipe.flush()
 
-    def close(self) -> None:
-        """Ends the recording."""
-        self._container.close()
+
+def read_message(pipe: BinaryIO, kind: type[Message]) -> Message | None:
+    """The next message; None at the end."""
+    head = pipe.read(LENGTH.size)
+    if len(head) < LENGTH.size:
+        return None
+    return msgspec.msgpack.decode(pipe.read(*LENGTH.unpack(head)), type=kind)
 
 
 def run(commands: BinaryIO, answers: BinaryIO) -> None:
-    """Executes commands until END or the end of the input."""
-    push: Push | None = None
-    limit_s = 0.0
-    decoder = msgspec.msgpack.Decoder(PushPacket)
-
-    def answer(kind: PushMessage) -> None:
-        answers.write(message(kind))
-        answers.flush()
-
-    answer(PushMessage.AWAKE)
-    while head := commands.read(HEAD.size):
-        name, length = HEAD.unpack(head)
-        content = commands.read(length)
-        kind = PushMessage(name)
-        if kind is PushMessage.OPEN:
-            order = msgspec.msgpack.decode(content)
-            limit_s = order["timeout_s"]
-        # A server that is silent for longer ends this process, whether FFmpeg returns or not.
-        signal.setitimer(signal.ITIMER_REAL, limit_s)
-        if kind is PushMessage.OPEN:
-            push = Push(order)
-            answer(PushMessage.READY)
-        elif kind is PushMessage.PACKET and push is not None:
-            push.write(decoder.decode(content))
-            answer(PushMessage.WRITTEN)
-        elif kind is PushMessage.END:
-            break
+    """Connects, sends packets until the end of the input, and ends the recording."""
+    write_message(answers, PushAnswer())
+    order = read_message(commands, PushOrder)
+    if order is None:
+        return
+    # A server that is silent for longer ends this process, whether FFmpeg returns or not.
+    signal.setitimer(signal.ITIMER_REAL, order.timeout_s)
+    container = av.open(order.url, "w", format="rtsp", container_options=order.options)
+    stream = container.add_mux_stream(
+        order.codec, width=order.width, height=order.height, time_base=TIME_BASE
+    )
+    container.start_encoding()
+    write_message(answers, PushAnswer())
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    while (sent := read_message(commands, PushPacket)) is not None:
+        packet = Packet(sent.data)
+        packet.stream, packet.time_base, packet.is_keyframe = stream, TIME_BASE, sent.is_keyframe
+        packet.pts, packet.dts, packet.duration = (
+            round(ns * TIME_BASE.denominator / SECOND_NS) for ns in (sent.pts, sent.dts, sent.duration)
+        )
+        signal.setitimer(signal.ITIMER_REAL, order.timeout_s)
+        container.mux_one(packet)
+        write_message(answers, PushAnswer())
         signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.setitimer(signal.ITIMER_REAL, limit_s)
-    if push is not None:
-        push.close()
-    answer(PushMessage.DONE)
+    signal.setitimer(signal.ITIMER_REAL, order.timeout_s)
+    container.close()
+    write_message(answers, PushAnswer())
 
 
 def main() -> None:
@@ -164,17 +128,11 @@ def main() -> None:
     except BrokenPipeError:
         pass
     except FAILURES as error:
-        report = {
-            "reason": getattr(error, "strerror", None) or type(error).__name__,
-            "is_refused": isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError),
-        }
-        os.write(sys.stdout.fileno(), message(PushMessage.FAILED, report))
+        reason = getattr(error, "strerror", None) or type(error).__name__
+        is_refused = isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError)
+        write_message(sys.stdout.buffer, PushAnswer(reason, is_refused))
     # Closing a connection that has failed would wait for the server again.
     os._exit(0)
-
-
-def _ticks(ns: int) -> int:
-    return round(ns * TIME_BASE.denominator / SECOND_NS)
 
 
 if __name__ == "__main__":

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import select
 import signal
 import subprocess
 import sys
+import threading
 import time
-from typing import Any
+from collections import deque
+from contextlib import suppress
+from typing import BinaryIO, cast
 
-import msgspec
-
-from streamkit_media.rtsp.pusher import PushMessage, PushPacket, message, take_messages
+from streamkit_media.rtsp.pusher import PushAnswer, PushOrder, PushPacket, read_message, write_message
 
 PUSHER = "streamkit_media.rtsp.pusher"
 START_LIMIT_S = 30.0  # a loaded machine may need long to start Python; the server is not spoken to before
 KILL_LIMIT_S = 5.0
-READ_BYTES = 65_536
 
 
 class PushFailure(Exception):
@@ -35,16 +33,13 @@ class PushFailure(Exception):
 
 
 class PushProcess:
-    """One process and the one connection that it makes; not for two threads at once.
+    """One process and the one connection that it makes.
 
-    Its orders go through standard input, so that no password is in the list of processes.
+    A thread sends it one message after another, and waits for the answer to each. The messages go through
+    standard input, so that no password is in the list of processes.
 
     Attributes:
-        is_opened: whether `open` was called.
-        is_ready: whether the server records.
         is_done: whether the recording has ended.
-        pending: packets offered that are not with the operating system yet.
-        written: packets that are.
 
     Raises:
         OSError: the process cannot be started.
@@ -57,108 +52,119 @@ class PushProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            bufsize=0,
             start_new_session=True,
         )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._stdin, self._stdout = self._process.stdin, self._process.stdout
-        for pipe in (self._stdin, self._stdout):
-            os.set_blocking(pipe.fileno(), False)
-        self._outgoing = bytearray()
-        self._received = bytearray()
-        self._is_running = False
         self._began = time.monotonic()
-        self.is_opened = self.is_ready = self.is_done = False
-        self.pending = self.written = 0
+        self._changed = threading.Condition()
+        self._messages: deque[PushOrder | PushPacket | None] = deque()
+        self._failure: PushFailure | None = None
+        self._sent = self._answers = 0
+        self.is_done = False
+        # Not a daemon: it ends with the process, which is always ended.
+        self._thread = threading.Thread(target=self._run, name="push", daemon=False)
+        self._thread.start()
 
-    def open(self, order: dict[str, Any]) -> None:
-        """Makes it connect by an order of `pusher.Push`, which has the longest silence `timeout_s`, too."""
-        self.is_opened = True
-        self._send_message(message(PushMessage.OPEN, order))
+    @property
+    def is_opened(self) -> bool:
+        """Whether an order was sent."""
+        return self._sent > 0
 
-    def offer(self, packet: PushPacket) -> None:
-        """Queues a packet; the next `exchange` raises a failure."""
-        self.pending += 1
-        self._send_message(message(PushMessage.PACKET, packet))
+    @property
+    def is_ready(self) -> bool:
+        """Whether the server records; the first answer is that the process runs."""
+        return self._answers > 1
+
+    @property
+    def written(self) -> int:
+        """Packets that are with the operating system."""
+        return max(0, self._answers - 2)
+
+    @property
+    def pending(self) -> int:
+        """Packets sent that are not with the operating system yet."""
+        return max(0, self._sent - 1) - self.written
+
+    def send(self, message: PushOrder | PushPacket) -> None:
+        """Queues a message, the first of which is an order; `check` raises a failure."""
+        self._sent += 1
+        self._queue(message)
 
     def end(self) -> None:
         """Ends the recording once everything is written."""
-        self._send_message(message(PushMessage.END))
+        self._queue(None)
 
-    def exchange(self, wait_s: float) -> None:
-        """Sends and receives what can be, after at most `wait_s`.
+    def _queue(self, message: PushOrder | PushPacket | None) -> None:
+        with self._changed:
+            self._messages.append(message)
+            self._changed.notify_all()
+
+    def check(self, wait_s: float = 0.0) -> None:
+        """Waits for the next answer, for `wait_s` at most.
 
         Raises:
             PushFailure: the connection has failed, or the process has not started in time.
         """
-        poller = select.poll()
-        poller.register(self._stdout, select.POLLIN)
-        if self._outgoing:
-            poller.register(self._stdin, select.POLLOUT)
-        for descriptor, _ in poller.poll(wait_s * 1000):
-            if descriptor == self._stdin.fileno():
-                self._send()
-            else:
-                self._receive()
-        if not self._is_running and time.monotonic() - self._began > START_LIMIT_S:
+        with self._changed:
+            if wait_s and self._failure is None:
+                self._changed.wait(wait_s)
+        if self._failure is not None:
+            raise self._failure
+        if not self._answers and time.monotonic() - self._began > START_LIMIT_S:
             raise PushFailure(f"the push process has not started within {START_LIMIT_S:g} s")
 
     def close(self, limit_s: float) -> None:
         """Ends the process; kills it where the recording has not ended in time. Safe to call twice."""
-        if self._stdin.closed:
-            return
-        self._outgoing.clear()
-        self._stdin.close()
+        with self._changed:
+            self._messages.clear()
+        self.end()
         try:
             self._process.wait(limit_s if self.is_ready else 0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait(KILL_LIMIT_S)
-        try:
-            self._receive()
-        except PushFailure:
-            pass  # it has ended: that is what was wanted
-        finally:
-            self._stdout.close()
+        self._thread.join(KILL_LIMIT_S)
 
-    def _send_message(self, data: bytes) -> None:
-        self._outgoing += data
-        self._send()
+    # The thread that speaks to the process.
 
-    def _send(self) -> None:
-        try:
-            while self._outgoing:
-                del self._outgoing[: os.write(self._stdin.fileno(), self._outgoing)]
-        except BlockingIOError:
-            pass
-        except BrokenPipeError:
-            self._outgoing.clear()  # why it has ended is among its answers
-
-    def _receive(self) -> None:
-        while not self.is_done:
+    def _run(self) -> None:
+        stdin, stdout = cast("BinaryIO", self._process.stdin), cast("BinaryIO", self._process.stdout)
+        failure: PushFailure | None = None
+        with stdout:
             try:
-                data = os.read(self._stdout.fileno(), READ_BYTES)
-            except BlockingIOError:
-                return
-            if not data:
-                if self._process.wait(KILL_LIMIT_S) == -signal.SIGALRM:
-                    raise PushFailure("the server was silent", is_silent=True)
-                raise PushFailure("its process has ended without an answer")
-            self._received += data
-            for kind, content in take_messages(self._received):
-                self._handle(kind, content)
+                self._take_answer(stdout)
+                while (message := self._next_message()) is not None:
+                    with suppress(BrokenPipeError):  # why it has ended is its answer
+                        write_message(stdin, message)
+                    self._take_answer(stdout)
+                with suppress(OSError):
+                    stdin.close()
+                if self.is_ready:
+                    self._take_answer(stdout, is_last=True)
+            except PushFailure as error:
+                failure = error
+            with suppress(OSError):
+                stdin.close()
+        with self._changed:
+            self._failure = failure
+            self._changed.notify_all()
 
-    def _handle(self, kind: PushMessage, content: bytes) -> None:
-        if kind is PushMessage.AWAKE:
-            self._is_running = True
-        elif kind is PushMessage.READY:
-            self.is_ready = True
-        elif kind is PushMessage.WRITTEN:
-            self.pending -= 1
-            self.written += 1
-        elif kind is PushMessage.DONE:
-            self.is_done = True
-        elif kind is PushMessage.FAILED:
-            report = msgspec.msgpack.decode(content)
-            raise PushFailure(str(report["reason"]), is_refused=bool(report["is_refused"]))
+    def _next_message(self) -> PushOrder | PushPacket | None:
+        with self._changed:
+            while not self._messages:
+                self._changed.wait()
+            return self._messages.popleft()
+
+    def _take_answer(self, stdout: BinaryIO, *, is_last: bool = False) -> None:
+        answer = read_message(stdout, PushAnswer)
+        if answer is None:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(KILL_LIMIT_S)
+            if self._process.returncode == -signal.SIGALRM:
+                raise PushFailure("the server was silent", is_silent=True)
+            raise PushFailure("its process has ended without an answer")
+        if answer.failure:
+            raise PushFailure(answer.failure, is_refused=answer.is_refused)
+        with self._changed:
+            self._answers += not is_last
+            self.is_done = is_last
+            self._changed.notify_all()

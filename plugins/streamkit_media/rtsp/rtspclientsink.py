@@ -12,11 +12,11 @@ from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink, mask_secrets
 from streamkit_media.codecs import caps_parameters
-from streamkit_media.live.endpoint import Endpoint, Reconnect
+from streamkit_media.live.endpoint import Endpoint
 from streamkit_media.live.reachability import unreachable
 from streamkit_media.nalunits import AnnexBConverter, BadPacket
 from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
-from streamkit_media.rtsp.pusher import PushPacket
+from streamkit_media.rtsp.pusher import PushOrder, PushPacket
 from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
 
 LOOK_S = 0.05
@@ -122,7 +122,7 @@ class RtspClientSink(Endpoint, Sink):
     def _push(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
         if self._is_open():
-            self._exchange(0)
+            self._check()
         if is_keyframe and self._is_open() and frame.caps is not self._caps:
             self._change_format(frame.caps)
         if not self._is_open():
@@ -141,7 +141,7 @@ class RtspClientSink(Endpoint, Sink):
         assert self._process is not None
         data = self._annexb.packet(bytes(frame.data), is_keyframe)
         pts, dts = self._times(frame)
-        self._process.offer(PushPacket(pts, dts, frame.duration or 0, is_keyframe, data))
+        self._process.send(PushPacket(pts, dts, frame.duration or 0, is_keyframe, data))
 
     def _has_room(self) -> bool:
         """Whether another packet may be held; waits for it unless frames are to be dropped."""
@@ -150,7 +150,7 @@ class RtspClientSink(Endpoint, Sink):
             while self._process.pending >= self.max_packets:
                 if self.drop or self.stopping.is_set():
                     return False
-                self._exchange(LOOK_S)
+                self._check(LOOK_S)
         return True
 
     def _times(self, frame: Frame) -> tuple[int, int]:
@@ -178,15 +178,15 @@ class RtspClientSink(Endpoint, Sink):
         self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
         self._opened_s = time.monotonic()
         self._post_state("connecting", attempt=self._backoff.tries)
-        self._process.open(
-            {
-                "url": self._url,
-                "options": {"rtsp_transport": self.transport.value, **self._tls_options},
-                "codec": parameters.codec,
-                "width": parameters.width,
-                "height": parameters.height,
-                "timeout_s": self.timeout_s,
-            }
+        self._process.send(
+            PushOrder(
+                self._url,
+                {"rtsp_transport": self.transport.value, **self._tls_options},
+                parameters.codec,
+                parameters.width,
+                parameters.height,
+                self.timeout_s,
+            )
         )
 
     def _begin_process(self) -> PushProcess:
@@ -203,11 +203,11 @@ class RtspClientSink(Endpoint, Sink):
         else:
             self._caps = caps
 
-    def _exchange(self, wait_s: float) -> None:
+    def _check(self, wait_s: float = 0.0) -> None:
         process = self._process
         assert process is not None
         try:
-            process.exchange(wait_s)
+            process.check(wait_s)
         finally:
             if process.is_ready and not self._is_connected:
                 self._is_connected = self._was_connected = True
@@ -218,11 +218,11 @@ class RtspClientSink(Endpoint, Sink):
         process = self._process
         if process is not None and process.is_opened:
             while process.pending and not self.stopping.is_set():
-                self._exchange(LOOK_S)
+                self._check(LOOK_S)
             self.stopping.wait(self.latency_ms / 1000)
             process.end()
             while not process.is_done and not self.stopping.is_set():
-                self._exchange(LOOK_S)
+                self._check(LOOK_S)
         self._leave()
 
     def _leave(self, reason: str = "the pipeline was stopped", limit_s: float = LEAVE_LIMIT_S) -> None:
@@ -249,13 +249,10 @@ class RtspClientSink(Endpoint, Sink):
             self._post_state("stalled", reason=error)
         if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
             self._backoff.reset()
-        if (
-            self.reconnect is Reconnect.NEVER
-            or failure.is_refused
-            or self._has_tried_enough(has_worked=self._was_connected)
-        ):
-            self._give_up(ResourceError(error))
-        self._retry_s = self._delay_before_retry(error) + time.monotonic()
+        delay_s = self._retry(
+            ResourceError(error), has_worked=self._was_connected, is_final=failure.is_refused
+        )
+        self._retry_s = time.monotonic() + delay_s
 
     def _error(self, failure: PushFailure) -> str:
         reason = mask_secrets(failure.reason)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from urllib.parse import urlsplit
 
@@ -12,10 +12,10 @@ from av.stream import Stream
 from typing_extensions import override
 
 from streamkit_media.container import InvalidMedia, video_stream
-from streamkit_media.live.accessunits import UNPARSED, can_be_joined, frame_duration
+from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.urlinput import UrlInput
 from streamkit_media.packets import read_packets
-from streamkit_media.rtsp.low_latency.completeframes import complete_frames
+from streamkit_media.rtsp.rtpheaders import with_marks
 
 
 class RtspInput(UrlInput):
@@ -25,7 +25,7 @@ class RtspInput(UrlInput):
         location: URL of the stream.
         options: FFmpeg options for it, `rtsp_transport` among them.
         timeout_s: limit for opening and for each read.
-        low_latency: read the ends of frames from RTP where possible, see `rtsp.low_latency`.
+        low_latency: read the ends of frames from RTP where possible, see `rtsp.rtpheaders`.
     """
 
     def __init__(
@@ -43,30 +43,32 @@ class RtspInput(UrlInput):
             # Only FFmpeg's parsers find parameter sets that the server does not send in advance.
             with suppress(InvalidMedia):
                 container = super().opened({**options, **UNPARSED})
-                self._is_in_pieces = _can_be_joined(container, self.location)
+                try:
+                    self._is_in_pieces = can_be_joined(video_stream(container, self.location))
+                finally:
+                    if not self._is_in_pieces:
+                        container.close()
                 if self._is_in_pieces:
                     return container
         return super().opened(options)
 
     @override
-    def packets(
-        self, container: InputContainer, streams: Sequence[Stream], left_s: Callable[[], float]
-    ) -> Iterator[Packet[Stream]]:
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         if not self._is_in_pieces:
-            yield from super().packets(container, streams, left_s)
+            yield from super().packets(container, streams)
             return
         video = video_stream(container, self.location)
-        pieces = read_packets(container, *streams)
-        yield from complete_frames(pieces, video, frame_duration(video), self.sockets, left_s)
+        units = AccessUnits(video)
+        for piece, is_last in self._marked(read_packets(container, *streams)):
+            if piece.stream_index == video.index:
+                yield from units.add(piece, is_marked=is_last)
+            else:
+                yield piece
+        yield from units.flush()
         self.check_end()
 
-
-def _can_be_joined(container: InputContainer, location: str) -> bool:
-    """Whether frames of the container can be joined here; closes it otherwise."""
-    found = False
-    try:
-        found = can_be_joined(video_stream(container, location))
-    finally:
-        if not found:
-            container.close()
-    return found
+    def _marked(self, pieces: Iterator[Packet[Stream]]) -> Iterator[tuple[Packet[Stream], bool]]:
+        connection = self.sockets.duplicate()
+        if connection is None:
+            return ((piece, False) for piece in pieces)
+        return with_marks(pieces, connection, self.timeout_s)

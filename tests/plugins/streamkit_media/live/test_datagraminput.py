@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import numpy as np
 import pytest
 
 from streamkit_media.container import open_stream, video_stream
@@ -89,3 +90,21 @@ def test_several_frames_in_one_packet_are_parsed(clip: Path, tmp_path: Path) -> 
     frames = list(unparsed(Bytes(data)))
     assert len(list(parsed(Bytes(data)))) == 100
     assert len(frames) > 60
+
+
+def test_a_frame_of_several_pieces_is_joined(tmp_path: Path) -> None:
+    """FFmpeg hands on a PES packet of more than 200 KB in pieces; the frame is whole again, and key."""
+    path = tmp_path / "large.ts"
+    noise = np.random.default_rng(1).integers(0, 256, (540, 640), np.uint8)
+    with av.open(str(path), "w", format="mpegts") as output:
+        stream = output.add_stream("libx264", rate=25, options={"crf": "4", "preset": "ultrafast"})
+        stream.width, stream.height, stream.pix_fmt, stream.gop_size = 640, 360, "yuv420p", 2
+        for number in range(6):
+            frame = av.VideoFrame.from_ndarray(np.roll(noise, number), "yuv420p")
+            frame.pts = number
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode(None))
+    expected, found = (list(read(Bytes(path.read_bytes()))) for read in (parsed, unparsed))
+    assert max(packet.size for packet in expected) > 200_000
+    assert [bytes(packet) for packet in found] == [bytes(packet) for packet in expected]
+    assert [packet.is_keyframe for packet in found] == [packet.is_keyframe for packet in expected]

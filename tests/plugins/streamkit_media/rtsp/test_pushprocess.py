@@ -2,20 +2,20 @@ from collections.abc import Callable
 
 import pytest
 
+from streamkit_media.rtsp.pusher import PushOrder
 from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
 
 
-def order(port: int) -> dict[str, object]:
+def order(port: int) -> PushOrder:
     """To connect to a port here."""
-    url = f"rtsp://127.0.0.1:{port}/live"
-    return {"url": url, "options": {}, "codec": "h264", "width": 64, "height": 48, "timeout_s": 0.5}
+    return PushOrder(f"rtsp://127.0.0.1:{port}/live", {}, "h264", 64, 48, 0.5)
 
 
 def fails(process: PushProcess) -> PushFailure:
     """What a connection fails with."""
     for _ in range(1000):
         try:
-            process.exchange(0.05)
+            process.check(0.05)
         except PushFailure as failure:
             return failure
     pytest.fail("the connection has neither failed nor been found silent")
@@ -25,7 +25,7 @@ def test_silence_is_distinguished_from_refusal(serve: Callable[[int], int]) -> N
     """A server that does not answer is silent; a port that is closed gives FFmpeg's reason."""
     for port, is_silent, reason in ((serve(0), True, "silent"), (1, False, "Connection refused")):
         process = PushProcess()
-        process.open(order(port))
+        process.send(order(port))
         failure = fails(process)
         process.close(0)
         process.close(0)
@@ -37,6 +37,6 @@ def test_an_idle_process_is_not_silent() -> None:
     """An idle process has no time limit, and ends when it is closed."""
     process = PushProcess()
     for _ in range(12):
-        process.exchange(0.05)
+        process.check(0.05)
     process.close(5)
     assert not process.pending

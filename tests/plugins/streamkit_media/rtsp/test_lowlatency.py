@@ -55,13 +55,13 @@ def test_without_low_latency_ffmpeg_parses(
 ) -> None:
     """With low-latency=false nothing peeks at the socket; packets, their times and frames are the same."""
     calls = []
-    complete = rtspinput.complete_frames
+    with_marks = rtspinput.with_marks
 
     def counted(*arguments: Any) -> Any:
         calls.append(arguments)
-        return complete(*arguments)
+        return with_marks(*arguments)
 
-    monkeypatch.setattr(rtspinput, "complete_frames", counted)
+    monkeypatch.setattr(rtspinput, "with_marks", counted)
     found = {}
     for switch in ("true", "false"):
         server = start_server(units=units)
