@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from fractions import Fraction
 
-from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
 from streamkit_media.decoding.frame_arrays import Pixels
 from streamkit_media.encoding.encoder import Encoder, EncoderSettings
-from streamkit_media.recording.filemuxer import FORMATS, FRAGMENT_TICKS, FRAGMENTED, TIME_BASE, FileMuxer
+from streamkit_media.recording.filemuxer import (
+    FORMATS,
+    FRAGMENT_TICKS,
+    FRAGMENTED,
+    TIME_BASE,
+    FileMuxer,
+    ticks,
+)
 
 # Hybrid fragmented MP4: indexed when closed. FFmpeg's muxer crashes on some damaged streams, so it is used
 # for frames encoded here only.
@@ -24,7 +31,7 @@ LOWEST_RATE = 12
 SLOWEST_RATE = Fraction(1, 3600)  # for the encoder; MP4 cannot hold a frame of 7 hours
 
 
-class VideoWriter:
+class VideoWriter(FileMuxer):
     """Writes H.264 video in yuv420p, in the container that the file's name asks for.
 
     Args:
@@ -53,10 +60,9 @@ class VideoWriter:
         self._frame_ticks = max(1, round(1 / framerate / TIME_BASE))
         self._offset: int | None = None
         self._last = -self._frame_ticks
-        self._muxer = FileMuxer(file, OWN_FORMATS)
+        super().__init__(file, OWN_FORMATS)
         settings = replace(settings, live=framerate < LOWEST_RATE)
-        size, container = (width, height), self._muxer.container
-        self._encoder = Encoder(settings, pixel_format, size, framerate, container, TIME_BASE)
+        self._encoder = Encoder(settings, pixel_format, (width, height), framerate, self.container, TIME_BASE)
 
     def write(self, pixels: Pixels, pts: int | None) -> None:
         """Encodes one frame.
@@ -70,8 +76,8 @@ class VideoWriter:
             ValueError: the array is of another shape or type, or the container cannot hold so long a pause.
             FFmpegError: encoding or writing failed, this time or before.
         """
-        for packet in self._encoder.encode(pixels, self._ticks(pts)):
-            self._muxer.write(packet, can_play=self._last >= 2 * FRAGMENT_TICKS)
+        for packet in self._encoder.encode(pixels, self._place(pts)):
+            self.mux(packet, can_play=self._last >= 2 * FRAGMENT_TICKS)
 
     def close(self, limit_s: float | None = None) -> bool:
         """Writes what the encoder holds and the file's index. Safe to call twice.
@@ -85,33 +91,24 @@ class VideoWriter:
         Raises:
             FFmpegError: writing failed.
         """
-        if self._muxer.container is None:
-            return True
+        deadline = time.monotonic() + (math.inf if limit_s is None else limit_s)
+        has_content = self._last >= 0
         try:
-            return self._last < 0 or self._flush(limit_s)
+            for packet in self._encoder.finish() if has_content and not self.is_closed else ():
+                self.mux(packet, can_play=False)
+                if time.monotonic() > deadline:
+                    return False
         finally:
-            self._muxer.close(is_kept=self._last >= 0)
-
-    def abandon(self) -> None:
-        """Leaves the file as it is after an error; never fails."""
-        self._muxer.abandon()
-
-    def _flush(self, limit_s: float | None) -> bool:
-        deadline = None if limit_s is None else time.monotonic() + limit_s
-        for packet in self._encoder.finish():
-            self._muxer.write(packet, can_play=False)
-            if deadline is not None and time.monotonic() > deadline:
-                return False
+            self.finish(is_kept=has_content)
         return True
 
-    def _ticks(self, pts: int | None) -> int:
-        following = self._last + self._frame_ticks
-        ticks = following
+    def _place(self, pts: int | None) -> int:
+        place = following = self._last + self._frame_ticks
         if pts is not None:
-            own = round(Fraction(pts, SECOND_NS) / TIME_BASE)
+            own = ticks(pts)
             if self._offset is None or own + self._offset <= self._last:
                 self._offset = following - own
-            ticks = own + self._offset
-            self._muxer.check_pause(ticks - self._last)
-        self._last = ticks
-        return ticks
+            place = own + self._offset
+            self.check_pause(place - self._last)
+        self._last = place
+        return place

@@ -7,13 +7,10 @@ from pathlib import Path
 
 import msgspec
 
-from streamkit import Frame
+from streamkit import Frame, ResourceError
 
 SUFFIX = ".arrivals.jsonl"
-
-
-class BadArrivals(ValueError):
-    """A line of the file is invalid."""
+ENCODER = msgspec.json.Encoder()
 
 
 class Arrival(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -43,10 +40,12 @@ def arrivals_path(recording: Path) -> Path:
     return recording.with_name(recording.name + SUFFIX)
 
 
-def arrival_of(frame: Frame) -> Arrival:
-    """The arrival of a packet's frame."""
+def arrival_line(frame: Frame) -> bytes:
+    """The line for a packet."""
     utc_ns, origin = (frame.capture.utc_ns, frame.capture.origin) if frame.capture else (None, "")
-    return Arrival(frame.seq, frame.epoch, frame.pts, frame.arrival_ns, utc_ns, origin, int(frame.flags))
+    return ENCODER.encode_lines(
+        [Arrival(frame.seq, frame.epoch, frame.pts, frame.arrival_ns, utc_ns, origin, int(frame.flags))]
+    )
 
 
 def read_arrivals(recording: Path) -> Iterator[Arrival]:
@@ -54,7 +53,7 @@ def read_arrivals(recording: Path) -> Iterator[Arrival]:
 
     Raises:
         OSError: the file cannot be read.
-        BadArrivals: a line before the last is none.
+        ResourceError: a line before the last is none.
     """
     decoder = msgspec.json.Decoder(Arrival)
     with arrivals_path(recording).open("rb") as file:
@@ -64,4 +63,4 @@ def read_arrivals(recording: Path) -> Iterator[Arrival]:
             try:
                 yield decoder.decode(line)
             except (ValueError, TypeError) as error:
-                raise BadArrivals(f"line {number} is no arrival: {error}") from None
+                raise ResourceError(f"{recording}: line {number} is no arrival: {error}") from None

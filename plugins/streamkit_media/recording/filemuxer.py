@@ -11,6 +11,7 @@ from av.container import OutputContainer
 from av.packet import Packet
 from av.stream import Stream
 
+from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
 
 TIME_BASE = Fraction(1, 90_000)
@@ -30,87 +31,93 @@ FORMATS: dict[str, tuple[str, dict[str, str]]] = {
 
 
 class FileMuxer:
-    """Writes packets to a container in a file.
+    """Base of what writes packets to a container in a file.
 
     Args:
         file: of a name in `formats`; FFmpeg would leave one of its own open where the head cannot be written.
         formats: FFmpeg's format and its options for each ending of a name.
 
     Attributes:
-        container: None once it is closed.
+        file: the file.
+        container: until it `is_closed`.
         failure: the first error of a packet. No packet may follow: FFmpeg crashes where the container's head
             could not be written.
     """
 
     def __init__(self, file: OutputFile, formats: Mapping[str, tuple[str, dict[str, str]]] = FORMATS) -> None:
         self.failure: Exception | None = None
-        self._file = file
+        self.file = file
+        self.is_closed = False
         name, options = formats[file.path.suffix.lower()]
         self._is_limited = "movflags" in options
-        self.container: OutputContainer | None = av.open(
+        self.container: OutputContainer = av.open(
             file, "w", format=name, container_options={**ALWAYS, **options}
         )
 
-    def write(self, packet: Packet[Stream], *, can_play: bool) -> None:
+    def mux(self, packet: Packet[Stream], *, can_play: bool) -> None:
         """Writes one packet; the file replaces an older one once it `can_play`.
 
         Raises:
             FFmpegError: the container does not take the packet, or did not take one before.
             OSError: the file cannot be written.
         """
-        if self.failure is not None:
-            raise self.failure
-        assert self.container is not None
-        try:
-            self.container.mux_one(packet)
-        except Exception as error:
-            self.failure = error
-        self.failure = self._file.failure or self.failure
+        if self.failure is None:
+            try:
+                self.container.mux_one(packet)
+            except Exception as error:
+                self.failure = error
+            self.failure = self.file.failure or self.failure
         if self.failure is not None:
             raise self.failure
         if can_play:
-            self._file.publish()
+            self.file.publish()
 
-    def check_pause(self, ticks: int) -> None:
+    def check_pause(self, pause: int) -> None:
         """Checks that the container can hold a pause between two frames, in units of `TIME_BASE`.
 
         Raises:
             ValueError: it is too long.
         """
-        if self._is_limited and ticks > MAX_TICKS:
+        if self._is_limited and pause > MAX_TICKS:
             hours = 3600 * TIME_BASE.denominator
             raise ValueError(
-                f"{self._file.path.suffix} holds pauses of up to {MAX_TICKS / hours:.1f} h between two "
-                f"frames, this is one of {ticks / hours:.1f} h; write .mkv or .ts, or segments"
+                f"{self.file.path.suffix} holds pauses of up to {MAX_TICKS / hours:.1f} h between two "
+                f"frames, this is one of {pause / hours:.1f} h; write .mkv or .ts, or segments"
             )
 
-    def close(self, *, is_kept: bool) -> None:
+    def finish(self, *, is_kept: bool) -> None:
         """Writes the container's end; removes the file unless it `is_kept`. Safe to call twice.
 
         Raises:
             OSError: writing failed.
         """
-        container, self.container = self.container, None
         is_whole = False
         try:
-            if container is not None:
-                container.close()
+            self._close()
             is_whole = self.failure is None
         finally:
             if not is_kept:
-                self._file.discard()
+                self.file.discard()
             elif is_whole:
-                self._file.finish()
+                self.file.finish()
             else:
-                self._file.abandon()
-        if is_whole and self._file.failure is not None:
-            self.failure = self._file.failure
+                self.file.abandon()
+        if is_whole and self.file.failure is not None:
+            self.failure = self.file.failure
             raise self.failure
 
     def abandon(self) -> None:
         """Leaves the file as it is after an error; never fails."""
-        container, self.container = self.container, None
         with suppress(Exception):
-            if container is not None:
-                container.close()
-        self._file.abandon()
+            self._close()
+        self.file.abandon()
+
+    def _close(self) -> None:
+        if not self.is_closed:
+            self.is_closed = True
+            self.container.close()
+
+
+def ticks(ns: int) -> int:
+    """A time in units of `TIME_BASE`."""
+    return round(Fraction(ns, SECOND_NS) / TIME_BASE)

@@ -6,7 +6,6 @@ from collections import deque
 from contextlib import suppress
 from typing import Any, BinaryIO, cast
 
-import msgspec
 from av.packet import Packet
 
 from streamkit import (
@@ -27,7 +26,7 @@ from streamkit_media.codecs import CODED_CAPS, caps_parameters
 from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.nalunits import BadPacket
 from streamkit_media.packets import nanoseconds
-from streamkit_media.recording.arrivals import arrival_of, arrivals_path
+from streamkit_media.recording.arrivals import arrival_line, arrivals_path
 from streamkit_media.recording.filemuxer import FORMATS
 from streamkit_media.recording.packetwriter import WITH_KLV, PacketWriter
 from streamkit_media.streams import KLV_CAPS
@@ -92,7 +91,7 @@ class PacketSink(NumberedFilesSink):
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
         self._zero = self._begin = 0
         self._bytes = self._count = 0
-        self._is_damage_reported = self._is_length_reported = False
+        self._warned: set[str] = set()
         super().start()
 
     def begin(self) -> None:
@@ -130,68 +129,64 @@ class PacketSink(NumberedFilesSink):
 
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
-        if self._must_change(frame, is_keyframe):
-            self._change(frame)
-        if self._writer is None:
+        pts, dts = times_of(frame)
+        if self._must_change(frame.caps, pts - self._begin, is_keyframe):
+            self._change(frame.caps, pts, dts)
+        writer = self._writer
+        if writer is None:
             self.count_drop(BEFORE_KEYFRAME)
             return
-        pts, dts = times_of(frame)
-        is_first = not self._writer.has_begun
-        self._bytes += self._writer.write_video(
+        is_first = not writer.has_begun
+        self._bytes += writer.write_video(
             bytes(frame.data), pts - self._zero, dts - self._zero, frame.duration, is_keyframe
         )
         if is_first:
-            self.post_message("segment", location=str(self._writer.path), pts=pts)
+            self.post_message("segment", location=str(writer.file.path), pts=pts)
             while self._early:
                 self._write_klv(self._early.popleft())
         if self._arrivals is not None:
-            self._arrivals.write(msgspec.json.encode(arrival_of(frame)) + b"\n")
+            self._arrivals.write(arrival_line(frame))
 
     def _write_klv(self, frame: Frame) -> None:
+        pts = frame.pts or 0
         if self._writer is None:
             # Telemetry of the first frame often comes before it.
             if len(self._early) == self._early.maxlen:
                 self.count_drop(BEFORE_KEYFRAME)
             self._early.append(frame)
-            return
-        if (frame.pts or 0) < self._zero:
+        elif pts < self._zero:
             self.count_drop(BEFORE_KEYFRAME)
-            return
-        self._bytes += self._writer.write_klv(bytes(frame.data), (frame.pts or 0) - self._zero)
+        else:
+            self._bytes += self._writer.write_klv(bytes(frame.data), pts - self._zero)
 
-    def _must_change(self, frame: Frame, is_keyframe: bool) -> bool:
-        """Whether this packet begins a file: the first, one of another format, or a full segment's next."""
-        length_ns = (frame.pts or 0) - self._begin
+    def _must_change(self, caps: Caps, length_ns: int, is_keyframe: bool) -> bool:
+        """Whether a packet begins a file: the first, one of another format, or a full segment's next."""
         if not is_keyframe:
             if self._writer is not None and 0 < 2 * self.max_size_time < length_ns:
-                self._warn_of_length(length_ns)
+                self._warn_once(
+                    "length",
+                    f"a segment of {length_ns / SECOND_NS:.1f} s, max-size-time is "
+                    f"{self.max_size_time / SECOND_NS:g} s: no key frame has come at which another can "
+                    "begin; set the key-frame interval of the camera or encoder to it, or less",
+                )
             return False
         if self._writer is None or self._caps is None:
             return True
-        if frame.caps is not self._caps and caps_parameters(frame.caps) != caps_parameters(self._caps):
+        if caps is not self._caps and caps_parameters(caps) != caps_parameters(self._caps):
             return True
         is_long = self.max_size_time and length_ns >= self.max_size_time
         return bool(is_long or (self.max_size_bytes and self._bytes >= self.max_size_bytes))
 
-    def _warn_of_length(self, length_ns: int) -> None:
-        if not self._is_length_reported:
-            self._is_length_reported = True
-            self.post_warning(
-                f"a segment of {length_ns / SECOND_NS:.1f} s, max-size-time is "
-                f"{self.max_size_time / SECOND_NS:g} s: no key frame has come at which another can begin; "
-                "set the key-frame interval of the camera or encoder to it, or less"
-            )
-
-    def _change(self, frame: Frame) -> None:
+    def _change(self, caps: Caps, pts: int, dts: int) -> None:
         """Completes the file under way and begins the next."""
         had_one = self._writer is not None
         self.end()
         if had_one and not self.names.is_several:
             raise StreamError(
-                f"{self.location}: one file holds one format, and {frame.caps.name} of another comes now; "
+                f"{self.location}: one file holds one format, and {caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
-        parameters, file = caps_parameters(frame.caps), self.open_file()
+        parameters, file = caps_parameters(caps), self.open_file()
         size = parameters.width, parameters.height
         try:
             self._writer = PacketWriter(
@@ -202,17 +197,21 @@ class PacketSink(NumberedFilesSink):
             raise
         if self.arrivals:
             self._arrivals = cast("BinaryIO", arrivals_path(file.path).open("wb", buffering=0))
-        pts, dts = times_of(frame)
-        self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, frame.caps
+        self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, caps
 
     def _drop_damaged(self, error: BadPacket) -> None:
         """Counts a damaged packet; where it was a file's first, the next key frame restarts the file."""
         self.count_drop(DAMAGED)
         if self._writer is not None and not self._writer.has_begun:
             self.end()
-        if not self._is_damage_reported:
-            self._is_damage_reported = True
-            self.post_warning(f"{self.location}: a packet is left out: {error}; others like it are counted")
+        self._warn_once(
+            "damage", f"{self.location}: a packet is left out: {error}; others like it are counted"
+        )
+
+    def _warn_once(self, subject: str, text: str) -> None:
+        if subject not in self._warned:
+            self._warned.add(subject)
+            self.post_warning(text)
 
     def end(self) -> None:
         """Completes the file under way; one that nothing could be written to is removed."""
@@ -228,10 +227,10 @@ class PacketSink(NumberedFilesSink):
             if writer.has_begun:
                 self._count += 1
             else:
-                arrivals_path(writer.path).unlink(missing_ok=True)
+                arrivals_path(writer.file.path).unlink(missing_ok=True)
                 self.take_back()
         if writer.has_begun:
-            self.file_is_complete(writer.path, arrivals_path(writer.path))
+            self.file_is_complete(writer.file.path, arrivals_path(writer.file.path))
 
     def abandon(self) -> None:
         """Leaves what is written of the last file."""

@@ -6,7 +6,6 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
 from streamkit_media.nalunits import AnnexBConverter, BadPacket
 from streamkit_media.recording.filemuxer import (
@@ -15,13 +14,14 @@ from streamkit_media.recording.filemuxer import (
     MAX_TICKS,
     TIME_BASE,
     FileMuxer,
+    ticks,
 )
 from streamkit_media.recording.parametersets import check_parameter_sets
 
 WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
 
 
-class PacketWriter:
+class PacketWriter(FileMuxer):
     """One file being written.
 
     Args:
@@ -32,7 +32,6 @@ class PacketWriter:
         with_klv: whether there is a stream of KLV telemetry too.
 
     Attributes:
-        path: of the file.
         has_begun: whether the file's head is written; a packet may be left out from then on.
 
     Raises:
@@ -45,17 +44,14 @@ class PacketWriter:
     ) -> None:
         self._annexb = AnnexBConverter(codec, extradata)
         self._codec = codec
-        self.path = file.path
         self.has_begun = False
-        self._reads_parameter_sets = FORMATS[self.path.suffix.lower()][0] not in WITHOUT_HEADERS
+        self._reads_parameter_sets = FORMATS[file.path.suffix.lower()][0] not in WITHOUT_HEADERS
         self._last_dts: dict[int, int] = {}
         self._is_after_pause = False
-        self._muxer = FileMuxer(file)
-        container = self._muxer.container
-        assert container is not None
+        super().__init__(file)
         try:
-            self._video = container.add_mux_stream(codec, width=size[0], height=size[1])
-            self._klv: Stream | None = container.add_data_stream("klv") if with_klv else None
+            self._video = self.container.add_mux_stream(codec, width=size[0], height=size[1])
+            self._klv: Stream | None = self.container.add_data_stream("klv") if with_klv else None
         except BaseException:
             self.close()
             raise
@@ -84,19 +80,27 @@ class PacketWriter:
             check_parameter_sets(self._codec, data)
         packet = Packet(data)
         packet.is_keyframe = is_keyframe
-        return self._write(packet, self._video, _ticks(pts), _ticks(dts), _ticks(duration or 0))
+        return self._write(packet, self._video, ticks(pts), ticks(dts), ticks(duration or 0))
 
     def write_klv(self, data: bytes, pts: int) -> int:
         """Writes one KLV packet."""
         assert self._klv is not None
         packet = Packet(data)
         packet.is_keyframe = True
-        return self._write(packet, self._klv, _ticks(pts), _ticks(pts), 0)
+        return self._write(packet, self._klv, ticks(pts), ticks(pts), 0)
 
     def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
         lowest = self._last_dts.get(stream.index, dts - 1) + 1
         dts = max(dts, lowest)
-        self._check_pause(dts - lowest)
+        try:
+            self.check_pause(dts - lowest)
+        except ValueError as error:
+            if self._is_after_pause:
+                raise
+            # One packet after too long a pause is taken for damaged; the second shows the stream's own pause.
+            self._is_after_pause = True
+            raise BadPacket(str(error)) from None
+        self._is_after_pause = False
         packet.stream = stream
         try:
             packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
@@ -105,26 +109,15 @@ class PacketWriter:
             raise BadPacket(f"its time of {max(pts, dts) / TIME_BASE.denominator:.3g} s is none") from None
         self._last_dts[stream.index] = dts
         try:
-            self._muxer.write(packet, can_play=pts >= FRAGMENT_TICKS)
+            self.mux(packet, can_play=pts >= FRAGMENT_TICKS)
         except FFmpegError as error:
             if not self.has_begun and not isinstance(error, InvalidDataError):
                 raise
             refusal = BadPacket(f"it cannot be written: {error.strerror}")
-            self._muxer.failure = None if self.has_begun else refusal
+            self.failure = None if self.has_begun else refusal
             raise refusal from None
         self.has_begun = True
         return packet.size
-
-    def _check_pause(self, ticks: int) -> None:
-        """Takes one packet after too long a pause for damaged, and the second for the stream's own pause."""
-        try:
-            self._muxer.check_pause(ticks)
-        except ValueError as error:
-            if self._is_after_pause:
-                raise
-            self._is_after_pause = True
-            raise BadPacket(str(error)) from None
-        self._is_after_pause = False
 
     def close(self) -> None:
         """Completes the file, or removes it where nothing could be written. Safe to call twice.
@@ -132,8 +125,4 @@ class PacketWriter:
         Raises:
             OSError: writing failed.
         """
-        self._muxer.close(is_kept=self.has_begun)
-
-
-def _ticks(ns: int) -> int:
-    return round(ns * TIME_BASE.denominator / SECOND_NS)
+        self.finish(is_kept=self.has_begun)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
-from streamkit import Caps, Capture, Frame, Property, ResourceError, Source, mask_secrets
+from streamkit import Caps, Capture, Frame, Property, ResourceError, Source
 from streamkit.output.names import local_path
 from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters, stream_rate
 from streamkit_media.container import check_file, open_container, video_stream
 from streamkit_media.packets import packet_frame, read_packets
-from streamkit_media.recording.arrivals import Arrival, BadArrivals, arrivals_path, read_arrivals
+from streamkit_media.recording.arrivals import Arrival, arrivals_path, read_arrivals
 
 ORIGINS = ("rtcp", "misb", "file", "arrival")
 
@@ -60,16 +60,13 @@ class ReplaySrc(Source):
         with open_container(self.location) as container:
             stream = video_stream(container, self.location)
             began, first = self.clock_ns(), None
-            try:
-                for packet, arrival in zip(read_packets(container, stream), arrivals, strict=False):
-                    first = arrival.arrival_ns if first is None else first
-                    elapsed_ns = arrival.arrival_ns - first
-                    due = began + (round(elapsed_ns / self.speed) if self.speed else 0)
-                    if not self.clock.wait_until(due, self.over):
-                        return
-                    yield self._frame(packet_frame(packet, self._caps), arrival, due)
-            except BadArrivals as error:
-                raise ResourceError(f"{mask_secrets(self.location)}: {error}") from None
+            for packet, arrival in zip(read_packets(container, stream), arrivals, strict=False):
+                first = arrival.arrival_ns if first is None else first
+                elapsed_ns = arrival.arrival_ns - first
+                due = began + (round(elapsed_ns / self.speed) if self.speed else 0)
+                if not self.clock.wait_until(due, self.over):
+                    return
+                yield self._frame(packet_frame(packet, self._caps), arrival, due)
 
     def _frame(self, frame: Frame, arrival: Arrival, due: int) -> Frame:
         capture = None
