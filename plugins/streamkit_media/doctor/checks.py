@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from fractions import Fraction
-from typing import Any
 
 from streamkit_media.doctor.measure import Decoded, Measured, measure, try_decoding
-from streamkit_media.doctor.report import Check, Verdict
+from streamkit_media.doctor.report import Check, bad, good, good_if, note
 from streamkit_media.doctor.watch import Seen
 
 LONG_KEYFRAME_INTERVAL_S = 2.0
@@ -29,7 +28,7 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     decoded = try_decoding(seen.kept)
     checks = [_format_check(seen, transport), _decoding_check(decoded, found.rate if is_live else None)]
     if found.packets == 1 and not is_live:
-        return [*checks, _check("length", False, "one frame"), _telemetry_check(seen, is_live=False)]
+        return [*checks, note("length", "one frame"), _telemetry_check(seen, is_live=False)]
     checks += [_rate_check(seen, found), _keyframe_check(found, is_live)]
     if is_live:
         checks.append(_jitter_check(found))
@@ -38,39 +37,34 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     return [*checks, _loss_check(found), _telemetry_check(seen, is_live=is_live)]
 
 
-def _check(name: str, is_good: bool, text: str, facts: dict[str, Any] | None = None) -> Check:
-    return Check(name, Verdict.GOOD if is_good else Verdict.NOTE, text, facts or {})
-
-
 def _format_check(seen: Seen, transport: str) -> Check:
     caps = seen.kept[0].caps
     width, height = caps.get("width"), caps.get("height")
     size = f"{width!s} x {height!s}" if width else "size unknown before the first key frame"
     over = f" over {transport.upper()}" if transport else ""
     facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}
-    return _check("stream", True, f"{caps.name}, {size}{over}", facts)
+    return good("stream", f"{caps.name}, {size}{over}", **facts)
 
 
 def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
-    facts = asdict(decoded)
+    facts, text = asdict(decoded), f"{decoded.frames} frames of {decoded.packets} packets"
     if not decoded.packets and decoded.error:
-        return Check("decoding", Verdict.BAD, decoded.error, facts)
+        return bad("decoding", decoded.error, **facts)
     if not decoded.frames:
         why = f": {decoded.error}" if decoded.error else ""
         text = f"none of {decoded.packets} packets decodes{why}; the video is damaged, encrypted or cut short"
-        return Check("decoding", Verdict.BAD, text, facts)
-    text = f"{decoded.frames} frames of {decoded.packets} packets"
+        return bad("decoding", text, **facts)
     if decoded.error:
-        return _check("decoding", False, f"{text}, the others do not decode: {decoded.error}", facts)
+        return note("decoding", f"{text}, the others do not decode: {decoded.error}", **facts)
     if decoded.damaged:
-        return _check("decoding", False, f"{text}, {decoded.damaged} of them damaged", facts)
+        return note("decoding", f"{text}, {decoded.damaged} of them damaged", **facts)
     if decoded.rate is None or decoded.frames < ENOUGH_FRAMES:
-        return _check("decoding", True, text, facts)
+        return good("decoding", text, **facts)
     text += f", {decoded.rate:.0f}/s on this machine"
-    is_slow = live_rate is not None and decoded.rate < live_rate * HEADROOM
-    if is_slow:
+    if live_rate is not None and decoded.rate < live_rate * HEADROOM:
         text += f"; the stream has {live_rate:.0f}/s: ask the camera for less, or set decode skip="
-    return _check("decoding", not is_slow, text, facts)
+        return note("decoding", text, **facts)
+    return good("decoding", text, **facts)
 
 
 def _rate_check(seen: Seen, found: Measured) -> Check:
@@ -78,20 +72,19 @@ def _rate_check(seen: Seen, found: Measured) -> Check:
     declared = float(rate) if isinstance(rate, int | Fraction) else None
     facts = {"declared": declared, "measured": found.rate, "bit_rate": found.bit_rate}
     if not found.has_times:
-        return _check("frame rate", False, f"{NO_TIMES}; decode gives them at {declared or 25:g}/s", facts)
+        return note("frame rate", f"{NO_TIMES}; decode gives them at {declared or 25:g}/s", **facts)
     if found.rate is None:
-        return _check("frame rate", False, "too few frames to measure it", facts)
+        return note("frame rate", "too few frames to measure it", **facts)
     text = f"{found.rate:.2f}/s measured"
     text += f", {declared:.2f}/s declared" if declared else ", none declared"
     text += f", {found.bit_rate / 1e6:.2f} Mbit/s" if found.bit_rate else ""
     text += "; it varies" if found.is_variable else ""
     is_off = declared is not None and abs(found.rate - declared) > RATE_TOLERANCE * declared
-    return _check("frame rate", not (is_off or found.is_variable), text, facts)
+    return good_if(not (is_off or found.is_variable), "frame rate", text, **facts)
 
 
 def _keyframe_check(found: Measured, is_live: bool) -> Check:
     interval = found.keyframe_interval_s
-    facts = {"interval_s": interval, "seen": found.keyframes}
     is_good = not is_live or (interval is not None and interval <= LONG_KEYFRAME_INTERVAL_S)
     if found.keyframes and not found.has_times:
         is_good, text = True, f"{found.keyframes} in {found.packets} packets"
@@ -105,38 +98,39 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
         text = f"every {interval:.1f} s at most"
     else:
         text = f"every {interval:.1f} s; after a loss the video recovers only then: 1 or 2 s are better"
-    return _check("key frames", is_good, text, facts)
+    return good_if(is_good, "key frames", text, interval_s=interval, seen=found.keyframes)
 
 
 def _jitter_check(found: Measured) -> Check:
     if found.jitter_ms is None:
-        return _check("jitter", False, "too few frames to measure it")
+        return note("jitter", "too few frames to measure it")
     is_good = found.jitter_ms <= LARGE_JITTER_MS
     text = f"{found.jitter_ms:.1f} ms" + ("" if is_good else "; raise latency=")
-    return _check("jitter", is_good, text, {"jitter_ms": found.jitter_ms})
+    return good_if(is_good, "jitter", text, jitter_ms=found.jitter_ms)
 
 
 def _loss_check(found: Measured) -> Check:
-    share = f"{found.missing} of {found.packets + found.missing} frames are missing"
-    text = share if found.missing else f"none of {found.packets} frames is missing"
     if not found.has_times:
-        return _check("loss", True, f"{found.packets} frames; without times a missing one is not seen")
-    return _check("loss", not found.missing, text, {"missing": found.missing, "received": found.packets})
+        return good("loss", f"{found.packets} frames; without times a missing one is not seen")
+    text = f"none of {found.packets} frames is missing"
+    if found.missing:
+        text = f"{found.missing} of {found.packets + found.missing} frames are missing"
+    return good_if(not found.missing, "loss", text, missing=found.missing, received=found.packets)
 
 
 def _clock_check(seen: Seen) -> Check:
-    is_good = bool(seen.origins.get("rtcp"))
-    reports = "capture times by the server's RTCP reports"
-    arrival = "no RTCP sender report yet: capture times are those of arrival here"
-    return _check("clock", is_good, reports if is_good else arrival, dict(seen.origins))
+    if seen.origins["rtcp"]:
+        return good("clock", "capture times by the server's RTCP reports", **seen.origins)
+    text = "no RTCP sender report yet: capture times are those of arrival here"
+    return note("clock", text, **seen.origins)
 
 
 def _telemetry_check(seen: Seen, *, is_live: bool) -> Check:
-    pad, counts = seen.best_telemetry
     if photograph := seen.photograph:
         latitude, longitude = photograph.latitude, photograph.longitude
         text = f"in the photograph: {latitude:.6f} {longitude:.6f}, {photograph.source}"
-        return _check("telemetry", True, text, {"latitude": latitude, "longitude": longitude})
+        return good("telemetry", text, latitude=latitude, longitude=longitude)
+    pad, counts = seen.best_telemetry
     kind, total = f"MISB KLV, pad {pad}", counts["good_packets"] + counts["bad_packets"]
     if pad == "subtitle":
         kind, total = "DJI subtitles", counts["subtitles"]
@@ -148,7 +142,6 @@ def _telemetry_check(seen: Seen, *, is_live: bool) -> Check:
     elif counts["skipped_bytes"]:
         text = f"{counts['skipped_bytes']} bytes of KLV, but no packet of ST 0601 or EG 0104"
     else:
-        text = "none inside"
         is_video = not is_live and len(seen.packets) > 1
-        text += "; posesync location=FILE.SRT reads it from a file" if is_video else ""
-    return _check("telemetry", bool(counts["poses"]) and not refused, text, counts)
+        text = "none inside" + ("; posesync location=FILE.SRT reads it from a file" if is_video else "")
+    return good_if(bool(counts["poses"]) and not refused, "telemetry", text, **counts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import asdict
 from operator import itemgetter
@@ -15,7 +15,7 @@ from streamkit import StreamkitError, choose_source, mask_secrets
 from streamkit.output.names import FileNames, is_network, local_path
 from streamkit_media.container import check_file
 from streamkit_media.doctor.checks import stream_checks
-from streamkit_media.doctor.report import Check, Report, Verdict
+from streamkit_media.doctor.report import Check, Report, bad, good, good_if, is_usable
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, connection_failure, port_of
@@ -55,68 +55,67 @@ def _examine_live(
     report_step(f"connecting to {where}, {timeout_s:g} s at most")
     scheme = location.partition("://")[0].lower()
     is_rtsp, checks = scheme in RTSP_SCHEMES, list[Check]()
-    properties: dict[str, Any] = {"reconnect": "never", "timeout_s": timeout_s}
+    properties: dict[str, Any] = {"reconnect": "never", "timeout_s": timeout_s, "location": location}
     if is_rtsp:
-        factory, properties = "rtspsrc", {**properties, "location": location, "transport": transport}
+        properties["transport"] = transport
         checks = _reach(location, timeout_s)
     else:
-        factory, properties, transport = "livesrc", {**properties, "uri": location}, scheme
-    if any(check.verdict is Verdict.BAD for check in checks):
-        return _reported(where, checks)
+        transport = scheme
+    if not is_usable(checks):
+        return Report(where, tuple(checks), "")
     report_step(f"watching {where} for {seconds:g} s")
-    seen = watch(factory, properties, 2 * timeout_s + 1, seconds)
+    seen = watch("rtspsrc" if is_rtsp else "livesrc", properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:
-        checks.append(Check("stream", Verdict.BAD, seen.error or f"no packet within {timeout_s:g} s"))
-        return _reported(where, checks)
+        checks.append(bad("stream", seen.error or f"no packet within {timeout_s:g} s"))
+        return Report(where, tuple(checks), "")
     checks += stream_checks(seen, is_live=True, transport=transport, is_rtsp=is_rtsp)
-    return _reported(where, checks, _live_line(location, properties, seen))
+    source = f"rtspsrc name=s location={{}} transport={transport}" if is_rtsp else "livesrc name=s uri={}"
+    return _reported(where, checks, _live_line(location, source, seen))
 
 
-def _reported(where: str, checks: list[Check], line: str = "") -> Report:
+def _reported(where: str, checks: list[Check], line: str) -> Report:
     """The report; what cannot be used gets no pipeline."""
-    is_bad = any(check.verdict is Verdict.BAD for check in checks)
-    return Report(where, tuple(checks), "" if is_bad else line)
+    return Report(where, tuple(checks), line if is_usable(checks) else "")
 
 
 def _reach(location: str, timeout_s: float) -> list[Check]:
     try:
         port, parts = port_of(location), urlsplit(location)
-        host = parts.hostname or ""
     except ValueError as error:
-        return [Check("address", Verdict.BAD, f"{error}; write rtsp://host:port/path")]
+        return [bad("address", f"{error}; write rtsp://host:port/path")]
+    host = parts.hostname or ""
     if not host:
-        return [Check("address", Verdict.BAD, "no host in it; write rtsp://host:port/path")]
-    reason = connection_failure(host, port, timeout_s)
-    if reason:
-        return [Check("reach", Verdict.BAD, f"{reason}; check address, cable and firewall")]
-    bare = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+        return [bad("address", "no host in it; write rtsp://host:port/path")]
+    if reason := connection_failure(host, port, timeout_s):
+        return [bad("reach", f"{reason}; check address, cable and firewall")]
     if parts.scheme == "rtsps":
-        return [Check("reach", Verdict.GOOD, f"{host} port {port} answers")]
+        return [good("reach", f"{host} port {port} answers")]
+    bare = urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
     try:
         server = ask_options(host, port, bare, timeout_s)
     except (NoAnswer, OSError) as error:
-        return [Check("server", Verdict.BAD, f"{host} port {port}: {error}; is this an RTSP server?")]
-    reached = f"{host} port {port}, connected in {server.connect_ms:.1f} ms"
+        return [bad("server", f"{host} port {port}: {error}; is this an RTSP server?")]
     answered = f"{server.software or 'unnamed'}, answers in {server.answer_ms:.0f} ms ({server.status})"
     return [
-        Check("reach", Verdict.GOOD, reached),
-        Check("server", Verdict.GOOD, answered, asdict(server)),
+        good("reach", f"{host} port {port}, connected in {server.connect_ms:.1f} ms"),
+        good("server", answered, **asdict(server)),
     ]
 
 
-def _live_line(location: str, properties: Mapping[str, Any], seen: Seen) -> str:
+def _live_line(location: str, source: str, seen: Seen) -> str:
+    """The line for a source whose location is to be filled in."""
     parts = urlsplit(location)
     user, mark, host = parts.netloc.rpartition("@")
     bare = mask_secrets(urlunsplit(parts._replace(netloc=host)))
-    secrets = " user-id=${user} user-pw=${password}" if mark and user else ""
-    settings = "--set user=NAME --set password=SECRET " if secrets else ""
-    if "transport" in properties:
-        source = f"rtspsrc name=s location={bare}{secrets} transport={properties['transport']}"
-    else:
-        source = f"livesrc name=s uri={bare}{secrets}"
+    settings = ""
+    if mark and user:
+        settings, bare = (
+            "--set user=NAME --set password=SECRET ",
+            f"{bare} user-id=${{user}} user-pw=${{password}}",
+        )
     pose, klv = _pose_parts(seen)
     queue = "queue max-size-buffers=1 leaky=downstream"
-    line = f"{source} ! decode{pose} ! {queue} ! {TRACKING} ! zenohsink key=uav/1{klv}"
+    line = f"{source.format(bare)} ! decode{pose} ! {queue} ! {TRACKING} ! zenohsink key=uav/1{klv}"
     return f"streamkit launch {settings}'{line}'"
 
 
@@ -131,13 +130,13 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         try:
             check_file(location)
         except StreamkitError as error:
-            return Report(where, (Check("file", Verdict.BAD, str(error)),), "")
+            return Report(where, (bad("file", str(error)),), "")
         size = local_path(location).stat().st_size
         text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size} bytes"
-        checks.append(Check("file", Verdict.GOOD, text, {"bytes": size}))
+        checks.append(good("file", text, bytes=size))
     seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None)
     if not seen.packets and is_network(location):
-        return Report(where, (*checks, Check("stream", Verdict.BAD, seen.error or "no packet came")), "")
+        return Report(where, (*checks, bad("stream", seen.error or "no packet came")), "")
     if not seen.packets:
         return _telemetry_file(location, checks, seen.error)
     checks += stream_checks(seen, is_live=False, transport="")
@@ -145,9 +144,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         return _reported(where, checks, _one_frame_line(location, seen))
     pose, klv = _pose_parts(seen)
     if not pose and (sidecar := telemetry_beside(location)) is not None:
-        checks[-1] = Check(
-            "telemetry", Verdict.GOOD, f"none inside; {sidecar.name} next to it has the positions"
-        )
+        checks[-1] = good("telemetry", f"none inside; {sidecar.name} next to it has the positions")
         pose = f" ! posesync location={in_description(str(sidecar))}"
     source = f"filesrc name=s location={mask_secrets(in_description(location))}"
     tracks = f"tracksink location=tracks.jsonl if-exists=fail{klv}"
@@ -194,25 +191,20 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
             while (sample := file.next()) is not None:
                 last = sample
     except (OSError, ValueError) as fault:
-        more = (
-            f"; nor telemetry: {str(fault).removeprefix(location + ': ')}"
-            if isinstance(fault, NoTelemetry)
-            else ""
-        )
-        checks.append(Check("stream", Verdict.BAD, error + more))
-        return _reported(where, checks)
+        reason = str(fault).removeprefix(location + ": ")
+        more = f"; nor telemetry: {reason}" if isinstance(fault, NoTelemetry) else ""
+        return Report(where, (*checks, bad("stream", error + more)), "")
     assert first is not None
     assert last is not None
-    counts = file.reader.counts()
+    counts, source = file.reader.counts(), first.source
     length = (last.pts - first.pts) / 1e9
-    text = f"{counts['poses']} positions over {length:.1f} s, {first.source}"
-    facts = {"positions": counts["poses"], "seconds": length, "source": first.source, **counts}
-    complaint = file.reader.complaint()
-    verdict = Verdict.NOTE if complaint else Verdict.GOOD
-    check = Check("telemetry", verdict, f"{text}; {complaint}" if complaint else text, facts)
+    text = f"{counts['poses']} positions over {length:.1f} s, {source}"
+    if complaint := file.reader.complaint():
+        text += f"; {complaint}"
+    facts = {"positions": counts["poses"], "seconds": length, "source": source, **counts}
     pose = f"posesync location={in_description(location)}"
     line = f'streamkit launch "filesrc location=VIDEO ! decode ! {pose} ! fakesink"'
-    return Report(where, (*checks, check), line)
+    return Report(where, (*checks, good_if(not complaint, "telemetry", text, **facts)), line)
 
 
 def _pose_parts(seen: Seen) -> tuple[str, str]:

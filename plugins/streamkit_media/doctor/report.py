@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from streamkit import mask_secrets
@@ -25,10 +26,32 @@ class Check:
     name: str
     verdict: Verdict
     text: str
-    facts: dict[str, Any] = field(default_factory=dict)
+    facts: dict[str, Any]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "text", mask_secrets(self.text))
+
+def good(name: str, text: str, **facts: Any) -> Check:
+    """A check that found nothing wrong."""
+    return Check(name, Verdict.GOOD, mask_secrets(text), facts)
+
+
+def note(name: str, text: str, **facts: Any) -> Check:
+    """A check that found something worth knowing."""
+    return Check(name, Verdict.NOTE, mask_secrets(text), facts)
+
+
+def bad(name: str, text: str, **facts: Any) -> Check:
+    """A check that says why the stream cannot be used."""
+    return Check(name, Verdict.BAD, mask_secrets(text), facts)
+
+
+def good_if(is_good: bool, name: str, text: str, **facts: Any) -> Check:
+    """A good check, else a note."""
+    return (good if is_good else note)(name, text, **facts)
+
+
+def is_usable(checks: Iterable[Check]) -> bool:
+    """Whether none of the checks is bad."""
+    return all(check.verdict is not Verdict.BAD for check in checks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +71,7 @@ class Report:
     @property
     def is_usable(self) -> bool:
         """Whether nothing is bad."""
-        return all(check.verdict is not Verdict.BAD for check in self.checks)
+        return is_usable(self.checks)
 
     def as_json(self) -> dict[str, Any]:
         """The report as JSON values."""

@@ -51,7 +51,7 @@ def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
     with socket.create_connection((host, port), limit_s) as connection:
         connected = time.monotonic()
         connection.sendall(f"OPTIONS {url} RTSP/1.0\r\nCSeq: 1\r\nUser-Agent: streamkit\r\n\r\n".encode())
-        reply = _read_head(connection, connected + limit_s)
+        reply = _read_head(connection, connected + limit_s).decode("latin-1")
     answer_ms = (time.monotonic() - connected) * 1000
     status = re.match(r"RTSP/\d\.\d (\d{3}[^\r\n]*)", reply)
     if status is None:
@@ -63,17 +63,14 @@ def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
     return ServerFacts(status[1], software, methods, (connected - began) * 1000, answer_ms)
 
 
-def _read_head(connection: socket.socket, deadline: float) -> str:
+def _read_head(connection: socket.socket, deadline: float) -> bytes:
     data = b""
     while b"\r\n\r\n" not in data and len(data) < MAX_REPLY_BYTES:
-        left = deadline - time.monotonic()
-        if left <= 0:
-            raise NoAnswer("it accepts the connection and does not answer")
-        connection.settimeout(left)
         try:
+            connection.settimeout(max(0.001, deadline - time.monotonic()))
             more = connection.recv(4096)
         except TimeoutError:
-            continue
+            raise NoAnswer("it accepts the connection and does not answer") from None
         except ConnectionError:
             more = b""
         data += more
@@ -81,4 +78,4 @@ def _read_head(connection: socket.socket, deadline: float) -> str:
             break
     if not data:
         raise NoAnswer("it accepts the connection and closes it")
-    return data.decode("latin-1")
+    return data

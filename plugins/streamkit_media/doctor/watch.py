@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, cast
 
@@ -34,7 +35,7 @@ class Seen:
         self.packets: list[PacketFacts] = []
         self.kept: list[Frame] = []
         self._kept_bytes = 0
-        self.origins: dict[str, int] = {}
+        self.origins = Counter[str]()
         self.telemetry: dict[str, TelemetryReader] = {}
         self.error = ""
 
@@ -46,7 +47,7 @@ class Seen:
             self._kept_bytes += size
         self.packets.append(PacketFacts(frame.pts, frame.arrival_ns, size, is_key))
         if frame.capture is not None:
-            self.origins[frame.capture.origin] = self.origins.get(frame.capture.origin, 0) + 1
+            self.origins[frame.capture.origin] += 1
 
     def add_telemetry(self, pad: str, frame: Frame) -> None:
         """Takes a packet of telemetry."""
@@ -80,45 +81,36 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
     pads = TELEMETRY_PADS[factory]
     telemetry = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
     text = f"{factory} name=s  s.src ! appsink name=video {full}  {telemetry}"
-    deadline, until = time.monotonic() + limit_s, None
+    until = time.monotonic() + limit_s
     try:
         with Pipeline.parse(text) as pipeline:
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()
-            while time.monotonic() < (until or deadline):
-                if seconds is None and len(seen.packets) >= FILE_PACKETS:
-                    break
-                frame = _pull(pipeline["video"])
-                if frame is None and (pipeline.ended.is_set() or pipeline.error is not None):
-                    break
+            while time.monotonic() < until and (seconds is not None or len(seen.packets) < FILE_PACKETS):
+                frame = _pull(pipeline["video"], POLL_S)
+                is_over = frame is None and (pipeline.ended.is_set() or pipeline.error is not None)
                 if frame is not None:
-                    seen.add_video(frame)
-                    if until is None and seconds is not None:
+                    if not seen.packets and seconds is not None:
                         until = time.monotonic() + seconds
-                _take_telemetry(pipeline, pads, seen)
-            _take_telemetry(pipeline, pads, seen)
+                    seen.add_video(frame)
+                for pad in pads:
+                    while (packet := _pull(pipeline[pad], 0.0)) is not None:
+                        seen.add_telemetry(pad, packet)
+                if is_over:
+                    break
             if seconds is None:
                 for reader in seen.telemetry.values():  # what they held back counts too
                     reader.finish()
-            seen.error = _bare(pipeline.error)
-    except StreamkitError as error:
-        seen.error = _bare(error)
+            error: Exception | None = pipeline.error
+    except StreamkitError as failure:
+        error = failure
+    # Without the name of the element.
+    seen.error = str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
     return seen
 
 
-def _take_telemetry(pipeline: Pipeline, pads: Sequence[str], seen: Seen) -> None:
-    for pad in pads:
-        while (packet := _pull(pipeline[pad], 0.0)) is not None:
-            seen.add_telemetry(pad, packet)
-
-
-def _bare(error: Exception | None) -> str:
-    """An error's text without the name of the element."""
-    return str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
-
-
-def _pull(sink: Any, timeout_s: float = POLL_S) -> Frame | None:
+def _pull(sink: Any, timeout_s: float) -> Frame | None:
     with suppress(StreamkitError):
         return cast("Frame | None", sink.pull(timeout_s))
     return None
