@@ -8,8 +8,8 @@ import struct
 from collections.abc import Callable
 
 from streamkit_telemetry.st0601writer import ber_length, element, local_set_packet
-from streamkit_telemetry_formats.eg0104 import ELEMENTS
 from streamkit_telemetry_formats.klv import KEY_PREFIX, UAS_LOCAL_SET, UNIVERSAL_SET
+from streamkit_telemetry_formats.misb import ELEMENTS
 
 POSITION = element(13, b"\x10\0\0\0") + element(14, b"\x10\0\0\0")
 EXTREMES = (

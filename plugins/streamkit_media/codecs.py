@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 
 from av.codec import Codec
@@ -45,42 +44,20 @@ CODED_CAPS = "; ".join(
 DECODERS = {"av1": "libdav1d"}
 
 
-@dataclass(frozen=True)
-class CodecParameters:
-    """What a decoder must know before the first packet.
-
-    Attributes:
-        codec: FFmpeg's canonical codec name.
-        width: px; 0 if unknown.
-        height: px; 0 if unknown.
-        extradata: codec headers kept outside the packets.
-        tag: the container's four-character code, as an integer; 0 if none.
-        bits: bits per coded sample; 0 if unknown.
-        pixel_format: FFmpeg's name, needed by raw video; "" where the codec defines it.
-    """
-
-    codec: str
-    width: int = 0
-    height: int = 0
-    extradata: bytes = b""
-    tag: int = 0
-    bits: int = 0
-    pixel_format: str = ""
-
-
-def stream_parameters(stream: VideoStream) -> CodecParameters:
-    """The parameters of a container's video stream."""
+def video_caps(stream: VideoStream) -> Caps:
+    """Fixed caps of a stream's packets, with what a decoder must know before the first."""
     context = stream.codec_context
     try:
         tag = int.from_bytes(context.codec_tag.encode("ascii"), "little")
     except UnicodeDecodeError:
         tag = 0
-    return CodecParameters(
-        codec=context.codec.canonical_name,
-        width=context.width,
-        height=context.height,
-        extradata=context.extradata or b"",
-        tag=tag,
+    return coded_caps(
+        context.codec.canonical_name,
+        context.width,
+        context.height,
+        context.extradata or b"",
+        stream_rate(stream),
+        codec_tag=tag,
         bits=context.bits_per_coded_sample,
         pixel_format=context.pix_fmt or "",
     )
@@ -94,45 +71,72 @@ def stream_rate(stream: VideoStream) -> Fraction | None:
     return None
 
 
-def coded_caps(parameters: CodecParameters, framerate: Fraction | None = None) -> Caps:
-    """Fixed caps of packets; without a framerate where that is None."""
-    name, fixed = MEDIA_TYPES.get(parameters.codec, (OTHER, {}))
+def coded_caps(
+    codec: str,
+    width: int = 0,
+    height: int = 0,
+    extradata: bytes = b"",
+    framerate: Fraction | None = None,
+    **details: int | str,
+) -> Caps:
+    """Fixed caps of packets; a missing value is left out.
+
+    Args:
+        codec: FFmpeg's canonical name.
+        width: px; 0 if unknown.
+        height: px; 0 if unknown.
+        extradata: codec headers kept outside the packets.
+        framerate: frames per second; None if unknown.
+        details: `codec_tag` (the container's four characters as an integer), `bits` (of a coded sample) and
+            `pixel_format` (FFmpeg's name) of a codec that has no media type of its own.
+    """
+    name, fixed = MEDIA_TYPES.get(codec, (OTHER, {}))
     fields: dict[str, int | str | Fraction] = dict(fixed)
     if name == OTHER:
-        fields |= {"codec": parameters.codec, "codec_tag": parameters.tag, "bits": parameters.bits}
-        if parameters.pixel_format:
-            fields["pixel_format"] = parameters.pixel_format
-    if parameters.width and parameters.height:
-        fields |= {"width": parameters.width, "height": parameters.height}
+        fields |= {"codec": codec, **{key: value for key, value in details.items() if value}}
+    if width and height:
+        fields |= {"width": width, "height": height}
     if framerate is not None:
         fields["framerate"] = framerate
-    if parameters.extradata:
-        fields["codec_data"] = parameters.extradata.hex()
+    if extradata:
+        fields["codec_data"] = extradata.hex()
     return Caps((Structure(name, fields),))
 
 
-def caps_parameters(caps: Caps) -> CodecParameters:
-    """The parameters in fixed caps of packets.
+def codec_of(caps: Caps) -> str:
+    """FFmpeg's name of the codec of packets.
 
     Raises:
         KeyError: no codec has these caps.
     """
-    codec = _codec_of(caps)
-    return CodecParameters(
-        codec=codec,
-        width=_integer(caps, "width"),
-        height=_integer(caps, "height"),
-        extradata=bytes.fromhex(str(caps.get("codec_data", ""))),
-        tag=_integer(caps, "codec_tag"),
-        bits=_integer(caps, "bits"),
-        pixel_format=str(caps.get("pixel_format", "")),
-    )
+    if caps.name == OTHER:
+        return str(caps["codec"])
+    for codec, (name, fields) in MEDIA_TYPES.items():
+        if name == caps.name and all(caps.get(key, value) == value for key, value in fields.items()):
+            return codec
+    raise KeyError(f"no codec has the caps {caps}")
+
+
+def extradata_of(caps: Caps) -> bytes:
+    """The codec headers in caps of packets; b"" where the packets hold them."""
+    return bytes.fromhex(str(caps.get("codec_data", "")))
+
+
+def size_of(caps: Caps) -> tuple[int, int]:
+    """Width and height in caps, px; 0 where they are unknown."""
+    width, height = caps.get("width", 0), caps.get("height", 0)
+    return (width, height) if isinstance(width, int) and isinstance(height, int) else (0, 0)
 
 
 def caps_rate(caps: Caps) -> Fraction | None:
     """Frames per second of caps; None where they have none."""
     rate = caps.get("framerate")
     return Fraction(rate) if isinstance(rate, int | Fraction) and rate > 0 else None
+
+
+def is_same_format(caps: Caps, other: Caps) -> bool:
+    """Whether packets of both caps may stand in one file."""
+    return caps is other or caps.without_fields("framerate") == other.without_fields("framerate")
 
 
 def decoder_for(codec: str) -> Codec:
@@ -142,17 +146,3 @@ def decoder_for(codec: str) -> Codec:
         UnknownCodecError: this FFmpeg has none.
     """
     return Codec(DECODERS.get(codec, codec), "r")
-
-
-def _codec_of(caps: Caps) -> str:
-    if caps.name == OTHER:
-        return str(caps["codec"])
-    for codec, (name, fields) in MEDIA_TYPES.items():
-        if name == caps.name and all(caps.get(key, value) == value for key, value in fields.items()):
-            return codec
-    raise KeyError(f"no codec has the caps {caps}")
-
-
-def _integer(caps: Caps, field: str) -> int:
-    value = caps.get(field, 0)
-    return value if isinstance(value, int) else 0

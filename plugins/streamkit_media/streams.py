@@ -1,17 +1,21 @@
-"""The streams of a container (video, KLV telemetry, subtitles, audio) and their caps."""
+"""The streams of a container (video, KLV telemetry, subtitles, audio), their caps, and packets as frames."""
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
 
 from av.audio.stream import AudioStream
 from av.container import InputContainer
+from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
-from streamkit import Caps, Structure
-from streamkit_media.codecs import coded_caps, stream_parameters, stream_rate
+from streamkit import SECOND_NS, Caps, Frame, FrameFlags, StreamError, Structure
+from streamkit_media.codecs import video_caps
+from streamkit_media.container import MEDIA_ERRORS, reason_of
 
 KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
 SUBTITLE_CAPS = "text/x-raw, format=utf8"
@@ -73,7 +77,7 @@ def _carries(stream: Stream, wanted: str) -> bool:
 def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
     """The fixed caps of a stream's packets."""
     if isinstance(stream, VideoStream):
-        return coded_caps(stream_parameters(stream), stream_rate(stream))
+        return video_caps(stream)
     if not isinstance(stream, AudioStream):
         return Caps(SUBTITLE_CAPS if kind is StreamKind.SUBTITLE else KLV_CAPS)
     context = stream.codec_context
@@ -85,3 +89,56 @@ def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
     if context.extradata:
         fields["codec_data"] = context.extradata.hex()
     return Caps((Structure(AUDIO_CAPS, fields),))
+
+
+KEYFRAME, CORRUPT = int(FrameFlags.KEYFRAME), int(FrameFlags.CORRUPT)
+
+
+@dataclass(frozen=True)
+class DecodeOnly:
+    """Metadata of a packet whose frame is decoded for others and not shown.
+
+    Attributes:
+        reason: for which its frame counts as dropped; "" where it is not counted.
+    """
+
+    reason: str = ""
+
+
+DECODE_ONLY = DecodeOnly()
+
+
+def nanoseconds(ticks: int, time_base: Fraction) -> int:
+    """Ticks of a time base in ns, rounded once: the error is below half a nanosecond at any time."""
+    numerator, denominator = ticks * time_base.numerator * SECOND_NS, time_base.denominator
+    return (2 * numerator + denominator) // (2 * denominator)
+
+
+def packet_frame(packet: Packet[Stream], caps: Caps) -> Frame:
+    """A packet as a frame; its bytes are shared, not copied."""
+    base = packet.time_base
+    flags = KEYFRAME if packet.is_keyframe else 0
+    if packet.is_corrupt:
+        flags |= CORRUPT
+    frame = Frame(
+        packet,
+        caps,
+        pts=None if packet.pts is None else nanoseconds(packet.pts, base),
+        duration=nanoseconds(packet.duration, base) if packet.duration else None,
+        flags=flags,
+    )
+    return frame.attach(DECODE_ONLY) if packet.is_discard else frame
+
+
+def read_packets(container: InputContainer, *streams: Stream) -> Iterator[Packet[Stream]]:
+    """The streams' packets that hold data, in the order of the file.
+
+    Raises:
+        StreamError: reading failed; packets before were good.
+    """
+    try:
+        for packet in container.demux(*streams):
+            if packet.size:
+                yield packet
+    except MEDIA_ERRORS as error:
+        raise StreamError(f"reading failed: {reason_of(error)}") from None

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+from collections import deque
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from fractions import Fraction
 
 from av.codec.codec import UnknownCodecError
@@ -13,14 +15,14 @@ from av.video.frame import VideoFrame
 
 from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
 from streamkit.handoff.library_threads import available_cores
-from streamkit_media.codecs import CODED_CAPS, caps_parameters, caps_rate
+from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, extradata_of, size_of
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
 from streamkit_media.decoding.framenumbers import FrameNumbers
-from streamkit_media.decoding.marks import AscendingNumbers, FrameMarks, Freshness, InherentDelay
+from streamkit_media.decoding.marks import PENDING_LIMIT, FrameMarks, Freshness, InherentDelay
 from streamkit_media.decoding.videodecoder import Threading, VideoDecoder, accelerator
 from streamkit_media.nalunits import is_reference
-from streamkit_media.packets import DecodeOnly
+from streamkit_media.streams import DecodeOnly
 
 # Plain numbers: the arithmetic of flags is slow, and this runs for every frame.
 DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
@@ -83,7 +85,8 @@ class Decode(Transform):
         self._framerate: Fraction | None = None
         self._rotation = self._epoch = 0
         self._marks = FrameMarks()
-        self._sequence_numbers = AscendingNumbers()
+        # Numbers come in decoding order, and go out in order of presentation.
+        self._sequence_numbers: deque[int] = deque(maxlen=PENDING_LIMIT)
         self._inherent_delay = InherentDelay()
         self._h264_frame_numbers: FrameNumbers | None = None
         self._next_pts = 0
@@ -139,7 +142,7 @@ class Decode(Transform):
             self._drop_packet(frame, f"skip={self.skip}")
             return held
         self._packets += 1
-        self._sequence_numbers.put(frame.seq)
+        self._sequence_numbers.append(frame.seq)
         try:
             decoded = self._decoder.decode(frame.data, frame, is_keyframe)
         except FFmpegError as error:
@@ -168,49 +171,43 @@ class Decode(Transform):
         self._decoder = None
 
     def _begin(self, frame: Frame) -> None:
+        caps = frame.caps
         try:
-            parameters = self._parameters = caps_parameters(frame.caps)
+            codec = self._codec = codec_of(caps)
             device, name = accelerator(self.hwaccel)
-            self._decoder = VideoDecoder(
-                parameters, self._threading(), self._thread_count(), device, not self.query_live()
-            )
+            self._decoder = VideoDecoder(caps, *self._threads(codec, caps), device, not self.query_live())
         except (KeyError, UnknownCodecError) as error:
-            raise StreamError(
-                f"no decoder in this FFmpeg for {frame.caps}: {error}; convert to H.264"
-            ) from None
+            raise StreamError(f"no decoder in this FFmpeg for {caps}: {error}; convert to H.264") from None
         if device is not None and not self._decoder.is_on_device:
-            name = f"software: {name} does not decode {parameters.codec}"
+            name = f"software: {name} does not decode {codec}"
         if name != self._reported_device:
             self._reported_device = name
-            self.post_message("decoder", codec=parameters.codec, device=name)
-        self._framerate = caps_rate(frame.caps)
-        rotation = frame.caps.get("rotation", 0)
+            self.post_message("decoder", codec=codec, device=name)
+        self._framerate = caps_rate(caps)
+        rotation = caps.get("rotation", 0)
         self._rotation = rotation if isinstance(rotation, int) else 0
-        self._coded_caps, self._epoch = frame.caps, frame.epoch
+        self._coded_caps, self._epoch = caps, frame.epoch
         self._next_pts = 0
-        self._sequence_numbers = AscendingNumbers()
-        self._h264_frame_numbers = FrameNumbers(parameters.extradata) if parameters.codec == "h264" else None
+        self._sequence_numbers.clear()
+        self._h264_frame_numbers = FrameNumbers(extradata_of(caps)) if codec == "h264" else None
 
-    def _threading(self) -> Threading:
-        if self.threads_type is ThreadsType.AUTO:
-            return Threading.SLICE if self.query_live() else Threading.FRAME
-        return Threading(self.threads_type.value)
-
-    def _thread_count(self) -> int:
-        """The number set, or what suits the stream.
+    def _threads(self, codec: str, caps: Caps) -> tuple[Threading, int]:
+        """What the threads share, and their number: the one set, or what suits the stream.
 
         Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices. Frame
         threads wait for each other and for us: some more than processors keep all of these busy.
         """
+        is_auto, is_live = self.threads_type is ThreadsType.AUTO, self.query_live()
+        threading = Threading.SLICE if is_live else Threading.FRAME
+        if not is_auto:
+            threading = Threading(self.threads_type.value)
         if self.threads:
-            return self.threads
-        if self._threading() is Threading.FRAME:
-            return min(MAX_THREADS, available_cores() + SPARE_THREADS)
-        parameters = self._parameters
-        is_small = parameters.width * parameters.height <= ONE_THREAD_PIXELS
-        is_auto = self.threads_type is ThreadsType.AUTO
-        is_usual = is_auto and is_small and parameters.codec == "h264" and self.query_live()
-        return 1 if is_usual else available_cores()
+            return threading, self.threads
+        if threading is Threading.FRAME:
+            return threading, min(MAX_THREADS, available_cores() + SPARE_THREADS)
+        width, height = size_of(caps)
+        is_usual = is_auto and is_live and codec == "h264" and width * height <= ONE_THREAD_PIXELS
+        return threading, 1 if is_usual else available_cores()
 
     def _drop_packet(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
         is_discontinuity = bool(frame.flags & DISCONTINUITY)
@@ -224,8 +221,8 @@ class Decode(Transform):
         if self.skip is Skip.NON_KEY:
             return True
         is_disposable = isinstance(frame.data, Packet) and frame.data.is_disposable
-        codec, extradata = self._parameters.codec, self._parameters.extradata
-        return is_disposable or not is_reference(codec, memoryview(frame.data), extradata)
+        data, extradata = memoryview(frame.data), extradata_of(frame.caps)
+        return is_disposable or not is_reference(self._codec, data, extradata)
 
     def _finish(self) -> Iterator[Frame]:
         if self._decoder is not None:
@@ -243,7 +240,8 @@ class Decode(Transform):
         self._first_error = self._first_error or reason
         text = f"undecodable packet: {reason}"
         if frame is not None:
-            self._sequence_numbers.discard(frame.seq)
+            with suppress(ValueError):
+                self._sequence_numbers.remove(frame.seq)
             self._drop_packet(frame, text, is_damage=True)
         else:
             self.count_drop(text)
@@ -256,7 +254,7 @@ class Decode(Transform):
         self._frames_decoded += len(decoded)
         frames = []
         for video_frame, origin in decoded:
-            number = self._sequence_numbers.take(origin.seq)
+            number = self._sequence_numbers.popleft() if self._sequence_numbers else origin.seq
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._reason_to_hide(origin) if origin.metadata else None

@@ -19,7 +19,7 @@ LUMA_FIRST = frozenset(
 )  # fmt: skip
 SAME_AS_I420 = frozenset({"yuv420p", "yuvj420p"})
 PACKED = {"BGR": "bgr24", "RGB": "rgb24"}
-FORMATS = ("GRAY8", "I420", "NV12", "BGR", "RGB")
+NAMES = {"I420": "yuv420p", "NV12": "nv12", **PACKED}
 
 
 class OddSize(ValueError):
@@ -34,8 +34,10 @@ class FrameReader:
     """
 
     def __init__(self, pixel_format: str) -> None:
-        if pixel_format not in FORMATS:
-            raise ValueError(f"a frame's format must be one of {', '.join(FORMATS)}, got {pixel_format!r}")
+        if pixel_format not in ("GRAY8", *NAMES):
+            raise ValueError(
+                f"a frame's format must be one of GRAY8, {', '.join(NAMES)}, got {pixel_format!r}"
+            )
         self.pixel_format = pixel_format
         self._reformatter = VideoReformatter()
 
@@ -49,26 +51,20 @@ class FrameReader:
         Raises:
             OddSize: I420 or NV12 is asked for a frame of odd width or height.
         """
-        name = frame.format.name
+        name, wanted = frame.format.name, NAMES.get(self.pixel_format, "")
         if self.pixel_format == "GRAY8":
             if name not in LUMA_FIRST:
                 # To yuv420p where it is YUV: swscale would stretch the range on the way to gray.
                 frame = self._converted(frame, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
             pixels = plane_rows(frame, 0)[:, : frame.width]
-        elif self.pixel_format in PACKED:
-            packed = self._converted(frame, PACKED[self.pixel_format])
-            rows = plane_rows(packed, 0)[:, : 3 * packed.width]
-            pixels = rows.reshape(packed.height, packed.width, 3) if packed.width else rows[..., None]
         else:
-            if frame.width % 2 or frame.height % 2:
+            if self.pixel_format not in PACKED and (frame.width % 2 or frame.height % 2):
                 raise OddSize(
                     f"{self.pixel_format} needs even width and height, the frame is {frame.width} x "
                     f"{frame.height}; ask for GRAY8, BGR or RGB instead"
                 )
-            if self.pixel_format == "NV12":
-                frame = self._converted(frame, "nv12")
-            elif name not in SAME_AS_I420:
-                frame = self._converted(frame, "yuv420p")
+            if wanted != "yuv420p" or name not in SAME_AS_I420:
+                frame = self._converted(frame, wanted)
             pixels = np.asarray(frame.to_ndarray(), np.uint8)
         pixels.flags.writeable = False
         return pixels

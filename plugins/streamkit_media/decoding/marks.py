@@ -1,8 +1,7 @@
-"""What follows a live or damaged stream from frame to frame: numbers, damage, discontinuities, age."""
+"""What follows a live or damaged stream from frame to frame: damage, discontinuities, age."""
 
 from __future__ import annotations
 
-import heapq
 from collections import deque
 from dataclasses import dataclass
 
@@ -13,29 +12,6 @@ PENDING_LIMIT = 256
 WINDOW = 32
 FIRST_DELAY_NS = 50_000_000
 MIN_GAIN_NS = 5_000_000
-
-
-class AscendingNumbers:
-    """Gives out numbers that came in decoding order so that they ascend in order of presentation."""
-
-    def __init__(self) -> None:
-        self._heap: list[int] = []
-
-    def put(self, number: int) -> None:
-        """A packet came in with this number."""
-        heapq.heappush(self._heap, number)
-        if len(self._heap) > PENDING_LIMIT:
-            heapq.heappop(self._heap)
-
-    def discard(self, number: int) -> None:
-        """The packet with this number becomes no frame."""
-        if number in self._heap:
-            self._heap.remove(number)
-            heapq.heapify(self._heap)
-
-    def take(self, default: int) -> int:
-        """The lowest number not given out, or the default where there is none."""
-        return heapq.heappop(self._heap) if self._heap else default
 
 
 class FrameMarks:

@@ -16,7 +16,8 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
-from streamkit_media.codecs import CodecParameters, decoder_for
+from streamkit import Caps
+from streamkit_media.codecs import codec_of, decoder_for, extradata_of, size_of
 from streamkit_media.container import MAX_PIXELS
 from streamkit_media.decoding.marks import PENDING_LIMIT
 
@@ -44,7 +45,7 @@ class VideoDecoder(Generic[Origin]):
     """Decodes packets of one codec; each frame comes with the origin given with its packet.
 
     Args:
-        parameters: of the codec.
+        caps: of the packets.
         threading: frame or slice threads; H.265 gets slice threads always.
         threads: how many; 0 is one for each processor.
         device: to decode on; where it cannot, software does.
@@ -56,43 +57,45 @@ class VideoDecoder(Generic[Origin]):
         unaccounted: packets that gave neither a frame nor an error yet; after `flush` they never will.
 
     Raises:
+        KeyError: no codec has these caps.
         UnknownCodecError: this FFmpeg has no decoder for it.
     """
 
     def __init__(
         self,
-        parameters: CodecParameters,
+        caps: Caps,
         threading: Threading = Threading.FRAME,
         threads: int = 0,
         device: HWAccel | None = None,
         holds_for_order: bool = False,
     ) -> None:
-        context = CodecContext.create(decoder_for(parameters.codec), "r", device)
+        codec = codec_of(caps)
+        context = CodecContext.create(decoder_for(codec), "r", device)
         assert isinstance(context, VideoCodecContext)
         self._context = context
-        self._configure(parameters)
-        is_slices = threading is Threading.SLICE or parameters.codec in SLICE_THREADS_ONLY
+        self._configure(caps)
+        is_slices = threading is Threading.SLICE or codec in SLICE_THREADS_ONLY
         self.threading = Threading.SLICE if is_slices else Threading.FRAME
         context.thread_type = ThreadType.SLICE if is_slices else ThreadType.FRAME
         context.thread_count = threads
-        is_strict = holds_for_order and parameters.codec == "h264"
+        is_strict = holds_for_order and codec == "h264"
         context.options = {"max_pixels": str(MAX_PIXELS), **({"strict": "1"} if is_strict else {})}
         # Damaged frames come out, marked, instead of disappearing.
         context.flags |= Flags.output_corrupt
         self._pending: OrderedDict[int, Origin] = OrderedDict()
         self._count = self.unaccounted = 0
 
-    def _configure(self, parameters: CodecParameters) -> None:
-        context = self._context
-        context.extradata = parameters.extradata or None
-        if parameters.width and parameters.height:
-            context.width, context.height = parameters.width, parameters.height
-        if parameters.tag:
-            context.codec_tag = parameters.tag.to_bytes(4, "little").decode("ascii")
-        if parameters.bits:
-            context.bits_per_coded_sample = parameters.bits
-        if parameters.pixel_format:
-            context.pix_fmt = parameters.pixel_format
+    def _configure(self, caps: Caps) -> None:
+        context, (width, height) = self._context, size_of(caps)
+        context.extradata = extradata_of(caps) or None
+        if width and height:
+            context.width, context.height = width, height
+        if tag := caps.get("codec_tag"):
+            context.codec_tag = int(str(tag)).to_bytes(4, "little").decode("ascii")
+        if bits := caps.get("bits"):
+            context.bits_per_coded_sample = int(str(bits))
+        if pixel_format := caps.get("pixel_format"):
+            context.pix_fmt = str(pixel_format)
 
     @property
     def is_on_device(self) -> bool:

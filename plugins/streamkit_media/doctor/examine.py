@@ -14,8 +14,7 @@ from urllib.parse import urlsplit, urlunsplit
 from streamkit import StreamkitError, choose_source, mask_secrets
 from streamkit.output.names import FileNames, is_network, local_path
 from streamkit_media.container import check_file
-from streamkit_media.doctor.checks import stream_checks
-from streamkit_media.doctor.report import Check, Report, bad, good, good_if, is_usable
+from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_usable, stream_checks
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, connection_failure, port_of

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 
 from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
-from av.video.frame import VideoFrame
 
 from streamkit import SECOND_NS, Frame, FrameFlags
-from streamkit_media.codecs import caps_parameters
 from streamkit_media.container import reason_of
 from streamkit_media.decoding.videodecoder import VideoDecoder
 
 SETTLING_PACKETS = 15  # the first packets come in one go while FFmpeg looks at the stream
-FEWEST_TRANSITS = 15
+MIN_TRANSITS = 15
 JITTER_GAIN = 16
 DECODING_LIMIT_S = 5.0
 
@@ -69,34 +66,30 @@ class Measured:
 
 
 def measure(packets: Sequence[PacketFacts]) -> Measured:
-    """Measures a run of packets in the order they came.
-
-    Source: RFC 3550, section 6.4.1 (interarrival jitter).
-    """
+    """Measures a run of packets in the order they came."""
     times = sorted(packet.pts for packet in packets if packet.pts is not None)
     steps = [b - a for a, b in pairwise(times) if b > a]
     middle = statistics.median(steps) if steps else 0
-    length = times[-1] - times[0] if steps else 0
+    length_s = (times[-1] - times[0]) / SECOND_NS if steps else 0.0
     keyframe_times = [packet.pts for packet in packets if packet.is_keyframe and packet.pts is not None]
-    distances = [b - a for a, b in pairwise(keyframe_times)]
-    variable = sum(abs(step - middle) > 0.1 * middle for step in steps) > 0.1 * len(steps)
-    missing = 0 if variable else sum(max(0, round(step / middle) - 1) for step in steps)
+    is_variable = sum(abs(step - middle) > 0.1 * middle for step in steps) > 0.1 * len(steps)
     return Measured(
-        len(packets),
-        len(steps) * SECOND_NS / length if length else None,
-        sum(packet.size for packet in packets) * 8 * SECOND_NS / length if length else None,
-        max(distances) / SECOND_NS if distances else None,
-        sum(packet.is_keyframe for packet in packets),
-        bool(times),
-        _jitter_ms(packets[SETTLING_PACKETS:]),
-        missing,
-        variable,
+        packets=len(packets),
+        rate=len(steps) / length_s if length_s else None,
+        bit_rate=sum(packet.size for packet in packets) * 8 / length_s if length_s else None,
+        keyframe_interval_s=max((b - a for a, b in pairwise(keyframe_times)), default=0) / SECOND_NS or None,
+        keyframes=sum(packet.is_keyframe for packet in packets),
+        has_times=bool(times),
+        jitter_ms=_jitter_ms(packets[SETTLING_PACKETS:]),
+        missing=0 if is_variable else sum(max(0, round(step / middle) - 1) for step in steps),
+        is_variable=is_variable,
     )
 
 
 def _jitter_ms(packets: Sequence[PacketFacts]) -> float | None:
+    """Source: RFC 3550, section 6.4.1 (interarrival jitter)."""
     transits = [packet.arrival_ns - packet.pts for packet in packets if packet.pts is not None]
-    if len(transits) < FEWEST_TRANSITS:
+    if len(transits) < MIN_TRANSITS:
         return None
     jitter = 0.0
     for before, after in pairwise(transits):
@@ -104,7 +97,7 @@ def _jitter_ms(packets: Sequence[PacketFacts]) -> float | None:
     return jitter / 1e6
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Decoded:
     """What became of some packets.
 
@@ -117,43 +110,38 @@ class Decoded:
         size: width and height of the first frame, px; None where there was none.
     """
 
-    packets: int
-    frames: int
-    damaged: int
-    rate: float | None
-    error: str
-    size: tuple[int, int] | None
+    packets: int = 0
+    frames: int = 0
+    damaged: int = 0
+    rate: float | None = None
+    error: str = ""
+    size: tuple[int, int] | None = None
 
 
 def try_decoding(frames: Sequence[Frame]) -> Decoded:
     """Decodes packets from the first key frame on, for a few seconds at most."""
     first = next((index for index, frame in enumerate(frames) if frame.flags & FrameFlags.KEYFRAME), 0)
-    frames = frames[first:]
+    frames, found = frames[first:], Decoded()
     if not frames:
-        return Decoded(0, 0, 0, None, "", None)
+        return found
     try:
-        decoder: VideoDecoder[Frame] = VideoDecoder(caps_parameters(frames[0].caps))
+        decoder: VideoDecoder[Frame] = VideoDecoder(frames[0].caps)
     except (KeyError, UnknownCodecError) as cause:
-        return Decoded(0, 0, 0, None, f"no decoder in this FFmpeg: {cause}", None)
-    packets, damaged, error = 0, 0, ""
-    sizes: list[tuple[int, int]] = []
+        return Decoded(error=f"no decoder in this FFmpeg: {cause}")
     began = time.monotonic()
-
-    def take(decoding: Callable[[], list[tuple[VideoFrame, Frame]]]) -> None:
-        nonlocal damaged, error
+    for frame in (*frames, None):
+        if frame is not None and time.monotonic() - began > DECODING_LIMIT_S:
+            continue
+        found.packets += frame is not None
         try:
-            for decoded, _ in decoding():
-                damaged += decoded.is_corrupt
-                sizes.append((decoded.width, decoded.height))
+            decoded = decoder.flush() if frame is None else decoder.decode(frame.data, frame)
         except FFmpegError as cause:
-            error = error or reason_of(cause)
-
-    for frame in frames:
-        if time.monotonic() - began > DECODING_LIMIT_S:
-            break
-        packets += 1
-        take(partial(decoder.decode, frame.data, frame))
-    take(decoder.flush)
+            found.error = found.error or reason_of(cause)
+            continue
+        found.frames += len(decoded)
+        found.damaged += sum(image.is_corrupt for image, _ in decoded)
+        if decoded and found.size is None:
+            found.size = decoded[0][0].width, decoded[0][0].height
     elapsed_s = time.monotonic() - began
-    rate = len(sizes) / elapsed_s if sizes and elapsed_s else None
-    return Decoded(packets, len(sizes), damaged, rate, error, sizes[0] if sizes else None)
+    found.rate = found.frames / elapsed_s if found.frames and elapsed_s else None
+    return found

@@ -10,7 +10,7 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import Caps, Frame, FrameFlags, SettingsOf, StreamError, Transform
-from streamkit_media.codecs import MEDIA_TYPES, CodecParameters, caps_rate, coded_caps
+from streamkit_media.codecs import MEDIA_TYPES, caps_rate, coded_caps
 from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
 
@@ -79,10 +79,9 @@ class Encode(Transform):
         rate = caps_rate(caps)
         self._encoder = Encoder(self.settings, str(caps["format"]), size, rate or ASSUMED_RATE)
         self._raw_caps, self._epoch, self._last_ticks = caps, frame.epoch, -1
-        parameters = CodecParameters(
-            self._encoder.codec, even(size[0]), even(size[1]), self._encoder.extradata
+        self._coded_caps = coded_caps(
+            self._encoder.codec, even(size[0]), even(size[1]), self._encoder.extradata, rate
         )
-        self._coded_caps = coded_caps(parameters, rate)
         self._held.clear()
 
     def _finish(self) -> list[Frame]:

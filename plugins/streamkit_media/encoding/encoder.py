@@ -66,10 +66,7 @@ class EncoderSettings:
 
 
 class Encoder:
-    """Encodes frames of one format and size.
-
-    Odd sizes are extended by one repeated row or column at the lower or right edge, so that pixel coordinates
-    stay.
+    """Encodes frames of one format and size; odd sizes are extended at the lower or right edge.
 
     Args:
         settings: how to encode.
@@ -81,7 +78,6 @@ class Encoder:
 
     Attributes:
         codec: FFmpeg's name of the codec.
-        stream: of the container, or None.
 
     Raises:
         UnknownCodecError: this FFmpeg lacks the encoder.
@@ -99,15 +95,14 @@ class Encoder:
     ) -> None:
         name, self.codec = ENCODERS[settings.codec]
         self.pixel_format, self.size = pixel_format, size
-        self.stream = None if container is None else container.add_stream(name, rate=framerate)
-        context = CodecContext.create(name, "w") if self.stream is None else self.stream.codec_context
+        self._stream = None if container is None else container.add_stream(name, rate=framerate)
+        context = CodecContext.create(name, "w") if self._stream is None else self._stream.codec_context
         assert isinstance(context, VideoCodecContext)
         self._context = context
         self._reformatter = VideoReformatter()
         context.width, context.height = even(size[0]), even(size[1])
         context.pix_fmt = "yuvj420p" if settings.codec is Codec.MJPEG else "yuv420p"
-        usual = COARSE_TIME_BASE if settings.codec is Codec.MPEG4 else TIME_BASE
-        self.time_base = time_base or usual
+        self.time_base = time_base or (COARSE_TIME_BASE if settings.codec is Codec.MPEG4 else TIME_BASE)
         context.time_base, context.framerate = self.time_base, framerate
         context.gop_size = settings.gop
         context.bit_rate = settings.bitrate * 1000 or (VP8_MAX_BIT_RATE if settings.codec is Codec.VP8 else 0)
@@ -155,8 +150,8 @@ class Encoder:
 
     def _addressed(self, packet: Packet[Stream]) -> Packet[Stream]:
         packet.time_base = self.time_base
-        if self.stream is not None:
-            packet.stream = self.stream
+        if self._stream is not None:
+            packet.stream = self._stream
         return packet
 
 
@@ -180,9 +175,7 @@ def _usual_scheduling() -> Iterator[None]:
 
 
 def _options(settings: EncoderSettings) -> dict[str, str]:
-    options = {}
-    if not settings.bitrate:
-        options.update(_constant_quality(settings.codec, settings.quality))
+    options = {} if settings.bitrate else _constant_quality(settings.codec, settings.quality)
     if settings.codec in (Codec.H264, Codec.H265):
         options["preset"] = settings.preset.value
         if settings.live:
@@ -197,12 +190,12 @@ def _constant_quality(codec: Codec, quality: int) -> dict[str, str]:
 
     Source: ITU-T H.264, table 8-15: the quantiser step is 0.625 * 2^(QP / 6); in MPEG-4 Part 2 it is 2 QP.
     """
+    level = str(round(quality * 63 / 51))
     if codec in (Codec.H264, Codec.H265):
         return {"crf": str(quality)}
     if codec in (Codec.MPEG4, Codec.MJPEG):
         quantiser = str(min(max(round(0.3125 * 2 ** (quality / 6)), 1), 31))
         return {"qmin": quantiser, "qmax": quantiser}
-    level = str(round(quality * 63 / 51))
     if codec is Codec.VP8:
         return {"crf": level, "qmin": level}
     return {"crf": level} if codec in (Codec.AV1, Codec.VP9) else {}
@@ -230,17 +223,15 @@ def pad_to_even(pixels: Pixels) -> Pixels:
 
 def grey_as_i420(luma: Pixels) -> Pixels:
     """uint8[h * 3 // 2, w]: the luma with neutral chroma; a converter would change its range."""
-    height, width = luma.shape
-    pixels = np.full((height * 3 // 2, width), NEUTRAL_CHROMA, np.uint8)
-    pixels[:height] = luma
-    return pixels
+    return np.pad(luma, [(0, len(luma) // 2), (0, 0)], constant_values=NEUTRAL_CHROMA)
 
 
 def video_frame(pixels: Pixels, pixel_format: str, planar: str = "yuv420p") -> VideoFrame:
     """FFmpeg's frame of even size with the pixels of an array; grey ones as the luma of a `planar` format."""
-    if pixel_format in PACKED:
-        return VideoFrame.from_ndarray(np.ascontiguousarray(pad_to_even(pixels)), PACKED[pixel_format])
     if pixel_format == "GRAY8":
-        return VideoFrame.from_ndarray(grey_as_i420(pad_to_even(pixels)), planar)
-    name = "nv12" if pixel_format == "NV12" else "yuv420p"
+        pixels, name = grey_as_i420(pad_to_even(pixels)), planar
+    elif pixel_format in PACKED:
+        pixels, name = pad_to_even(pixels), PACKED[pixel_format]
+    else:
+        name = "nv12" if pixel_format == "NV12" else "yuv420p"
     return VideoFrame.from_ndarray(np.ascontiguousarray(pixels), name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from itertools import chain
@@ -9,6 +10,7 @@ from itertools import chain
 from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
+from av.video.stream import VideoStream
 
 from streamkit import (
     SECOND_NS,
@@ -34,17 +36,19 @@ from streamkit_media.container import (
     reason_of,
     video_stream,
 )
-from streamkit_media.files.playrange import PlayRange, RangePosition
 from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
-from streamkit_media.packets import DECODE_ONLY, DecodeOnly, packet_frame, read_packets
 from streamkit_media.streams import (
     AUDIO_CAPS,
     BARE_PACKETS,
+    DECODE_ONLY,
     KLV_CAPS,
     SUBTITLE_CAPS,
+    DecodeOnly,
     StreamKind,
     kinds_of,
+    packet_frame,
+    read_packets,
     stream_caps,
     streams_of,
 )
@@ -109,7 +113,6 @@ class FileSrc(Source):
                 self._sockets = ConnectionSockets(port_of(self.location))
             except ValueError as error:
                 raise ResourceError(f"{error}, got {self._where!r}") from None
-        self._range = PlayRange(self.start_s, self.stop_s)
         self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
         self._rotation = 0
@@ -132,18 +135,19 @@ class FileSrc(Source):
 
     def _open(self) -> InputContainer:
         """The container; for bare KLV packets FFmpeg needs the format's name."""
-        if is_network(self.location):
-            return open_container(self.location)
-        check_file(self.location)
-        if not holds_klv(local_path(self.location)):
-            return open_container(self.location)
+        may_be_bare = False
+        if not is_network(self.location):
+            check_file(self.location)
+            may_be_bare = holds_klv(local_path(self.location))
         try:
             container = open_container(self.location)
         except StreamError:
-            return open_container(self.location, format_name=BARE_PACKETS)
-        if KLV_CONTAINERS & set(container.format.name.split(",")):
-            return container
-        container.close()
+            if not may_be_bare:
+                raise
+        else:
+            if not may_be_bare or KLV_CONTAINERS & set(container.format.name.split(",")):
+                return container
+            container.close()
         return open_container(self.location, format_name=BARE_PACKETS)
 
     def duration_ns(self) -> int | None:
@@ -266,17 +270,19 @@ class FileSrc(Source):
     ) -> Iterator[tuple[StreamKind, Frame]]:
         """Frames with their kinds; video outside of the range is for decoding only."""
         carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
-        playing = set(carried)
-        latest: int | None = None
+        playing, latest = set(carried), None
         first, self._first_packets = [] if self.start_s else self._first_packets, []
         own = (packet for packet in first if packet.stream_index in carried)
         for packet in chain(own, read_packets(container, *(stream for stream, _ in streams))):
-            place = self._range.place(packet)
-            if place is RangePosition.OVER:
+            decoded = packet.dts if packet.dts is not None else packet.pts
+            shown = packet.pts if packet.pts is not None else decoded
+            begin, end = self._limits(packet.stream)
+            if decoded is not None and end is not None and decoded >= end:
                 playing.discard(packet.stream_index)
                 if not playing:
                     return
                 continue
+            is_inside = shown is None or (begin <= shown and (end is None or shown < end))
             kind, caps = carried[packet.stream_index]
             frame = packet_frame(packet, caps)
             if frame.pts is not None:
@@ -286,16 +292,33 @@ class FileSrc(Source):
                 latest = pts if kind is StreamKind.VIDEO else latest
             elif latest is not None and kind is not StreamKind.VIDEO:
                 frame = frame.replace(pts=latest)  # asynchronous KLV gets the time of the video around it
-            if place is RangePosition.INSIDE:
+            if is_inside:
                 yield kind, frame
             elif kind is StreamKind.VIDEO:
                 yield kind, frame.attach(DECODE_ONLY)
 
+    def _limits(self, stream: Stream) -> tuple[float, int | None]:
+        """The first tick of a stream that is shown, and the first that is not any more."""
+        begin = _tick(self.start_s, stream) if self.start_s else -math.inf
+        return begin, None if self.stop_s is None else _tick(self.stop_s, stream)
+
     def _seek(self, container: InputContainer, stream: Stream) -> None:
+        """Goes to the key frame at or before the start."""
+        if not self.start_s:
+            return
         try:
-            self._range.seek(container, stream)
+            container.seek(_tick(self.start_s, stream), stream=stream)
         except MEDIA_ERRORS as error:
             raise StreamError(
                 f"{self._where}: start-s={self.start_s:g} cannot be reached: {reason_of(error)}; "
                 "this format may not allow seeking"
             ) from None
+
+
+def _tick(seconds: float, stream: Stream) -> int:
+    """A time from the beginning of the video, in a stream's ticks; other streams count from there too."""
+    video = next((s for s in stream.container.streams if isinstance(s, VideoStream)), stream)
+    start = video.start_time or 0
+    if not stream.time_base or not video.time_base:
+        return start
+    return round(start * video.time_base / stream.time_base) + round(seconds / stream.time_base)

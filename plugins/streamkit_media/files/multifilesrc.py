@@ -9,7 +9,7 @@ from pathlib import Path
 
 from streamkit import SECOND_NS, Caps, Capture, Frame, FrameFlags, Pose, Property, ResourceError, Source
 from streamkit.output.names import FileNames, local_path
-from streamkit_media.codecs import CODED_CAPS, coded_caps, stream_parameters
+from streamkit_media.codecs import CODED_CAPS, video_caps
 from streamkit_media.container import open_container, video_stream
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 
@@ -47,7 +47,7 @@ class MultiFileSrc(Source):
         if not Path(first).exists() and (number := self._lowest_number()) is not None:
             raise ResourceError(f"{first} is not there; the files begin with start-index={number}")
         with open_container(first) as container:
-            self._caps = coded_caps(stream_parameters(video_stream(container, first)), self.framerate)
+            self._caps = video_caps(video_stream(container, first)).with_fields(framerate=self.framerate)
 
     def _lowest_number(self) -> int | None:
         """Number of the first file there is, or None."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from av.container import InputContainer
 from av.packet import Packet
@@ -22,13 +22,11 @@ from streamkit import (
     StreamkitError,
     mask_secrets,
 )
+from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.container import video_stream
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, silence
-from streamkit_media.live.packetqueue import packet_queue
-from streamkit_media.live.timeline import Timeline
-from streamkit_media.packets import DecodeOnly, packet_frame
-from streamkit_media.streams import StreamKind, stream_caps, streams_of
+from streamkit_media.streams import DecodeOnly, StreamKind, packet_frame, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
 WATCHDOG_MARGIN_S = 0.3
@@ -208,3 +206,93 @@ def sender_time_ns(packet: Packet[Stream]) -> int | None:
         return None
     wall_us: int = PRFT.unpack_from(bytes(packet.get_sidedata("prft")))[0]
     return wall_us * 1000
+
+
+# Streams with intra refresh have no key frames: after so many refused packets the next one is accepted.
+KEYFRAME_PATIENCE = 300
+
+
+def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[Frame]:
+    """A queue of packets that never waits for room, see `DropToKeyframe`; `capacity` is the most queued."""
+    return BoundedQueue(capacity, choose_dropped=DropToKeyframe(longest_wait_ns))
+
+
+class DropToKeyframe:
+    """Has a full queue drop the oldest packets up to a key frame, so that frames stay decodable.
+
+    Without a later key frame it drops all, and refuses packets until the next one.
+
+    Args:
+        longest_wait_ns: once the oldest packet has waited longer, the next key frame replaces all before it.
+    """
+
+    def __init__(self, longest_wait_ns: int) -> None:
+        self._longest_wait_ns = longest_wait_ns
+        self._refused = 0
+        self._awaits_keyframe = False
+
+    def __call__(self, held: Sequence[Frame], new: Frame, is_full: bool) -> range:
+        """The indices of the packets to drop; the new packet has the index after the last held."""
+        if self._awaits_keyframe and not is_keyframe(new) and self._refused < KEYFRAME_PATIENCE:
+            self._refused += 1
+            return range(len(held), len(held) + 1)
+        self._awaits_keyframe, self._refused = False, 0
+        is_aged = len(held) > 0 and new.arrival_ns - held[0].arrival_ns > self._longest_wait_ns
+        if not is_full and not is_aged:
+            return range(0)
+        keyframes = (at for at in range(len(held) - 1, 0, -1) if is_keyframe(held[at]))
+        count = len(held) if is_keyframe(new) else next(keyframes, 0)
+        if is_full and not count:
+            self._awaits_keyframe = True
+            return range(len(held) + 1)
+        return range(count)
+
+
+def is_keyframe(packet: Frame) -> bool:
+    """Whether decoding of the video can begin with a packet; packets of other streams carry their kind."""
+    return bool(packet.flags & FrameFlags.KEYFRAME) and packet.get(StreamKind) is None
+
+
+LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
+STEP_NS = 1_000_000
+
+
+class Timeline:
+    """Keeps the server's time steps within a connection, and the arrival times between two."""
+
+    def __init__(self) -> None:
+        self._zero: int | None = None
+        self._offset: int | None = None
+        self._highest = -STEP_NS
+        self._before = (0, 0)
+
+    def begin_connection(self) -> None:
+        """The server's times restart."""
+        self._offset = None
+
+    def place(self, pts: int | None, arrival_ns: int) -> int:
+        """The timestamp of a packet.
+
+        Args:
+            pts: the server's time, ns; where it is None, 0 for the first packet, by arrival for others.
+            arrival_ns: monotonic clock, ns.
+
+        Returns:
+            ns since the first packet arrived; higher than all of the connections before.
+        """
+        if self._zero is None:
+            self._zero = arrival_ns
+        own = self._own_time(arrival_ns) if pts is None else pts
+        if self._offset is None or self._leaps(own, arrival_ns):
+            self._offset = max(arrival_ns - self._zero, self._highest + STEP_NS) - own
+        self._before = (own, arrival_ns)
+        placed = own + self._offset
+        self._highest = max(self._highest, placed)
+        return placed
+
+    def _own_time(self, arrival_ns: int) -> int:
+        return 0 if self._offset is None else self._before[0] + arrival_ns - self._before[1]
+
+    def _leaps(self, own: int, arrival_ns: int) -> bool:
+        step = own - self._before[0]
+        return abs(step) > LEAP_NS and abs(step - (arrival_ns - self._before[1])) > LEAP_NS

@@ -19,11 +19,17 @@ from typing_extensions import override
 from streamkit import ResourceError
 from streamkit_media.container import open_stream, video_stream
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
-from streamkit_media.live.datagrams import BUFFER_BYTES, OVERFLOWS, datagram_address, open_receiver, overflows
-from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
-from streamkit_media.live.transportpackets import Reception, TransportPackets
-from streamkit_media.live.urlinput import LIVE_OPTIONS
-from streamkit_media.packets import nanoseconds, read_packets
+from streamkit_media.live.datagrams import (
+    BUFFER_BYTES,
+    OVERFLOWS,
+    Reception,
+    TransportPackets,
+    datagram_address,
+    open_receiver,
+    overflows,
+)
+from streamkit_media.live.liveinput import LIVE_OPTIONS, ConnectionLost, LiveInput, Silence
+from streamkit_media.streams import nanoseconds, read_packets
 
 LOOK_S = 0.1
 PARSING = ~cast("int", Flags.no_parse.value)

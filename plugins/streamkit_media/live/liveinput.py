@@ -1,16 +1,23 @@
-"""What a live connection reads from, and how it fails."""
+"""What a live connection reads from, how it fails, and what FFmpeg receives over TCP."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from threading import Event
+from urllib.parse import urlsplit
 
 from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
+from typing_extensions import override
 
-from streamkit import StreamError, mask_secrets
-from streamkit_media.container import TimedOut
+from streamkit import ResourceError, StreamError, mask_secrets
+from streamkit_media.container import AccessRefused, TimedOut, open_container
+from streamkit_media.live.reachability import port_of, unreachable
+from streamkit_media.live.sockets import ConnectionSockets
+from streamkit_media.streams import read_packets
 
 
 class ConnectionLost(StreamError):
@@ -66,3 +73,97 @@ class LiveInput:
     def close(self) -> None:
         """Releases what `open` has acquired apart from the container; called in any case."""
         raise NotImplementedError
+
+
+# FFmpeg would otherwise read up to five seconds to guess the frame rate.
+LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
+PLAYLIST = "hls"
+ONE_CLIENT = ("tcp", "rtmp")  # a simple sender takes one client: a look at the port would take its place
+MAX_PACE_S = 1.0  # a longer step of the decoding times is a jump
+
+
+class UrlInput(LiveInput):
+    """A connection to a server.
+
+    Args:
+        location: URL of the stream.
+        options: FFmpeg options for it besides `LIVE_OPTIONS`.
+        timeout_s: limit for opening and for each read.
+    """
+
+    def __init__(self, location: str, options: Mapping[str, str], timeout_s: float) -> None:
+        super().__init__(location, timeout_s)
+        self.options = {**LIVE_OPTIONS, **options}
+        self.sockets = ConnectionSockets(port_of(location))
+
+    @override
+    def open(self) -> InputContainer:
+        began = time.monotonic()
+        try:
+            return self.opened(self.options)
+        except AccessRefused:
+            raise
+        except ResourceError as error:
+            serves_one_client = urlsplit(self.location).scheme in ONE_CLIENT
+            left_s = self.timeout_s - (time.monotonic() - began)
+            if left_s <= 0 or self.ended.is_set() or serves_one_client:
+                raise
+            # FFmpeg often does not say why.
+            reason = unreachable(self.location, self.options.get("ca_file"), left_s, "check the address")
+            raise ResourceError(f"{self.where}: {reason}") if reason else error from None
+
+    def opened(self, options: Mapping[str, str]) -> InputContainer:
+        """Connects with these options."""
+        if self.ended.is_set():
+            raise ResourceError(f"{self.where}: the connection was ended from here")
+        container = open_container(self.location, options, (self.timeout_s, self.timeout_s))
+        self.sockets.claim()
+        return container
+
+    @override
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
+        packets = read_packets(container, *streams)
+        if container.format.name == PLAYLIST:  # which says itself where the stream ends
+            yield from paced(packets, self.ended)
+            return
+        yield from packets
+        self.check_end()
+
+    def check_end(self) -> None:
+        """Raises `ConnectionLost` where the stream has ended because the server has closed the connection."""
+        if self.sockets.is_closed_by_peer():
+            raise ConnectionLost(
+                f"{self.where}: the server has closed the connection; check that it still runs"
+            )
+
+    @override
+    def cut(self) -> None:
+        super().cut()
+        self.sockets.cut()
+
+    @override
+    def close(self) -> None:
+        self.sockets.release()
+
+
+def paced(
+    packets: Iterator[Packet[Stream]], ended: Event, now_s: Callable[[], float] = time.monotonic
+) -> Iterator[Packet[Stream]]:
+    """Packets that arrive in bursts, as the segments of a playlist do, each when its decoding time has come.
+
+    A packet that comes too late moves the times of all after it, so that they do not follow in a burst.
+
+    Args:
+        packets: of all streams, in the order of the container.
+        ended: set to end a wait, and the packets.
+        now_s: monotonic clock, s.
+    """
+    offset_s: float | None = None
+    for packet in packets:
+        if packet.dts is not None and packet.time_base:
+            decoding_s, now = float(packet.dts * packet.time_base), now_s()
+            if offset_s is None or not 0 <= decoding_s + offset_s - now <= MAX_PACE_S:
+                offset_s = now - decoding_s
+            elif ended.wait(decoding_s + offset_s - now):
+                return
+        yield packet

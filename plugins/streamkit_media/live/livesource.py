@@ -11,10 +11,9 @@ from typing_extensions import override
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source, StreamError
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused
-from streamkit_media.live.connection import LiveConnection
+from streamkit_media.live.connection import LiveConnection, Timeline
 from streamkit_media.live.endpoint import Endpoint, Reconnect
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
-from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import StreamKind
 
 STOP_LIMIT_S = 1.8

@@ -22,14 +22,12 @@ from streamkit import (
     PropertyError,
     StreamError,
 )
-from streamkit_media.codecs import CODED_CAPS, caps_parameters
+from streamkit_media.codecs import CODED_CAPS, codec_of, extradata_of, is_same_format, size_of
 from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.nalunits import BadPacket
-from streamkit_media.packets import nanoseconds
-from streamkit_media.recording.arrivals import arrival_line, arrivals_path
-from streamkit_media.recording.filemuxer import FORMATS
-from streamkit_media.recording.packetwriter import WITH_KLV, PacketWriter
-from streamkit_media.streams import KLV_CAPS
+from streamkit_media.recording.filemuxer import FORMATS, WITH_KLV, PacketWriter
+from streamkit_media.recording.replaysrc import arrival_line, arrivals_path
+from streamkit_media.streams import KLV_CAPS, nanoseconds
 
 KLV_NAME = Caps(KLV_CAPS).name
 BEFORE_KEYFRAME = "before the first key frame"
@@ -172,7 +170,7 @@ class PacketSink(NumberedFilesSink):
             return False
         if self._writer is None or self._caps is None:
             return True
-        if caps is not self._caps and caps_parameters(caps) != caps_parameters(self._caps):
+        if not is_same_format(caps, self._caps):
             return True
         is_long = self.max_size_time and length_ns >= self.max_size_time
         return bool(is_long or (self.max_size_bytes and self._bytes >= self.max_size_bytes))
@@ -186,11 +184,10 @@ class PacketSink(NumberedFilesSink):
                 f"{self.location}: one file holds one format, and {caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
-        parameters, file = caps_parameters(caps), self.open_file()
-        size = parameters.width, parameters.height
+        file = self.open_file()
         try:
             self._writer = PacketWriter(
-                file, parameters.codec, size, parameters.extradata, with_klv="klv" in self.pads
+                file, codec_of(caps), size_of(caps), extradata_of(caps), with_klv="klv" in self.pads
             )
         except BaseException:
             self.take_back()

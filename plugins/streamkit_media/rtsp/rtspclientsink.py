@@ -11,7 +11,7 @@ import time
 from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink, mask_secrets
-from streamkit_media.codecs import caps_parameters
+from streamkit_media.codecs import codec_of, extradata_of, is_same_format, size_of
 from streamkit_media.live.endpoint import Endpoint
 from streamkit_media.live.reachability import unreachable
 from streamkit_media.nalunits import AnnexBConverter, BadPacket
@@ -169,8 +169,8 @@ class RtspClientSink(Endpoint, Sink):
 
     def _open(self, frame: Frame) -> None:
         """Has the process connect for the format of this frame."""
-        parameters = caps_parameters(frame.caps)
-        self._annexb = AnnexBConverter(parameters.codec, parameters.extradata)
+        codec = codec_of(frame.caps)
+        self._annexb = AnnexBConverter(codec, extradata_of(frame.caps))
         if self._process is None:
             self._process = self._begin_process()
         pts, dts = times_of(frame)
@@ -182,9 +182,8 @@ class RtspClientSink(Endpoint, Sink):
             PushOrder(
                 self._url,
                 {"rtsp_transport": self.transport.value, **self._tls_options},
-                parameters.codec,
-                parameters.width,
-                parameters.height,
+                codec,
+                *size_of(frame.caps),
                 self.timeout_s,
             )
         )
@@ -198,10 +197,10 @@ class RtspClientSink(Endpoint, Sink):
     def _change_format(self, caps: Caps) -> None:
         """A connection has one format: another one takes a connection of its own."""
         assert self._caps is not None
-        if caps_parameters(caps) != caps_parameters(self._caps):
-            self._finish()
-        else:
+        if is_same_format(caps, self._caps):
             self._caps = caps
+        else:
+            self._finish()
 
     def _check(self, wait_s: float = 0.0) -> None:
         process = self._process

@@ -1,9 +1,19 @@
-"""A connection to an RTSP server, over TCP with the end of each frame taken from RTP."""
+"""A connection to an RTSP server, over TCP with the end of each frame taken from RTP.
+
+RTP marks the last packet of a frame, but FFmpeg does not pass the mark on. The header of the next packet is
+read in the socket's buffer (Linux) before FFmpeg takes the packet, unless `low-latency=false`.
+
+Source: RFC 2326, 10.12 (RTP interleaved in the connection); RFC 3550, 5.1 (RTP header).
+"""
 
 from __future__ import annotations
 
+import select
+import socket
+import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from av.container import InputContainer
@@ -13,9 +23,8 @@ from typing_extensions import override
 
 from streamkit_media.container import InvalidMedia, video_stream
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
-from streamkit_media.live.urlinput import UrlInput
-from streamkit_media.packets import read_packets
-from streamkit_media.rtsp.rtpheaders import with_marks
+from streamkit_media.live.liveinput import UrlInput
+from streamkit_media.streams import read_packets
 
 
 class RtspInput(UrlInput):
@@ -72,3 +81,119 @@ class RtspInput(UrlInput):
         if connection is None:
             return ((piece, False) for piece in pieces)
         return with_marks(pieces, connection, self.timeout_s)
+
+
+MAGIC, VERSION = ord("$"), 2
+FRAME_BYTES, HEADER_BYTES, EXTENSION_HEADER_BYTES = 4, 12, 4  # before each packet: "$", the channel, the size
+MARKER, EXTENSION, SOURCES = 0x80, 0x10, 0x0F
+# Second byte of RTCP packets (RFC 5761, 4).
+FIRST_RTCP, LAST_RTCP = 192, 223
+PEEK_BYTES = 2048
+PEEK = int(socket.MSG_PEEK | socket.MSG_DONTWAIT)
+AFTER_RTCP_TRIES, AFTER_RTCP_S = 3, 0.001  # waits for what follows an RTCP packet
+# A read that takes longer has waited for the network.
+MIN_WAIT_S = 0.001
+# A piece is its payload with start codes instead of fragment headers or sizes: so many bytes longer.
+MIN_MORE_BYTES, MAX_MORE_BYTES = -3, 512
+
+
+@dataclass(frozen=True, slots=True)
+class RtpHeader:
+    """The header of an RTP packet.
+
+    Attributes:
+        data: the header's bytes, which tell packets apart.
+        is_marked: whether the packet is the last of its frame.
+        payload_bytes: size of the payload, padding included.
+    """
+
+    data: bytes
+    is_marked: bool
+    payload_bytes: int
+
+
+class RtpHeaders:
+    """The header of the packet that the next read of a connection begins with.
+
+    Args:
+        connection: a duplicate of FFmpeg's own socket; closed with this.
+    """
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
+        self._poll = select.poll()
+        self._poll.register(connection.fileno(), select.POLLIN)
+
+    def close(self) -> None:
+        """Closes the duplicate."""
+        self._connection.close()
+
+    def peek(self) -> RtpHeader | None:
+        """The header of the next RTP packet, after any RTCP packets; None where none has come yet."""
+        try:
+            return first_header(self._connection.recv(PEEK_BYTES, PEEK))
+        except OSError:  # nothing there, or the connection is closed: FFmpeg reports that
+            return None
+
+    def wait(self, limit_s: float) -> RtpHeader | None:
+        """As `peek`, once something has come; None also at the end."""
+        # A server with Nagle's algorithm sends the last small segment of a frame only when the others are
+        # acknowledged, which this side would delay. The option does not stay set.
+        with suppress(OSError):
+            self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        if not self._poll.poll(limit_s * 1000):
+            return None
+        for _ in range(AFTER_RTCP_TRIES):
+            if (header := self.peek()) is not None:
+                return header
+            time.sleep(AFTER_RTCP_S)
+        return self.peek()
+
+
+def first_header(data: bytes) -> RtpHeader | None:
+    """The header of the first RTP packet, after any RTCP packets; None where it is incomplete."""
+    while len(data) >= FRAME_BYTES + HEADER_BYTES and data[0] == MAGIC:
+        size, first, second = int.from_bytes(data[2:4], "big"), data[FRAME_BYTES], data[FRAME_BYTES + 1]
+        if FIRST_RTCP <= second <= LAST_RTCP:
+            data = data[FRAME_BYTES + size :]
+            continue
+        is_extended = bool(first & EXTENSION)
+        header_bytes = HEADER_BYTES + 4 * (first & SOURCES) + EXTENSION_HEADER_BYTES * is_extended
+        header = data[: FRAME_BYTES + header_bytes]
+        if first >> 6 != VERSION or len(header) < FRAME_BYTES + header_bytes:
+            return None
+        extension_bytes = 4 * int.from_bytes(header[-2:], "big") if is_extended else 0
+        return RtpHeader(header, bool(second & MARKER), size - header_bytes - extension_bytes)
+    return None
+
+
+def with_marks(
+    pieces: Iterator[Packet[Stream]], connection: socket.socket, limit_s: float
+) -> Iterator[tuple[Packet[Stream], bool]]:
+    """Pieces, and whether each is known to be the last of its frame.
+
+    Args:
+        pieces: packets of a container opened without FFmpeg's parser.
+        connection: a duplicate of its socket; is closed.
+        limit_s: longest wait for a header, before FFmpeg reads on itself.
+    """
+    with closing(RtpHeaders(connection)) as headers:
+        # FFmpeg first returns the packets that it has read to detect the stream, without reading on.
+        is_in_step, header = False, headers.peek()
+        while True:
+            if is_in_step and header is None:
+                header = headers.wait(limit_s)
+            began = time.monotonic()
+            piece = next(pieces, None)
+            if piece is None:
+                return
+            following = headers.peek()
+            is_read = header is not None and following != header
+            is_in_step = is_in_step or is_read or time.monotonic() - began > MIN_WAIT_S
+            yield piece, is_read and header is not None and _is_end(piece, header)
+            header = following
+
+
+def _is_end(piece: Packet[Stream], header: RtpHeader) -> bool:
+    """Whether a piece is the payload of the packet with this header, and the last of its frame."""
+    return header.is_marked and MIN_MORE_BYTES <= piece.size - header.payload_bytes <= MAX_MORE_BYTES

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from streamkit import SECOND_NS, Caps, FrameFlags
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.packets import nanoseconds, packet_frame, read_packets
+from streamkit_media.streams import nanoseconds, packet_frame, read_packets
 
 CAPS = Caps("video/x-h264")
 

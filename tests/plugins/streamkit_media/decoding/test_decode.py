@@ -11,10 +11,10 @@ import pytest
 
 from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
 from streamkit.testing import Harness, ManualClock
-from streamkit_media.codecs import CodecParameters, coded_caps
+from streamkit_media.codecs import coded_caps
 from streamkit_media.decoding.decode import Decode
 from streamkit_media.decoding.marks import Freshness
-from streamkit_media.packets import DECODE_ONLY
+from streamkit_media.streams import DECODE_ONLY
 
 MakeVideo = Callable[..., Path]
 CONFORMANCE = Path("odd_media/corpus/h264")
@@ -106,7 +106,7 @@ def test_downstream_chooses_the_format(small_video: Path, wanted: str, shape: tu
 
 def test_odd_sizes_keep_out_subsampled_formats() -> None:
     """A demand for I420 of a video of odd size fails before anything is decoded."""
-    caps = coded_caps(CodecParameters("h264", 33, 21))
+    caps = coded_caps("h264", 33, 21)
     with (
         Harness("decode", downstream="video/x-raw, format=I420") as harness,
         pytest.raises(NotNegotiated, match="disagree on format"),
@@ -119,7 +119,7 @@ def test_odd_sizes_decode(make_video: MakeVideo) -> None:
     path = make_video("odd.mkv", size=(64, 48), codec="ffv1", pixel_format="yuv444p", count=2)
     with av.open(str(path)) as container:
         packet = next(container.demux(video=0))
-        caps = coded_caps(CodecParameters("ffv1", 63, 47, packet.stream.codec_context.extradata or b""))
+        caps = coded_caps("ffv1", 63, 47, packet.stream.codec_context.extradata or b"")
     for wanted, shape in (("GRAY8", (47, 63)), ("BGR", (47, 63, 3))):
         with Harness("decode", downstream=f"video/x-raw, format={wanted}") as harness:
             frames = decoded(harness, [Frame(packet, caps, flags=FrameFlags.KEYFRAME)])
@@ -297,14 +297,15 @@ def test_a_codec_without_decoder_is_reported() -> None:
         Harness("decode") as harness,
         pytest.raises(ElementFailure, match=r"no decoder in this FFmpeg for video/x-coded.*nosuch.*H\.264"),
     ):
-        harness.push(Frame(b"x", coded_caps(CodecParameters("nosuch"))))
+        harness.push(Frame(b"x", coded_caps("nosuch")))
 
 
 def test_slice_threads_are_taken_when_live(small_video: Path) -> None:
     """threads-type=auto looks through queues for the source: slices when that is live, else whole frames."""
     live = Pipeline.parse("rtspsrc location=rtsp://127.0.0.1:1/x ! queue ! decode name=d ! fakesink")["d"]
     file = Pipeline.parse(f'filesrc location="{small_video}" ! decode name=d ! fakesink')["d"]
-    assert (live._threading(), file._threading()) == ("slice", "frame")
+    caps = coded_caps("h264", 64, 48)
+    assert (live._threads("h264", caps)[0], file._threads("h264", caps)[0]) == ("slice", "frame")
 
 
 def test_frames_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:

@@ -6,14 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from av.error import FFmpegError
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from streamkit_media.codecs import stream_parameters
+from streamkit_media.codecs import video_caps
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.decoding.marks import AscendingNumbers
 from streamkit_media.decoding.videodecoder import Threading, VideoDecoder
-from streamkit_media.packets import read_packets
+from streamkit_media.streams import read_packets
 
 MakeVideo = Callable[..., Path]
 
@@ -24,7 +21,7 @@ def test_each_frame_knows_its_packet(small_video: Path, threading: Threading, as
     """With B-frames and threads every frame comes out once, in order, with its own packet's origin."""
     with open_container(str(small_video)) as container:
         stream = video_stream(container, "small")
-        decoder: VideoDecoder[int | None] = VideoDecoder(stream_parameters(stream), threading, threads=2)
+        decoder: VideoDecoder[int | None] = VideoDecoder(video_caps(stream), threading, threads=2)
         decoded = []
         for packet in read_packets(container, stream):
             decoded += decoder.decode(bytes(packet) if as_bytes else packet, packet.pts)
@@ -44,7 +41,7 @@ def test_a_packet_is_not_changed(small_video: Path) -> None:
         stream = video_stream(container, "small")
         packet = next(read_packets(container, stream))
         before = (packet.pts, packet.dts, packet.time_base, bytes(packet))
-        VideoDecoder[None](stream_parameters(stream)).decode(packet, None)
+        VideoDecoder[None](video_caps(stream)).decode(packet, None)
     assert (packet.pts, packet.dts, packet.time_base, bytes(packet)) == before
 
 
@@ -52,7 +49,7 @@ def test_damage_is_an_error_and_the_next_packet_decodes(small_video: Path) -> No
     """The decoder continues after a packet of random bytes."""
     with open_container(str(small_video)) as container:
         stream = video_stream(container, "small")
-        decoder: VideoDecoder[int] = VideoDecoder(stream_parameters(stream), Threading.SLICE)
+        decoder: VideoDecoder[int] = VideoDecoder(video_caps(stream), Threading.SLICE)
         packets = list(read_packets(container, stream))
     with pytest.raises(FFmpegError):
         decoder.decode(b"\xff" * 100, -1)
@@ -63,47 +60,24 @@ def test_damage_is_an_error_and_the_next_packet_decodes(small_video: Path) -> No
 def test_flush_of_an_unused_decoder_is_empty(small_video: Path) -> None:
     """A decoder that got nothing holds nothing."""
     with open_container(str(small_video)) as container:
-        decoder = VideoDecoder[int](stream_parameters(video_stream(container, "small")))
+        decoder = VideoDecoder[int](video_caps(video_stream(container, "small")))
     assert decoder.flush() == []
-
-
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-@given(st.permutations(range(6)), st.integers(1, 4))
-def test_numbers_ascend(order: list[int], delay: int) -> None:
-    """Numbers put in blocks of six in any order come out ascending, none twice, for any delay of a block."""
-    numbers, taken = AscendingNumbers(), []
-    for block in range(4):
-        for position in order:
-            numbers.put(6 * block + position)
-        if block >= delay:
-            taken += [numbers.take(-1) for _ in range(6)]
-    assert taken == list(range(len(taken)))
-
-
-def test_numbers_of_lost_packets_are_left_out() -> None:
-    """A discarded number is not given out; an empty line gives the default."""
-    numbers = AscendingNumbers()
-    for number in (0, 1, 2):
-        numbers.put(number)
-    numbers.discard(1)
-    numbers.discard(7)
-    assert [numbers.take(9) for _ in range(3)] == [0, 2, 9]
 
 
 @pytest.mark.parametrize("threading", list(Threading))
 def test_h265_never_gets_frame_threads(make_video: MakeVideo, threading: Threading) -> None:
     """FFmpeg's frame threads of H.265 wait for ever on some damaged streams whose damage is to be shown."""
     with open_container(str(make_video("threads.mkv", codec="libx265"))) as container:
-        decoder = VideoDecoder[int](stream_parameters(video_stream(container, "threads")), threading)
+        decoder = VideoDecoder[int](video_caps(video_stream(container, "threads")), threading)
     assert decoder.threading is Threading.SLICE
 
 
 DECODE_MUTANTS = """
 import random, sys
 from av.error import FFmpegError
-from streamkit_media.codecs import stream_parameters
+from streamkit_media.codecs import video_caps
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.packets import read_packets
+from streamkit_media.streams import read_packets
 from streamkit_media.decoding.videodecoder import Threading, VideoDecoder
 
 def attempt(call, *arguments):
@@ -114,11 +88,11 @@ def attempt(call, *arguments):
 
 with open_container(sys.argv[1]) as container:
     stream = video_stream(container, "mutant")
-    parameters, packets = stream_parameters(stream), [bytes(p) for p in read_packets(container, stream)]
+    caps, packets = video_caps(stream), [bytes(p) for p in read_packets(container, stream)]
 shown = 0
 for seed in range(400):
     chance = random.Random(seed)
-    decoder = VideoDecoder(parameters, Threading.FRAME, threads=4)
+    decoder = VideoDecoder(caps, Threading.FRAME, threads=4)
     for number, packet in enumerate(packets):
         data = bytearray(packet)
         for _ in range(chance.choice((0, 0, 1, 8))):

@@ -13,8 +13,8 @@ import av
 import pytest
 
 from streamkit import Pipeline
+from streamkit_media.doctor.checks import Report, Verdict
 from streamkit_media.doctor.examine import examine
-from streamkit_media.doctor.report import Report, Verdict
 from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
 
 BINARY = Path(sys.executable).with_name("streamkit")

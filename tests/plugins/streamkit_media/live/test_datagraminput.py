@@ -12,8 +12,8 @@ import pytest
 from streamkit_media.container import open_stream, video_stream
 from streamkit_media.live.accessunits import UNPARSED
 from streamkit_media.live.datagraminput import whole_frames
-from streamkit_media.live.urlinput import LIVE_OPTIONS
-from streamkit_media.packets import read_packets
+from streamkit_media.live.liveinput import LIVE_OPTIONS
+from streamkit_media.streams import read_packets
 
 STREAMS = ("klv_ts/h264_klv.ts", "klv_ts/h265_klv.ts", "sample-stream.ts")
 

@@ -4,7 +4,7 @@ from fractions import Fraction
 import av
 import pytest
 
-from streamkit_media.live.urlinput import paced
+from streamkit_media.live.liveinput import paced
 
 
 class FakeTime(threading.Event):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from streamkit import ANY, Frame, FrameFlags
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.live.packetqueue import packet_queue
+from streamkit_media.live.connection import packet_queue
 
 SECOND = 1_000_000_000
 

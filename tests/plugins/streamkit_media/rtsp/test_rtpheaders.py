@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.rtpheaders import RtpHeaders, first_header
+from streamkit_media.rtsp.rtspinput import RtpHeaders, first_header
 
 
 def packet(number: int = 1, *, marked: bool = False, body: bytes = b"body", extension: int = -1) -> bytes:

@@ -1,3 +1,5 @@
+"""Pixels and times of the files that videofilesink writes."""
+
 from fractions import Fraction
 from pathlib import Path
 
@@ -6,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from streamkit.output.file import OutputFile
-from streamkit_media.encoding.encoder import EncoderSettings, Preset, grey_as_i420, pad_to_even
-from streamkit_media.encoding.videowriter import VideoWriter
+from streamkit import Frame, MessageKind, raw_video_caps
+from streamkit.testing import Harness
+from streamkit_media.encoding import videofilesink
+from streamkit_media.encoding.encoder import grey_as_i420, pad_to_even
 
 RATE = Fraction(25)
-FAST = EncoderSettings(quality=18, preset=Preset.ULTRAFAST)
 SHAPES = {"GRAY8": (48, 64), "I420": (72, 64), "NV12": (72, 64), "BGR": (48, 64, 3), "RGB": (48, 64, 3)}
 
 
@@ -24,18 +26,20 @@ def frames_of(path: Path) -> list[tuple[float, NDArray[np.uint8]]]:
         ]
 
 
-def write(
-    path: Path, times: list[int | None], pixel_format: str = "GRAY8", close: bool = True
-) -> VideoWriter:
+def sink_of(path: Path, preset: str = "ultrafast") -> Harness:
+    """The element that writes to a path."""
+    return Harness("videofilesink", location=str(path), crf=18, preset=preset)
+
+
+def write(path: Path, times: list[int | None], pixel_format: str = "GRAY8") -> None:
     """Writes frames of one grey at these times."""
-    writer = VideoWriter(OutputFile(path), pixel_format, 64, 48, RATE, FAST)
-    for index, pts in enumerate(times):
-        pixels = np.full(SHAPES[pixel_format], 128, np.uint8)
-        pixels[:48] = 60 + 5 * index
-        writer.write(pixels, pts)
-    if close:
-        writer.close()
-    return writer
+    caps = raw_video_caps(pixel_format, 64, 48, RATE)
+    with sink_of(path) as harness:
+        for index, pts in enumerate(times):
+            pixels = np.full(SHAPES[pixel_format], 128, np.uint8)
+            pixels[:48] = 60 + 5 * index
+            harness.push(Frame(pixels, caps, pts=pts))
+        harness.drain()
 
 
 @pytest.mark.parametrize("pixel_format", sorted(SHAPES))
@@ -70,32 +74,22 @@ def test_times_are_kept(tmp_path: Path, times: list[int | None], seconds: list[f
     assert [time for time, _ in frames_of(tmp_path / "a.mp4")] == pytest.approx(seconds, abs=1e-4)
 
 
-def test_a_file_closed_early_plays(tmp_path: Path) -> None:
-    """All frames written before close are in the file; closing again does nothing."""
-    writer = write(tmp_path / "a.mp4", [0, 40_000_000], close=False)
-    assert writer.close()
-    assert writer.close()
-    assert len(frames_of(tmp_path / "a.mp4")) == 2
-
-
-def test_a_close_with_a_time_limit_leaves_out_the_last_frames(tmp_path: Path) -> None:
-    """Without time for the frames in the encoder, close returns False, and the file plays up to there."""
-    writer = VideoWriter(
-        OutputFile(tmp_path / "a.mp4"),
-        "GRAY8",
-        64,
-        48,
-        RATE,
-        EncoderSettings(quality=18, preset=Preset.MEDIUM),
-    )
-    for index in range(30):
-        writer.write(np.full((48, 64), 90 + index, np.uint8), index * 40_000_000)
-    assert not writer.close(limit_s=0.0)
+def test_a_stop_leaves_out_frames_that_take_too_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without time for the frames in the encoder a stop warns, and the file plays up to there."""
+    monkeypatch.setattr(videofilesink, "FLUSH_LIMIT_S", 0.0)
+    caps = raw_video_caps("GRAY8", 64, 48, RATE)
+    with sink_of(tmp_path / "a.mp4", "medium") as harness:
+        for index in range(30):
+            harness.push(Frame(np.full((48, 64), 90 + index, np.uint8), caps, pts=index * 40_000_000))
+        harness.element.stopping.set()
+        harness.element.stop()
+        warnings = [message.text for message in harness.messages if message.kind is MessageKind.WARNING]
+    assert "the last frames are left out" in warnings[0]
     assert 1 <= len(frames_of(tmp_path / "a.mp4")) < 30
 
 
-def test_closing_without_a_frame_is_no_error(tmp_path: Path) -> None:
-    """A writer that got no frame closes and leaves nothing behind."""
+def test_without_a_frame_nothing_is_written(tmp_path: Path) -> None:
+    """A sink that got no frame leaves nothing behind."""
     write(tmp_path / "a.mp4", [])
     assert list(tmp_path.iterdir()) == []
 
@@ -108,9 +102,9 @@ def test_odd_sizes_grow_by_a_repeated_edge(tmp_path: Path) -> None:
     np.testing.assert_array_equal(padded[:21, :33], pixels)
     np.testing.assert_array_equal(padded[21, :33], pixels[20])
     np.testing.assert_array_equal(padded[:21, 33], pixels[:, 32])
-    writer = VideoWriter(OutputFile(tmp_path / "a.mp4"), "GRAY8", 33, 21, RATE, FAST)
-    writer.write(pixels, 0)
-    writer.close()
+    with sink_of(tmp_path / "a.mp4") as harness:
+        harness.push(Frame(pixels, raw_video_caps("GRAY8", 33, 21, RATE), pts=0))
+        harness.drain()
     assert frames_of(tmp_path / "a.mp4")[0][1].shape == (22, 34, 3)
 
 
