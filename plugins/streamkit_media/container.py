@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import math
 import stat
 import time
 from collections.abc import Mapping
@@ -68,63 +67,39 @@ class InvalidMedia(ResourceError):
 def open_container(
     location: str,
     options: Mapping[str, str] | None = None,
-    limits_s: tuple[float, float] | None = None,
+    limits_s: tuple[float, float] = (LOCAL_LIMIT_S, LOCAL_LIMIT_S),
     format_name: str | None = None,
+    stream: ReadsBytes | None = None,
 ) -> InputContainer:
-    """Opens a file or URL for reading.
+    """Opens a file, URL or stream for reading.
 
     Args:
         location: path, `file://` URL or any URL FFmpeg reads.
         options: FFmpeg options for the container.
-        limits_s: time limits for opening and for each read, s; a generous one where None.
+        limits_s: time limits for opening and for each read, s; a generous one by default.
         format_name: FFmpeg's name of the format; detected where None.
+        stream: what is received from the location by other means; its `read` has limits of its own, and its
+            errors pass.
 
     Raises:
         ResourceError: missing, not a file, not readable, or not reachable.
         StreamError: it is no media FFmpeg reads.
     """
-    network = is_network(location)
     chosen = {"max_pixels": str(MAX_PIXELS), **(options or {})}
-    name = location
-    if not network:
+    file: str | ReadsBytes = stream or location
+    if not is_network(location):
         check_file(location)
-        name = f"file:{local_path(location)}"
+        file = f"file:{local_path(location)}"
         chosen.setdefault("protocol_whitelist", "file,crypto,data")
-    return _open(name, location, chosen, limits_s or (LOCAL_LIMIT_S, LOCAL_LIMIT_S), format_name)
-
-
-def open_stream(
-    stream: ReadsBytes, location: str, format_name: str, options: Mapping[str, str]
-) -> InputContainer:
-    """Opens what is received by other means, with the limits of its own `read`, whose errors pass.
-
-    Args:
-        stream: gives FFmpeg the bytes.
-        location: where they come from, for errors.
-        format_name: FFmpeg's name of the format.
-        options: FFmpeg options for the container.
-
-    Raises:
-        InvalidMedia: it is not of the format.
-    """
-    return _open(stream, location, {"max_pixels": str(MAX_PIXELS), **options}, None, format_name)
-
-
-def _open(
-    file: str | ReadsBytes,
-    location: str,
-    options: dict[str, str],
-    limits_s: tuple[float, float] | None,
-    format_name: str | None,
-) -> InputContainer:
+    timeout = None if stream else limits_s
     began = time.monotonic()
     try:
         container = av.open(
-            file, "r", format=format_name, options=options, timeout=limits_s, metadata_errors="replace"
+            file, "r", format=format_name, options=chosen, timeout=timeout, metadata_errors="replace"
         )
     except MEDIA_ERRORS as error:
-        limit_s = limits_s[0] if limits_s else math.inf
-        raise open_failure(location, error, time.monotonic() - began, limit_s) from None
+        is_late = timeout is not None and time.monotonic() - began >= limits_s[0]
+        raise open_failure(location, error, limits_s[0] if is_late else None) from None
     if container.format.name in UNWANTED_FORMATS:
         found = container.format.name
         container.close()
@@ -167,8 +142,11 @@ def check_file(location: str) -> None:
         raise StreamError(f"{location}: the file is empty (0 bytes); it may not have been written yet")
 
 
-def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: float) -> ResourceError:
-    """The error to raise for what PyAV raised on opening: where, what, remedy; never a password."""
+def open_failure(location: str, error: Exception, limit_s: float | None) -> ResourceError:
+    """The error to raise for what PyAV raised on opening: where, what, remedy; never a password.
+
+    `limit_s` is the time limit where it has passed.
+    """
     where = mask_secrets(location)
     if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
         return AccessRefused(
@@ -177,7 +155,7 @@ def open_failure(location: str, error: Exception, elapsed_s: float, limit_s: flo
         )
     if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
         return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")
-    if elapsed_s >= limit_s:
+    if limit_s is not None:
         return TimedOut(
             f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "
             "check that it plays elsewhere, or allow more time"

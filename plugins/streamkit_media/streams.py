@@ -23,6 +23,7 @@ AUDIO_CAPS = "audio/x-coded"
 BARE_PACKETS = "data"  # FFmpeg's format for a file that has no container
 UNNAMED_IN = frozenset({"rtsp", BARE_PACKETS})
 PLAIN_SUBTITLES = frozenset({"mov_text", "subrip", "text", "srt", "webvtt", "ass"})
+KEYFRAME, CORRUPT = int(FrameFlags.KEYFRAME), int(FrameFlags.CORRUPT)
 
 
 class StreamKind(enum.StrEnum):
@@ -91,18 +92,11 @@ def stream_caps(stream: Stream, kind: StreamKind) -> Caps:
     return Caps((Structure(AUDIO_CAPS, fields),))
 
 
-KEYFRAME, CORRUPT = int(FrameFlags.KEYFRAME), int(FrameFlags.CORRUPT)
-
-
 @dataclass(frozen=True)
 class DecodeOnly:
-    """Metadata of a packet whose frame is decoded for others and not shown.
+    """Metadata of a packet whose frame is decoded for others and not shown."""
 
-    Attributes:
-        reason: for which its frame counts as dropped; "" where it is not counted.
-    """
-
-    reason: str = ""
+    reason: str = ""  # for which its frame counts as dropped; "" where it is not counted
 
 
 DECODE_ONLY = DecodeOnly()

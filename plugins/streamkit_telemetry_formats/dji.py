@@ -72,12 +72,12 @@ class DjiTelemetry:
 
     def read(self, lines: Iterable[str]) -> Iterator[Sample]:
         """The samples of a file's lines; subtitles without a position are skipped."""
-        for cue in self._reader.cues(lines):
-            begin = self._clock.place(cue.text, cue.begin)
+        for own_begin, text in self._reader.cues(lines):
+            begin = self._clock.place(text, own_begin)
             if begin is None:
                 self.subtitles += 1
                 self._unreadable += 1
-            elif (sample := self.sample(cue.text, begin)) is not None:
+            elif (sample := self.sample(text, begin)) is not None:
                 yield sample
 
     def sample(self, text: str, pts: int) -> Sample | None:

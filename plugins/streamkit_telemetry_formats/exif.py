@@ -33,25 +33,15 @@ _TIME, _DATE, _DIRECTION_NORTH, _DIRECTION = 7, 29, 16, 17
 
 @dataclass(frozen=True, slots=True)
 class ExifData:
-    """Exif data of a photograph.
+    """Exif data of a photograph."""
 
-    Attributes:
-        position: latitude and longitude, deg, WGS84.
-        altitude: m above sea level.
-        direction: the way the camera looked, rad clockwise from true north.
-        utc_ns: when, by the satellites' clock.
-        focal_35mm: focal length that gives the same diagonal view on 36 x 24 mm, mm.
-        field_of_view: horizontal, by focal length and size of the sensor, rad.
-        model: of the camera; empty if unknown.
-    """
-
-    position: tuple[float, float] | None = None
-    altitude: float | None = None
-    direction: float | None = None
-    utc_ns: int | None = None
-    focal_35mm: float | None = None
-    field_of_view: float | None = None
-    model: str = ""
+    position: tuple[float, float] | None = None  # latitude and longitude, deg, WGS84
+    altitude: float | None = None  # m above sea level
+    direction: float | None = None  # the way the camera looked, rad clockwise from true north
+    utc_ns: int | None = None  # when, by the satellites' clock
+    focal_35mm: float | None = None  # focal length that gives the same diagonal view on 36 x 24 mm, mm
+    field_of_view: float | None = None  # horizontal, by focal length and size of the sensor, rad
+    model: str = ""  # of the camera; empty if unknown
 
 
 def read_exif(tiff: bytes) -> ExifData:

@@ -39,22 +39,15 @@ class BadKlv(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class KlvPacket:
-    """One packet.
+    """One packet."""
 
-    Attributes:
-        key: 16 bytes.
-        value: the bytes that the length counts.
-        data: the whole packet, key to end.
-    """
-
-    key: bytes
-    value: bytes
-    data: bytes
+    value: bytes  # the bytes that the length counts
+    data: bytes  # the whole packet, key to end
 
     @property
     def is_universal_set(self) -> bool:
         """Whether it is the older universal set, whose elements have whole keys and which has no checksum."""
-        return self.key[4:6] == UNIVERSAL_SET[4:6]
+        return self.data[4:6] == UNIVERSAL_SET[4:6]
 
 
 def prefix_sums(data: bytes) -> NDArray[np.int64]:
@@ -231,4 +224,4 @@ def _read_packet(data: bytes, begin: int, sums: Callable[[], NDArray[np.int64]])
         expected = CHECKSUM_HEAD + (int(behind - before) & 0xFFFF).to_bytes(2, "big")
         if data[end - 4 : end] != expected:
             raise BadKlv("the checksum is wrong or missing")
-    return KlvPacket(data[begin : begin + KEY_BYTES], data[at:end], data[begin:end])
+    return KlvPacket(data[at:end], data[begin:end])

@@ -102,17 +102,11 @@ def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float,
 
 @dataclass(frozen=True, slots=True)
 class JpegHeader:
-    """Metadata of a JPEG file.
+    """Metadata of a JPEG file."""
 
-    Attributes:
-        exif: the TIFF structure of its Exif data, empty without any.
-        xmp: its XMP packet, empty without any.
-        size: width and height, px; None where the file ends before it.
-    """
-
-    exif: bytes = b""
-    xmp: bytes = b""
-    size: tuple[int, int] | None = None
+    exif: bytes = b""  # the TIFF structure of its Exif data, empty without any
+    xmp: bytes = b""  # its XMP packet, empty without any
+    size: tuple[int, int] | None = None  # width and height, px; None where the file ends before it
 
 
 def read_header(data: bytes) -> JpegHeader:

@@ -17,41 +17,26 @@ OWN = ("pts", "target", "utc_ns")  # fields that a pose lacks
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Where the camera was and what it saw at one moment.
+    """Where the camera was and what it saw at one moment."""
 
-    Attributes:
-        pts: on the video's line of time, ns.
-        latitude: deg, WGS84.
-        longitude: deg, WGS84.
-        altitude: m; `source` says above what where it is not the ellipsoid.
-        heading: of the platform, rad clockwise from true north.
-        pitch: of the platform, rad, nose up.
-        roll: of the platform, rad, right wing down.
-        sensor_angles: azimuth, elevation, roll of the sensor relative to the platform, rad.
-        field_of_view: horizontal, vertical, rad.
-        frame_centre: latitude, longitude (deg) and elevation (m) of what the centre shows.
-        corners: latitude, longitude (deg) of the image's corners: upper left, then clockwise; or empty.
-        target: latitude, longitude (deg) and elevation (m) of the target.
-        ground_altitude: of the ground, m, with the datum of `altitude`: of the take-off, or of what the
-            frame shows.
-        utc_ns: when, by the platform's clock.
-        source: what it was sent as.
-    """
-
-    pts: int
-    latitude: float
-    longitude: float
-    altitude: float | None = None
-    heading: float | None = None
-    pitch: float | None = None
-    roll: float | None = None
+    pts: int  # on the video's line of time, ns
+    latitude: float  # deg, WGS84
+    longitude: float  # deg, WGS84
+    altitude: float | None = None  # m; `source` says above what where it is not the ellipsoid
+    heading: float | None = None  # of the platform, rad clockwise from true north
+    pitch: float | None = None  # of the platform, rad, nose up
+    roll: float | None = None  # of the platform, rad, right wing down
+    # azimuth, elevation, roll of the sensor relative to the platform, rad
     sensor_angles: tuple[float, float, float] | None = None
-    field_of_view: tuple[float, float] | None = None
+    field_of_view: tuple[float, float] | None = None  # horizontal, vertical, rad
+    # latitude, longitude (deg) and elevation (m) of what the centre shows
     frame_centre: Position | None = None
+    # latitude, longitude (deg) of the image's corners: upper left, then clockwise; or empty
     corners: tuple[tuple[float, float], ...] = ()
-    target: Position | None = None
-    utc_ns: int | None = None
-    source: str = ""
+    target: Position | None = None  # latitude, longitude (deg) and elevation (m) of the target
+    utc_ns: int | None = None  # when, by the platform's clock
+    source: str = ""  # what it was sent as
+    # of the ground, m, with the datum of `altitude`: of the take-off, or of what the frame shows
     ground_altitude: float | None = None
 
     @property

@@ -22,17 +22,11 @@ LATEST_TIME_NS = 2**63 - 1
 
 @dataclass(frozen=True, slots=True)
 class St0601Tag:
-    """One element of the local set.
+    """One element of the local set."""
 
-    Attributes:
-        name: as in the standard.
-        unit: of the decoded value, or "".
-        decode: bytes to value; None is the standard's "out of range" or "error".
-    """
-
-    name: str
-    unit: str
-    decode: Decoder
+    name: str  # as in the standard
+    unit: str  # of the decoded value, or ""
+    decode: Decoder  # bytes to value; None is the standard's "out of range" or "error"
 
 
 def unsigned(
@@ -221,17 +215,12 @@ TAGS = {tag: St0601Tag(name, unit, decode) for unit, decode, names in _GROUPS fo
 
 @dataclass(frozen=True, slots=True)
 class LocalSet:
-    """A decoded UAS local set.
+    """A decoded UAS local set."""
 
-    Attributes:
-        values: by tag, in the units of `TAGS`; "no value" and unknown tags are left out.
-        unknown: tags that are not in `TAGS`.
-        broken: tags whose bytes violate the standard; their values are left out.
-    """
-
+    # by tag, in the units of `TAGS`; "no value" and unknown tags are left out
     values: dict[int, int | float | str | bytes]
-    unknown: tuple[int, ...] = ()
-    broken: tuple[int, ...] = ()
+    unknown: tuple[int, ...] = ()  # tags that are not in `TAGS`
+    broken: tuple[int, ...] = ()  # tags whose bytes violate the standard; their values are left out
 
 
 def decode_local_set(value: bytes) -> LocalSet:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 # Some aircraft write 00:00:60,000 for the end of a minute.
@@ -27,17 +26,8 @@ STEP = re.compile(r"\bDiffTime\s*:\s*(\d{1,7})\s*ms")
 LONGEST_NS = 1000 * 3600 * 1_000_000_000  # as long as a subtitle's own times reach
 
 
-@dataclass(frozen=True, slots=True)
-class Cue:
-    """One subtitle.
-
-    Attributes:
-        begin: ns; None where it has a number but no line of times.
-        text: its lines, without the number.
-    """
-
-    begin: int | None
-    text: str
+# A subtitle: its beginning, ns, None where it has a number but no line of times; its text.
+Cue = tuple[int | None, str]
 
 
 class SubtitleReader:
@@ -89,12 +79,12 @@ class SubtitleReader:
         times, lines = self._times, self._lines
         self._times, self._lines, self._size = None, [], 0
         if times is not None:
-            return Cue(_ns(*times.groups()), "\n".join(lines)[:LONGEST_TEXT])
+            return _ns(*times.groups()), "\n".join(lines)[:LONGEST_TEXT]
         if any(ARROW in line for line in lines):
             self.broken += 1
             return None
         is_numbered = len(lines) > 1 and NUMBER.fullmatch(lines[0].strip()) is not None
-        return Cue(None, "\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
+        return (None, "\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
 
 
 def subtitle_text(text: str) -> str:

@@ -9,6 +9,7 @@ from contextlib import suppress
 from fractions import Fraction
 
 from av.codec.codec import UnknownCodecError
+from av.codec.context import ThreadType
 from av.error import FFmpegError
 from av.packet import Packet
 from av.video.frame import VideoFrame
@@ -20,7 +21,7 @@ from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
 from streamkit_media.decoding.framenumbers import FrameNumbers
 from streamkit_media.decoding.marks import PENDING_LIMIT, FrameMarks, Freshness, InherentDelay
-from streamkit_media.decoding.videodecoder import Threading, VideoDecoder, accelerator
+from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
 from streamkit_media.nalunits import is_reference
 from streamkit_media.streams import DecodeOnly
 
@@ -191,19 +192,18 @@ class Decode(Transform):
         self._sequence_numbers.clear()
         self._h264_frame_numbers = FrameNumbers(extradata_of(caps)) if codec == "h264" else None
 
-    def _threads(self, codec: str, caps: Caps) -> tuple[Threading, int]:
+    def _threads(self, codec: str, caps: Caps) -> tuple[ThreadType, int]:
         """What the threads share, and their number: the one set, or what suits the stream.
 
         Live H.264 of usual size gets one thread: with slice threads FFmpeg does not notice lost slices. Frame
         threads wait for each other and for us: some more than processors keep all of these busy.
         """
         is_auto, is_live = self.threads_type is ThreadsType.AUTO, self.query_live()
-        threading = Threading.SLICE if is_live else Threading.FRAME
-        if not is_auto:
-            threading = Threading(self.threads_type.value)
+        has_slices = is_live if is_auto else self.threads_type is ThreadsType.SLICE
+        threading = ThreadType.SLICE if has_slices else ThreadType.FRAME
         if self.threads:
             return threading, self.threads
-        if threading is Threading.FRAME:
+        if not has_slices:
             return threading, min(MAX_THREADS, available_cores() + SPARE_THREADS)
         width, height = size_of(caps)
         is_usual = is_auto and is_live and codec == "h264" and width * height <= ONE_THREAD_PIXELS

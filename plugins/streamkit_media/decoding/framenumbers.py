@@ -6,7 +6,7 @@ Source: ITU-T H.264, 7.3.2.1.1 (sequence parameter set), 7.3.3 (slice header), 7
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from streamkit_media.nalunits import BadPacket, length_field, parameter_sets, units
 
@@ -18,21 +18,12 @@ SLICE, KEY_SLICE, SEQUENCE_SET, PICTURE_SET = 1, 5, 7, 8
 HIGH_PROFILES = frozenset({44, 83, 86, 100, 110, 118, 122, 128, 134, 135, 138, 139, 244})
 
 
-@dataclass(frozen=True, slots=True)
-class Sequence:
-    """Frame numbering of a sequence parameter set.
+class Sequence(NamedTuple):
+    """Frame numbering of a sequence parameter set."""
 
-    Attributes:
-        number: its own.
-        bits: of a frame number.
-        has_planes: whether slices have a colour plane.
-        has_gaps: whether the encoder itself leaves numbers out.
-    """
-
-    number: int
-    bits: int
-    has_planes: bool
-    has_gaps: bool
+    bits: int  # of a frame number
+    has_planes: bool  # whether slices have a colour plane
+    has_gaps: bool  # whether the encoder itself leaves numbers out
 
 
 class FrameNumbers:
@@ -89,8 +80,8 @@ class FrameNumbers:
         kind = unit[0] & 31 if unit else 0
         try:
             if kind == SEQUENCE_SET:
-                sequence = _sequence(unit)
-                self._sequences[sequence.number] = sequence
+                number, sequence = _sequence(unit)
+                self._sequences[number] = sequence
             elif kind == PICTURE_SET:
                 bits = _Bits(unit[1:HEADER_BYTES])
                 number = bits.unsigned()
@@ -123,7 +114,8 @@ class _Bits:
         return (code + 1) // 2 if code % 2 else -(code // 2)
 
 
-def _sequence(unit: bytes) -> Sequence:
+def _sequence(unit: bytes) -> tuple[int, Sequence]:
+    """A sequence parameter set's own number, and its frame numbering."""
     bits = _Bits(unit[1:PARAMETER_BYTES])
     profile = bits.read(8)
     bits.read(16)
@@ -147,7 +139,7 @@ def _sequence(unit: bytes) -> Sequence:
         for _ in range(bits.unsigned()):
             bits.signed()
     bits.unsigned()  # reference frames
-    return Sequence(number, size, has_planes, bool(bits.read(1)))
+    return number, Sequence(size, has_planes, bool(bits.read(1)))
 
 
 def _skip_scaling(bits: _Bits, lists: int) -> None:

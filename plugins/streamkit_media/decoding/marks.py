@@ -43,13 +43,9 @@ class FrameMarks:
 
 @dataclass(frozen=True, slots=True)
 class Freshness:
-    """Metadata of a live packet: its frame is shown soon or not at all.
+    """Metadata of a live packet: its frame is shown soon or not at all."""
 
-    Attributes:
-        slack_ns: by how much the frame's age may exceed the inherent delay.
-    """
-
-    slack_ns: int
+    slack_ns: int  # by how much the frame's age may exceed the inherent delay
 
 
 class InherentDelay:

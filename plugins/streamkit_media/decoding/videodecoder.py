@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from collections import OrderedDict
 from pathlib import Path
 from typing import Generic, TypeAlias, TypeVar
@@ -34,19 +33,12 @@ DEVICES = {
 }
 
 
-class Threading(enum.StrEnum):
-    """How a decoder spreads its work: whole frames (fast, adds a delay) or slices of one frame."""
-
-    FRAME = "frame"
-    SLICE = "slice"
-
-
 class VideoDecoder(Generic[Origin]):
     """Decodes packets of one codec; each frame comes with the origin given with its packet.
 
     Args:
         caps: of the packets.
-        threading: frame or slice threads; H.265 gets slice threads always.
+        threading: whole frames (fast, adds a delay) or slices of one; H.265 gets slice threads always.
         threads: how many; 0 is one for each processor.
         device: to decode on; where it cannot, software does.
         holds_for_order: hold back as many H.264 frames as the level allows where the stream does not declare
@@ -64,7 +56,7 @@ class VideoDecoder(Generic[Origin]):
     def __init__(
         self,
         caps: Caps,
-        threading: Threading = Threading.FRAME,
+        threading: ThreadType = ThreadType.FRAME,
         threads: int = 0,
         device: HWAccel | None = None,
         holds_for_order: bool = False,
@@ -74,9 +66,7 @@ class VideoDecoder(Generic[Origin]):
         assert isinstance(context, VideoCodecContext)
         self._context = context
         self._configure(caps)
-        is_slices = threading is Threading.SLICE or codec in SLICE_THREADS_ONLY
-        self.threading = Threading.SLICE if is_slices else Threading.FRAME
-        context.thread_type = ThreadType.SLICE if is_slices else ThreadType.FRAME
+        self.threading = context.thread_type = ThreadType.SLICE if codec in SLICE_THREADS_ONLY else threading
         context.thread_count = threads
         is_strict = holds_for_order and codec == "h264"
         context.options = {"max_pixels": str(MAX_PIXELS), **({"strict": "1"} if is_strict else {})}

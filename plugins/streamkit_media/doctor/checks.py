@@ -23,6 +23,68 @@ REFUSALS = {
 }
 ENOUGH_FRAMES = 10  # to speak of a rate
 NO_TIMES = "a bare stream has no times"
+Verdict = enum.StrEnum("Verdict", "GOOD NOTE BAD")
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check."""
+
+    name: str  # what was looked at
+    verdict: Verdict  # good, note (worth knowing) or bad
+    text: str  # what was found, for people, secrets masked; where it is not good, also what to do
+    facts: dict[str, Any]  # the same for programs
+
+
+def good(name: str, text: str, **facts: Any) -> Check:
+    """A check that found nothing wrong."""
+    return Check(name, Verdict.GOOD, mask_secrets(text), facts)
+
+
+def note(name: str, text: str, **facts: Any) -> Check:
+    """A check that found something worth knowing."""
+    return Check(name, Verdict.NOTE, mask_secrets(text), facts)
+
+
+def bad(name: str, text: str, **facts: Any) -> Check:
+    """A check that says why the stream cannot be used."""
+    return Check(name, Verdict.BAD, mask_secrets(text), facts)
+
+
+def good_if(is_good: bool, name: str, text: str, **facts: Any) -> Check:
+    """A good check, else a note."""
+    return (good if is_good else note)(name, text, **facts)
+
+
+def is_usable(checks: Iterable[Check]) -> bool:
+    """Whether none of the checks is bad."""
+    return all(check.verdict is not Verdict.BAD for check in checks)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """All checks of one stream."""
+
+    location: str  # without passwords
+    checks: tuple[Check, ...]  # in the order they were made
+    pipeline: str  # a line to begin with; "" where the stream cannot be used
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether nothing is bad."""
+        return is_usable(self.checks)
+
+    def as_json(self) -> dict[str, Any]:
+        """The report as JSON values."""
+        return {"usable": self.is_usable, **asdict(self)}
+
+    def as_text(self) -> str:
+        """The report for people."""
+        width = max((len(check.name) for check in self.checks), default=0)
+        lines = [f"{check.verdict:<4}  {check.name:<{width}}  {check.text}" for check in self.checks]
+        if self.pipeline:
+            lines += ["", f"  {self.pipeline}"]
+        return "\n".join(lines)
 
 
 def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = False) -> list[Check]:
@@ -148,80 +210,3 @@ def _telemetry_check(seen: Seen, *, is_live: bool) -> Check:
         is_video = not is_live and len(seen.packets) > 1
         text = "none inside" + ("; posesync location=FILE.SRT reads it from a file" if is_video else "")
     return good_if(bool(counts["poses"]) and not refused, "telemetry", text, **counts)
-
-
-Verdict = enum.StrEnum("Verdict", "GOOD NOTE BAD")
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One check.
-
-    Attributes:
-        name: what was looked at.
-        verdict: good, note (worth knowing) or bad.
-        text: what was found, for people, secrets masked; where it is not good, also what to do.
-        facts: the same for programs.
-    """
-
-    name: str
-    verdict: Verdict
-    text: str
-    facts: dict[str, Any]
-
-
-def good(name: str, text: str, **facts: Any) -> Check:
-    """A check that found nothing wrong."""
-    return Check(name, Verdict.GOOD, mask_secrets(text), facts)
-
-
-def note(name: str, text: str, **facts: Any) -> Check:
-    """A check that found something worth knowing."""
-    return Check(name, Verdict.NOTE, mask_secrets(text), facts)
-
-
-def bad(name: str, text: str, **facts: Any) -> Check:
-    """A check that says why the stream cannot be used."""
-    return Check(name, Verdict.BAD, mask_secrets(text), facts)
-
-
-def good_if(is_good: bool, name: str, text: str, **facts: Any) -> Check:
-    """A good check, else a note."""
-    return (good if is_good else note)(name, text, **facts)
-
-
-def is_usable(checks: Iterable[Check]) -> bool:
-    """Whether none of the checks is bad."""
-    return all(check.verdict is not Verdict.BAD for check in checks)
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """All checks of one stream.
-
-    Attributes:
-        location: without passwords.
-        checks: in the order they were made.
-        pipeline: a line to begin with; "" where the stream cannot be used.
-    """
-
-    location: str
-    checks: tuple[Check, ...]
-    pipeline: str
-
-    @property
-    def is_usable(self) -> bool:
-        """Whether nothing is bad."""
-        return is_usable(self.checks)
-
-    def as_json(self) -> dict[str, Any]:
-        """The report as JSON values."""
-        return {"usable": self.is_usable, **asdict(self)}
-
-    def as_text(self) -> str:
-        """The report for people."""
-        width = max((len(check.name) for check in self.checks), default=0)
-        lines = [f"{check.verdict:<4}  {check.name:<{width}}  {check.text}" for check in self.checks]
-        if self.pipeline:
-            lines += ["", f"  {self.pipeline}"]
-        return "\n".join(lines)

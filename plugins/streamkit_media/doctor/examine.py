@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import asdict
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -94,10 +93,10 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
         server = ask_options(host, port, bare, timeout_s)
     except (NoAnswer, OSError) as error:
         return [bad("server", f"{host} port {port}: {error}; is this an RTSP server?")]
-    answered = f"{server.software or 'unnamed'}, answers in {server.answer_ms:.0f} ms ({server.status})"
+    name, status = server["software"] or "unnamed", server["status"]
     return [
-        good("reach", f"{host} port {port}, connected in {server.connect_ms:.1f} ms"),
-        good("server", answered, **asdict(server)),
+        good("reach", f"{host} port {port}, connected in {server['connect_ms']:.1f} ms"),
+        good("server", f"{name}, answers in {server['answer_ms']:.0f} ms ({status})", **server),
     ]
 
 

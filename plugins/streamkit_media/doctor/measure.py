@@ -23,46 +23,27 @@ DECODING_LIMIT_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class PacketFacts:
-    """One packet of the video.
+    """One packet of the video."""
 
-    Attributes:
-        pts: ns; None if unknown.
-        arrival_ns: monotonic clock, ns.
-        size: bytes.
-        is_keyframe: whether decoding can begin with it.
-    """
-
-    pts: int | None
-    arrival_ns: int
-    size: int
-    is_keyframe: bool
+    pts: int | None  # ns; None if unknown
+    arrival_ns: int  # monotonic clock, ns
+    size: int  # bytes
+    is_keyframe: bool  # whether decoding can begin with it
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Measurements of a run of packets; None where it was too short.
+    """Measurements of a run of packets; None where it was too short."""
 
-    Attributes:
-        packets: seen.
-        rate: frames per second, by the times of the packets.
-        bit_rate: bit/s.
-        keyframe_interval_s: longest time from key frame to key frame.
-        keyframes: seen, with a time or without.
-        has_times: whether packets have times; a bare stream has none.
-        jitter_ms: how unevenly packets arrive, as RFC 3550 counts it.
-        missing: frames that the times say should be there.
-        is_variable: whether the distances of frames vary by more than a tenth.
-    """
-
-    packets: int
-    rate: float | None
-    bit_rate: float | None
-    keyframe_interval_s: float | None
-    keyframes: int
-    has_times: bool
-    jitter_ms: float | None
-    missing: int
-    is_variable: bool
+    packets: int  # seen
+    rate: float | None  # frames per second, by the times of the packets
+    bit_rate: float | None  # bit/s
+    keyframe_interval_s: float | None  # longest time from key frame to key frame
+    keyframes: int  # seen, with a time or without
+    has_times: bool  # whether packets have times; a bare stream has none
+    jitter_ms: float | None  # how unevenly packets arrive, as RFC 3550 counts it
+    missing: int  # frames that the times say should be there
+    is_variable: bool  # whether the distances of frames vary by more than a tenth
 
 
 def measure(packets: Sequence[PacketFacts]) -> Measured:
@@ -99,23 +80,15 @@ def _jitter_ms(packets: Sequence[PacketFacts]) -> float | None:
 
 @dataclass(slots=True)
 class Decoded:
-    """What became of some packets.
+    """What became of some packets."""
 
-    Attributes:
-        packets: given to the decoder.
-        frames: frames that came out.
-        damaged: of them, those that are not whole.
-        rate: frames a second on this machine as busy as it is; None where that took no time.
-        error: of the first packet that did not decode, or "".
-        size: width and height of the first frame, px; None where there was none.
-    """
-
-    packets: int = 0
-    frames: int = 0
-    damaged: int = 0
+    packets: int = 0  # given to the decoder
+    frames: int = 0  # frames that came out
+    damaged: int = 0  # of them, those that are not whole
+    # frames a second on this machine as busy as it is; None where that took no time
     rate: float | None = None
-    error: str = ""
-    size: tuple[int, int] | None = None
+    error: str = ""  # of the first packet that did not decode, or ""
+    size: tuple[int, int] | None = None  # width and height of the first frame, px; None where there was none
 
 
 def try_decoding(frames: Sequence[Frame]) -> Decoded:

@@ -5,36 +5,17 @@ from __future__ import annotations
 import re
 import socket
 import time
-from dataclasses import dataclass
+from typing import Any
 
 MAX_REPLY_BYTES = 1 << 16
 BEGINNING = b"RTSP/"
-
-
-@dataclass(frozen=True, slots=True)
-class ServerFacts:
-    """The answer to OPTIONS.
-
-    Attributes:
-        status: "200 OK" and the like.
-        software: the Server field, or "".
-        methods: the Public field, or "".
-        connect_ms: time until the connection stood.
-        answer_ms: time until the answer had come.
-    """
-
-    status: str
-    software: str
-    methods: str
-    connect_ms: float
-    answer_ms: float
 
 
 class NoAnswer(Exception):
     """The server did not answer as RTSP asks for."""
 
 
-def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
+def ask_options(host: str, port: int, url: str, limit_s: float) -> dict[str, Any]:
     """Asks a server what it can do.
 
     Args:
@@ -42,6 +23,10 @@ def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
         port: of RTSP.
         url: of the stream, without user name and password.
         limit_s: for everything together, and once more for connecting.
+
+    Returns:
+        `status` ("200 OK" and the like), `software` and `methods` (the fields Server and Public, or ""),
+        `connect_ms` and `answer_ms` (until the connection stood, and from then on).
 
     Raises:
         OSError: no connection.
@@ -56,11 +41,13 @@ def ask_options(host: str, port: int, url: str, limit_s: float) -> ServerFacts:
     status = re.match(r"RTSP/\d\.\d (\d{3}[^\r\n]*)", reply)
     if status is None:
         raise NoAnswer(f"it answers with something else than RTSP: {reply[:40]!r}")
-    software, methods = (
-        found[1].strip() if (found := re.search(rf"(?im)^{name}:\s*([^\r\n]*)", reply)) else ""
-        for name in ("Server", "Public")
-    )
-    return ServerFacts(status[1], software, methods, (connected - began) * 1000, answer_ms)
+    found = {name: re.search(rf"(?im)^{name}:\s*([^\r\n]*)", reply) for name in ("Server", "Public")}
+    software, methods = (match[1].strip() if match else "" for match in found.values())
+    connect_ms = (connected - began) * 1000
+    return {
+        "status": status[1], "software": software, "methods": methods,
+        "connect_ms": connect_ms, "answer_ms": answer_ms,
+    }  # fmt: skip
 
 
 def _read_head(connection: socket.socket, deadline: float) -> bytes:

@@ -36,6 +36,10 @@ OVERRUN = "consumer too slow, older packets dropped"
 MAX_WAIT_NS = 500_000_000
 MAX_PAUSE_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
+# Streams with intra refresh have no key frames: after so many refused packets the next one is accepted.
+KEYFRAME_PATIENCE = 300
+LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
+STEP_NS = 1_000_000
 
 
 class LiveConnection:
@@ -208,10 +212,6 @@ def sender_time_ns(packet: Packet[Stream]) -> int | None:
     return wall_us * 1000
 
 
-# Streams with intra refresh have no key frames: after so many refused packets the next one is accepted.
-KEYFRAME_PATIENCE = 300
-
-
 def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[Frame]:
     """A queue of packets that never waits for room, see `DropToKeyframe`; `capacity` is the most queued."""
     return BoundedQueue(capacity, choose_dropped=DropToKeyframe(longest_wait_ns))
@@ -251,10 +251,6 @@ class DropToKeyframe:
 def is_keyframe(packet: Frame) -> bool:
     """Whether decoding of the video can begin with a packet; packets of other streams carry their kind."""
     return bool(packet.flags & FrameFlags.KEYFRAME) and packet.get(StreamKind) is None
-
-
-LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
-STEP_NS = 1_000_000
 
 
 class Timeline:

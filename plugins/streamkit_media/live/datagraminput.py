@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import cast
 
@@ -17,12 +18,11 @@ from av.video.stream import VideoStream
 from typing_extensions import override
 
 from streamkit import ResourceError
-from streamkit_media.container import open_stream, video_stream
+from streamkit_media.container import open_container, video_stream
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.datagrams import (
     BUFFER_BYTES,
     OVERFLOWS,
-    Reception,
     TransportPackets,
     datagram_address,
     open_receiver,
@@ -43,9 +43,8 @@ class DatagramInput(LiveInput):
     """Receives a transport stream at a UDP port.
 
     Args:
-        location: udp:// URL, see `datagram_address`.
-        timeout_s: longest wait for a datagram of the stream.
-        reception: counts what is lost and refused, over all connections.
+        location, timeout_s: see `LiveInput` and `datagram_address`.
+        counts: datagrams lost, overflowed (dropped by the kernel) and refused, over all connections.
         warn: called with a text when the kernel first drops datagrams.
         low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
     """
@@ -54,15 +53,15 @@ class DatagramInput(LiveInput):
         self,
         location: str,
         timeout_s: float,
-        reception: Reception,
+        counts: Counter[str],
         warn: Callable[[str], object],
         *,
         low_latency: bool,
     ) -> None:
         super().__init__(location, timeout_s)
-        self._reception, self._warn = reception, warn
+        self._counts, self._warn = counts, warn
         self._low_latency = low_latency
-        self._packets = TransportPackets(reception)
+        self._packets = TransportPackets(counts)
         self._receiver: socket.socket | None = None
         self._held = b""
         self._failure: Silence | None = None
@@ -72,12 +71,12 @@ class DatagramInput(LiveInput):
     @override
     def open(self) -> InputContainer:
         try:
-            self._receiver = open_receiver(datagram_address(self.location))
+            self._receiver = open_receiver(*datagram_address(self.location))
         except OSError as error:
             raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
         self._receiver.settimeout(LOOK_S)
         options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
-        return open_stream(self, self.location, "mpegts", options)
+        return open_container(self.location, options, format_name="mpegts", stream=self)
 
     def read(self, size: int) -> bytes:
         """Up to `size` bytes of the stream for FFmpeg, as soon as there are any; empty once it is ended.
@@ -120,7 +119,7 @@ class DatagramInput(LiveInput):
                 f"{self.where}: datagrams come faster than they are read; allow a larger buffer with "
                 f"sysctl net.core.rmem_max={BUFFER_BYTES}"
             )
-        self._reception.overflowed += max(0, total - self._overflowed)
+        self._counts["overflowed"] += max(0, total - self._overflowed)
         self._overflowed = max(self._overflowed, total)
 
     def _silence(self) -> Silence:

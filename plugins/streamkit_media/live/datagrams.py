@@ -9,7 +9,7 @@ import errno
 import ipaddress
 import socket
 import struct
-from dataclasses import dataclass
+from collections import Counter
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
@@ -22,25 +22,21 @@ REMEDIES = {
     errno.EADDRNOTAVAIL: "no interface of this machine has the address; write udp://@:PORT for all of them",
     errno.ENODEV: "no interface leads to the group; name one by its address, as in ?localaddr=192.168.1.2",
 }
+PACKET_BYTES = 188
+SYNC = 0x47
+RTP_HEADER_BYTES = 12
+RTP_VERSION = 2
+MPEG_TS = 33  # RTP's payload type
+NUMBERS = 1 << 16
+MAX_GAP, MAX_LATE = 3000, 100  # beyond them the sender has restarted its numbers (RFC 3550, appendix A.1)
 
 
-@dataclass(frozen=True)
-class DatagramAddress:
-    """Where datagrams are received.
-
-    Attributes:
-        host: address of an interface, of a multicast group, or `EVERYWHERE`.
-        port: the UDP port.
-        local_address: address of the interface on which a group is joined; "" is the system's choice.
-    """
-
-    host: str
-    port: int
-    local_address: str = ""
-
-
-def datagram_address(location: str) -> DatagramAddress:
+def datagram_address(location: str) -> tuple[str, int, str]:
     """The address in udp://[@]HOST:PORT[?localaddr=ADDRESS]; HOST may be empty.
+
+    Returns:
+        The address of an interface, of a multicast group, or `EVERYWHERE`; the port; and the address of the
+        interface on which a group is joined, "" for the system's choice.
 
     Raises:
         ValueError: it is no such URL.
@@ -52,25 +48,25 @@ def datagram_address(location: str) -> DatagramAddress:
         raise ValueError("the port is missing")
     if fields:
         raise ValueError(f"it takes ?localaddr=ADDRESS only, not {', '.join(sorted(fields))}")
-    return DatagramAddress(parts.hostname or local_address or EVERYWHERE, parts.port, local_address)
+    return parts.hostname or local_address or EVERYWHERE, parts.port, local_address
 
 
-def open_receiver(address: DatagramAddress) -> socket.socket:
-    """A socket bound to the address, in the group if it is one, with a large buffer.
+def open_receiver(host: str, port: int, local_address: str = "") -> socket.socket:
+    """A socket bound to an address, in the group if it is one, with a large buffer.
 
     Raises:
         OSError: with the remedy in its text.
     """
     try:
-        family, _, _, _, target = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
+        family, _, _, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         receiver = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            _prepare(receiver, target, address.local_address)
+            _prepare(receiver, target, local_address)
         except BaseException:
             receiver.close()
             raise
     except socket.gaierror:
-        raise OSError(f"the host name {address.host!r} is not known here") from None
+        raise OSError(f"the host name {host!r} is not known here") from None
     except OSError as error:
         remedy = REMEDIES.get(error.errno or 0, "name another address or port")
         raise OSError(f"{error.strerror or error}: {remedy}") from None
@@ -105,39 +101,16 @@ def overflows(ancillary: list[tuple[int, int, bytes]]) -> int:
     return 0
 
 
-PACKET_BYTES = 188
-SYNC = 0x47
-RTP_HEADER_BYTES = 12
-RTP_VERSION = 2
-MPEG_TS = 33  # RTP's payload type
-NUMBERS = 1 << 16
-MAX_GAP, MAX_LATE = 3000, 100  # beyond them the sender has restarted its numbers (RFC 3550, appendix A.1)
-
-
-@dataclass
-class Reception:
-    """What became of the datagrams.
-
-    Attributes:
-        lost: missing in RTP's sequence numbers.
-        overflowed: dropped by the kernel, because they were not read in time.
-        refused: no transport stream, repeated or late.
-    """
-
-    lost: int = 0
-    overflowed: int = 0
-    refused: int = 0
-
-
 class TransportPackets:
     """Takes the datagrams of one connection.
 
     Args:
-        reception: counts what is lost and refused.
+        counts: datagrams `lost`, missing in RTP's sequence numbers, and `refused`: no transport stream,
+            repeated or late.
     """
 
-    def __init__(self, reception: Reception) -> None:
-        self._reception = reception
+    def __init__(self, counts: Counter[str]) -> None:
+        self._counts = counts
         self._phase = 0  # bytes before the next sync byte: some senders cut packets in two
         self._source = b""
         self._next_number = 0
@@ -149,7 +122,7 @@ class TransportPackets:
             found = datagram[start:] if self._is_next(datagram) else b""
         else:
             found = datagram if self._is_transport_stream(datagram) else b""
-        self._reception.refused += not found
+        self._counts["refused"] += not found
         return found
 
     def _is_next(self, datagram: bytes) -> bool:
@@ -158,7 +131,7 @@ class TransportPackets:
         gap = (number - self._next_number) % NUMBERS if source == self._source else 0
         if gap >= NUMBERS - MAX_LATE:
             return False
-        self._reception.lost += gap if gap < MAX_GAP else 0
+        self._counts["lost"] += gap if gap < MAX_GAP else 0
         self._source, self._next_number = source, (number + 1) % NUMBERS
         return True
 

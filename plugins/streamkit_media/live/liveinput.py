@@ -19,6 +19,12 @@ from streamkit_media.live.reachability import port_of, unreachable
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import read_packets
 
+# FFmpeg would otherwise read up to five seconds to guess the frame rate.
+LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
+PLAYLIST = "hls"
+ONE_CLIENT = ("tcp", "rtmp")  # a simple sender takes one client: a look at the port would take its place
+MAX_PACE_S = 1.0  # a longer step of the decoding times is a jump
+
 
 class ConnectionLost(StreamError):
     """The other side has ended the connection amid the stream, or has begun another stream."""
@@ -75,21 +81,8 @@ class LiveInput:
         raise NotImplementedError
 
 
-# FFmpeg would otherwise read up to five seconds to guess the frame rate.
-LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
-PLAYLIST = "hls"
-ONE_CLIENT = ("tcp", "rtmp")  # a simple sender takes one client: a look at the port would take its place
-MAX_PACE_S = 1.0  # a longer step of the decoding times is a jump
-
-
 class UrlInput(LiveInput):
-    """A connection to a server.
-
-    Args:
-        location: URL of the stream.
-        options: FFmpeg options for it besides `LIVE_OPTIONS`.
-        timeout_s: limit for opening and for each read.
-    """
+    """A connection to a server, with FFmpeg's `options` besides `LIVE_OPTIONS`."""
 
     def __init__(self, location: str, options: Mapping[str, str], timeout_s: float) -> None:
         super().__init__(location, timeout_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
@@ -10,7 +11,7 @@ from typing_extensions import override
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
 from streamkit.output.names import is_network
 from streamkit_media.live.datagraminput import DatagramInput
-from streamkit_media.live.datagrams import Reception, datagram_address
+from streamkit_media.live.datagrams import datagram_address
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence, UrlInput
 from streamkit_media.live.livesource import LiveSource
 from streamkit_media.live.reachability import LIVE_SCHEMES, port_of
@@ -56,26 +57,26 @@ class LiveSrc(LiveSource):
         "", name="uri", aliases=("location",), doc="URL of the stream; passwords are never shown."
     )
     lost: int = Property(
-        0, read=lambda source: source._reception.lost, doc="Datagrams missing in the sequence numbers of RTP."
+        0, read=lambda source: source._counts["lost"], doc="Datagrams missing in the sequence numbers of RTP."
     )
     overflowed: int = Property(
         0,
-        read=lambda source: source._reception.overflowed,
+        read=lambda source: source._counts["overflowed"],
         doc="Datagrams that came faster than they were read.",
     )
     refused: int = Property(
         0,
-        read=lambda source: source._reception.refused,
+        read=lambda source: source._counts["refused"],
         doc="Datagrams that were no MPEG-TS, late or repeated.",
     )
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._reception = Reception()
+        self._counts = Counter[str]()
         super().__init__(name, **properties)
 
     def start(self) -> None:
         """Checks the address; the connection is made by the source's thread."""
-        self._reception = Reception()
+        self._counts = Counter[str]()
         super().start()
 
     @override
@@ -106,7 +107,7 @@ class LiveSrc(LiveSource):
             return DatagramInput(
                 self.location,
                 self.timeout_s,
-                self._reception,
+                self._counts,
                 self.post_warning,
                 low_latency=self.low_latency,
             )

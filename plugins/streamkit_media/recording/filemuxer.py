@@ -31,6 +31,7 @@ FORMATS: dict[str, tuple[str, dict[str, str]]] = {
     ".mts": ("mpegts", {}),
     ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
 }
+WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
 
 
 class FileMuxer:
@@ -124,9 +125,6 @@ class FileMuxer:
 def ticks(ns: int) -> int:
     """A time in units of `TIME_BASE`."""
     return round(Fraction(ns, SECOND_NS) / TIME_BASE)
-
-
-WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
 
 
 class PacketWriter(FileMuxer):

@@ -15,6 +15,8 @@ from streamkit_media.container import check_file, open_container, video_stream
 from streamkit_media.streams import packet_frame, read_packets
 
 ORIGINS = ("rtcp", "misb", "file", "arrival")
+SUFFIX = ".arrivals.jsonl"
+ENCODER = msgspec.json.Encoder()
 
 
 class ReplaySrc(Source):
@@ -79,30 +81,16 @@ class ReplaySrc(Source):
         )  # fmt: skip
 
 
-SUFFIX = ".arrivals.jsonl"
-ENCODER = msgspec.json.Encoder()
-
-
 class Arrival(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One packet of the video.
+    """One packet of the video."""
 
-    Attributes:
-        seq: its number.
-        epoch: its connection.
-        pts: ns.
-        arrival_ns: monotonic clock of the recording machine.
-        capture_ns: UTC; None if unknown.
-        capture_origin: rtcp, misb, file or arrival; "" if unknown.
-        flags: of the frame.
-    """
-
-    seq: int
-    epoch: int
-    pts: int | None
-    arrival_ns: int
-    capture_ns: int | None = None
-    capture_origin: str = ""
-    flags: int = 0
+    seq: int  # its number
+    epoch: int  # its connection
+    pts: int | None  # ns
+    arrival_ns: int  # monotonic clock of the recording machine
+    capture_ns: int | None = None  # UTC; None if unknown
+    capture_origin: str = ""  # rtcp, misb, file or arrival; "" if unknown
+    flags: int = 0  # of the frame
 
 
 def arrivals_path(recording: Path) -> Path:

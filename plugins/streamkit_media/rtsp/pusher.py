@@ -26,53 +26,31 @@ Message = TypeVar("Message")
 
 
 class PushOrder(msgspec.Struct, frozen=True):
-    """Where to push; the first message.
+    """Where to push; the first message."""
 
-    Attributes:
-        url: of the recording.
-        options: of FFmpeg.
-        codec: FFmpeg's name.
-        width: px.
-        height: px.
-        timeout_s: longest silence of the server.
-    """
-
-    url: str
-    options: dict[str, str]
-    codec: str
-    width: int
-    height: int
-    timeout_s: float
+    url: str  # of the recording
+    options: dict[str, str]  # of FFmpeg
+    codec: str  # FFmpeg's name
+    width: int  # px
+    height: int  # px
+    timeout_s: float  # longest silence of the server
 
 
 class PushPacket(msgspec.Struct, frozen=True):
-    """One coded packet; all further messages.
+    """One coded packet; all further messages."""
 
-    Attributes:
-        pts: ns from the connection's beginning.
-        dts: ns, at most `pts`; ascends.
-        duration: ns; 0 if unknown.
-        is_keyframe: whether decoding can begin with it.
-        data: in Annex B where the codec is H.264 or H.265.
-    """
-
-    pts: int
-    dts: int
-    duration: int
-    is_keyframe: bool
-    data: bytes
+    pts: int  # ns from the connection's beginning
+    dts: int  # ns, at most `pts`; ascends
+    duration: int  # ns; 0 if unknown
+    is_keyframe: bool  # whether decoding can begin with it
+    data: bytes  # in Annex B where the codec is H.264 or H.265
 
 
 class PushAnswer(msgspec.Struct, frozen=True):
-    """What the push process says once it runs, after each message, and when the recording has ended.
+    """What the push process says once it runs, after each message, and when the recording has ended."""
 
-    Attributes:
-        failure: in FFmpeg's words; the process ends then. "" where all is well.
-        is_refused: whether the server wants other credentials.
-    """
-
-    failure: str = ""
-    is_refused: bool = False
+    failure: str = ""  # in FFmpeg's words; the process ends then. "" where all is well
+    is_refused: bool = False  # whether the server wants other credentials
 
 
 def write_message(pipe: BinaryIO, content: msgspec.Struct) -> None:

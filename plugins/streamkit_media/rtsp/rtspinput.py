@@ -12,7 +12,7 @@ import select
 import socket
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -26,15 +26,27 @@ from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joine
 from streamkit_media.live.liveinput import UrlInput
 from streamkit_media.streams import read_packets
 
+MAGIC, VERSION = ord("$"), 2
+FRAME_BYTES, HEADER_BYTES, EXTENSION_HEADER_BYTES = 4, 12, 4  # before each packet: "$", the channel, the size
+MARKER, EXTENSION, SOURCES = 0x80, 0x10, 0x0F
+# Second byte of RTCP packets (RFC 5761, 4).
+FIRST_RTCP, LAST_RTCP = 192, 223
+PEEK_BYTES = 2048
+PEEK = int(socket.MSG_PEEK | socket.MSG_DONTWAIT)
+AFTER_RTCP_TRIES, AFTER_RTCP_S = 3, 0.001  # waits for what follows an RTCP packet
+# A read that takes longer has waited for the network.
+MIN_WAIT_S = 0.001
+# A piece is its payload with start codes instead of fragment headers or sizes: so many bytes longer.
+MIN_MORE_BYTES, MAX_MORE_BYTES = -3, 512
+
 
 class RtspInput(UrlInput):
     """A connection to an RTSP server.
 
     Args:
-        location: URL of the stream.
+        location, timeout_s: see `LiveInput`.
         options: FFmpeg options for it, `rtsp_transport` among them.
-        timeout_s: limit for opening and for each read.
-        low_latency: read the ends of frames from RTP where possible, see `rtsp.rtpheaders`.
+        low_latency: read the ends of frames from RTP where possible.
     """
 
     def __init__(
@@ -83,71 +95,38 @@ class RtspInput(UrlInput):
         return with_marks(pieces, connection, self.timeout_s)
 
 
-MAGIC, VERSION = ord("$"), 2
-FRAME_BYTES, HEADER_BYTES, EXTENSION_HEADER_BYTES = 4, 12, 4  # before each packet: "$", the channel, the size
-MARKER, EXTENSION, SOURCES = 0x80, 0x10, 0x0F
-# Second byte of RTCP packets (RFC 5761, 4).
-FIRST_RTCP, LAST_RTCP = 192, 223
-PEEK_BYTES = 2048
-PEEK = int(socket.MSG_PEEK | socket.MSG_DONTWAIT)
-AFTER_RTCP_TRIES, AFTER_RTCP_S = 3, 0.001  # waits for what follows an RTCP packet
-# A read that takes longer has waited for the network.
-MIN_WAIT_S = 0.001
-# A piece is its payload with start codes instead of fragment headers or sizes: so many bytes longer.
-MIN_MORE_BYTES, MAX_MORE_BYTES = -3, 512
-
-
 @dataclass(frozen=True, slots=True)
 class RtpHeader:
-    """The header of an RTP packet.
+    """The header of an RTP packet."""
 
-    Attributes:
-        data: the header's bytes, which tell packets apart.
-        is_marked: whether the packet is the last of its frame.
-        payload_bytes: size of the payload, padding included.
-    """
-
-    data: bytes
-    is_marked: bool
-    payload_bytes: int
+    data: bytes  # the header's bytes, which tell packets apart
+    is_marked: bool  # whether the packet is the last of its frame
+    payload_bytes: int  # size of the payload, padding included
 
 
-class RtpHeaders:
-    """The header of the packet that the next read of a connection begins with.
+def peek(connection: socket.socket) -> RtpHeader | None:
+    """The header of the next RTP packet on a connection, after any RTCP packets; None where none has come."""
+    try:
+        return first_header(connection.recv(PEEK_BYTES, PEEK))
+    except OSError:  # nothing there, or the connection is closed: FFmpeg reports that
+        return None
 
-    Args:
-        connection: a duplicate of FFmpeg's own socket; closed with this.
-    """
 
-    def __init__(self, connection: socket.socket) -> None:
-        self._connection = connection
-        self._poll = select.poll()
-        self._poll.register(connection.fileno(), select.POLLIN)
-
-    def close(self) -> None:
-        """Closes the duplicate."""
-        self._connection.close()
-
-    def peek(self) -> RtpHeader | None:
-        """The header of the next RTP packet, after any RTCP packets; None where none has come yet."""
-        try:
-            return first_header(self._connection.recv(PEEK_BYTES, PEEK))
-        except OSError:  # nothing there, or the connection is closed: FFmpeg reports that
-            return None
-
-    def wait(self, limit_s: float) -> RtpHeader | None:
-        """As `peek`, once something has come; None also at the end."""
-        # A server with Nagle's algorithm sends the last small segment of a frame only when the others are
-        # acknowledged, which this side would delay. The option does not stay set.
-        with suppress(OSError):
-            self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
-        if not self._poll.poll(limit_s * 1000):
-            return None
-        for _ in range(AFTER_RTCP_TRIES):
-            if (header := self.peek()) is not None:
-                return header
-            time.sleep(AFTER_RTCP_S)
-        return self.peek()
+def wait_for_header(connection: socket.socket, limit_s: float) -> RtpHeader | None:
+    """As `peek`, once something has come; None also at the end."""
+    # A server with Nagle's algorithm sends the last small segment of a frame only when the others are
+    # acknowledged, which this side would delay. The option does not stay set.
+    with suppress(OSError):
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+    poll = select.poll()
+    poll.register(connection.fileno(), select.POLLIN)
+    if not poll.poll(limit_s * 1000):
+        return None
+    for _ in range(AFTER_RTCP_TRIES):
+        if (header := peek(connection)) is not None:
+            return header
+        time.sleep(AFTER_RTCP_S)
+    return peek(connection)
 
 
 def first_header(data: bytes) -> RtpHeader | None:
@@ -177,17 +156,17 @@ def with_marks(
         connection: a duplicate of its socket; is closed.
         limit_s: longest wait for a header, before FFmpeg reads on itself.
     """
-    with closing(RtpHeaders(connection)) as headers:
+    with connection:
         # FFmpeg first returns the packets that it has read to detect the stream, without reading on.
-        is_in_step, header = False, headers.peek()
+        is_in_step, header = False, peek(connection)
         while True:
             if is_in_step and header is None:
-                header = headers.wait(limit_s)
+                header = wait_for_header(connection, limit_s)
             began = time.monotonic()
             piece = next(pieces, None)
             if piece is None:
                 return
-            following = headers.peek()
+            following = peek(connection)
             is_read = header is not None and following != header
             is_in_step = is_in_step or is_read or time.monotonic() - began > MIN_WAIT_S
             yield piece, is_read and header is not None and _is_end(piece, header)

@@ -8,6 +8,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from av.codec.context import ThreadType
 
 from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
 from streamkit.testing import Harness, ManualClock
@@ -305,7 +306,10 @@ def test_slice_threads_are_taken_when_live(small_video: Path) -> None:
     live = Pipeline.parse("rtspsrc location=rtsp://127.0.0.1:1/x ! queue ! decode name=d ! fakesink")["d"]
     file = Pipeline.parse(f'filesrc location="{small_video}" ! decode name=d ! fakesink')["d"]
     caps = coded_caps("h264", 64, 48)
-    assert (live._threads("h264", caps)[0], file._threads("h264", caps)[0]) == ("slice", "frame")
+    assert (live._threads("h264", caps)[0], file._threads("h264", caps)[0]) == (
+        ThreadType.SLICE,
+        ThreadType.FRAME,
+    )
 
 
 def test_frames_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:

@@ -9,7 +9,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit_media.container import open_stream, video_stream
+from streamkit_media.container import open_container, video_stream
 from streamkit_media.live.accessunits import UNPARSED
 from streamkit_media.live.datagraminput import whole_frames
 from streamkit_media.live.liveinput import LIVE_OPTIONS
@@ -33,13 +33,14 @@ class Bytes:
 
 def parsed(source: Bytes) -> Iterator[Any]:
     """The video's packets by FFmpeg's parser."""
-    with open_stream(source, "udp://@:1", "mpegts", LIVE_OPTIONS) as container:
+    with open_container("udp://@:1", LIVE_OPTIONS, format_name="mpegts", stream=source) as container:
         yield from read_packets(container, video_stream(container, ""))
 
 
 def unparsed(source: Bytes) -> Iterator[Any]:
     """The video's packets without it."""
-    with open_stream(source, "udp://@:1", "mpegts", {**LIVE_OPTIONS, **UNPARSED}) as container:
+    options = {**LIVE_OPTIONS, **UNPARSED}
+    with open_container("udp://@:1", options, format_name="mpegts", stream=source) as container:
         video = video_stream(container, "")
         yield from whole_frames(container, read_packets(container, video), video)
 

@@ -3,13 +3,12 @@
 import socket
 import struct
 from collections.abc import Iterator
-from contextlib import closing
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_media.rtsp.rtspinput import RtpHeaders, first_header
+from streamkit_media.rtsp.rtspinput import first_header, peek, wait_for_header
 
 
 def packet(number: int = 1, *, marked: bool = False, body: bytes = b"body", extension: int = -1) -> bytes:
@@ -27,14 +26,14 @@ def report() -> bytes:
 
 
 @pytest.fixture
-def ends() -> Iterator[tuple[socket.socket, RtpHeaders]]:
+def ends() -> Iterator[tuple[socket.socket, socket.socket]]:
     """The server's end of a connection, and what looks at the other."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         client = socket.create_connection(listener.getsockname(), 5)
         server, _ = listener.accept()
         server.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        with server, closing(RtpHeaders(client)) as reader:
-            yield server, reader
+        with server, client:
+            yield server, client
 
 
 @pytest.mark.parametrize("marked", [False, True])
@@ -65,27 +64,27 @@ def test_any_bytes_are_accepted(data: bytes) -> None:
     assert header is None or header.data in b"$" + data
 
 
-def test_peeking_consumes_nothing(ends: tuple[socket.socket, RtpHeaders]) -> None:
+def test_peeking_consumes_nothing(ends: tuple[socket.socket, socket.socket]) -> None:
     """A peeked header stays the same until it is read."""
     server, reader = ends
-    assert reader.peek() is None
+    assert peek(reader) is None
     server.sendall(packet(3))
-    first = reader.wait(5)
+    first = wait_for_header(reader, 5)
     assert first == first_header(packet(3))
     server.sendall(packet(4))
-    assert reader.peek() == first
+    assert peek(reader) == first
 
 
-def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.socket, RtpHeaders]) -> None:
+def test_waiting_is_bounded_and_ends_with_the_connection(ends: tuple[socket.socket, socket.socket]) -> None:
     """A wait ends at its limit, or at once when the server closes."""
     server, reader = ends
-    assert reader.wait(0.01) is None
+    assert wait_for_header(reader, 0.01) is None
     server.close()
-    assert reader.wait(60) is None
+    assert wait_for_header(reader, 60) is None
 
 
-def test_a_packet_behind_a_report_is_waited_for(ends: tuple[socket.socket, RtpHeaders]) -> None:
+def test_a_packet_behind_a_report_is_waited_for(ends: tuple[socket.socket, socket.socket]) -> None:
     """A wait returns the header of the packet behind a report."""
     server, reader = ends
     server.sendall(report() + packet(9, marked=True))
-    assert reader.wait(5) == first_header(packet(9, marked=True))
+    assert wait_for_header(reader, 5) == first_header(packet(9, marked=True))
