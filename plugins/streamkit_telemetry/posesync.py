@@ -34,7 +34,6 @@ from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFi
 TELEMETRY_CAPS = "meta/x-klv; text/x-raw"
 HELD_LIMIT = 32
 MAX_OFFSET_S = 1e9
-FOREVER_NS = 1 << 62
 # Telemetry may lack a second at both ends of a video of 20 s.
 COVERED_SHARE = 0.9
 
@@ -85,7 +84,6 @@ class PoseSync(Combine):
         video = self.pads["sink"].peer
         self._is_live = video is not None and video.element.query_live()
         self._file: TelemetryFile | None = None
-        self._read_pts = -FOREVER_NS
         if self.location:
             with self._reading():
                 self._file = TelemetryFile(local_path(self.location))
@@ -113,14 +111,13 @@ class PoseSync(Combine):
         if self._samples.was_evicted(pts):
             self._forget()
         with self._reading():
-            while self._read_pts < pts and (sample := self._file.next()) is not None:
-                self._read_pts = max(self._read_pts, self._add(sample))
+            while not self._samples.covers(pts) and (sample := self._file.next()) is not None:
+                self._add(sample)
         self._warn_of_damage(self._file.reader)
 
     def _forget(self) -> None:
         """Restarts with other timestamps."""
         self._samples.clear()
-        self._read_pts = -FOREVER_NS
         if self._file is not None:
             with self._reading():
                 self._file.rewind()
@@ -237,13 +234,10 @@ class PoseSync(Combine):
             return frame
         return frame.replace(capture=Capture(sample.utc_ns, "misb"))
 
-    def _add(self, sample: Sample) -> int:
-        """Adds a sample; returns its time with the offset, ns."""
+    def _add(self, sample: Sample) -> None:
+        """Adds a sample, its time shifted by the offset."""
         shift = round(self.offset_s * SECOND_NS)
-        if shift:
-            sample = replace(sample, pts=sample.pts + shift)
-        self._samples.add(sample)
-        return sample.pts
+        self._samples.add(replace(sample, pts=sample.pts + shift) if shift else sample)
 
     def _warn_of_damage(self, reader: TelemetryReader, at_end: bool = False) -> None:
         """Posts a warning at the first damage, each time its count has doubled, and at the end."""

@@ -51,16 +51,11 @@ Attitude = tuple[float, float, float]
 
 
 class DjiTelemetry:
-    """Subtitles to samples.
-
-    Attributes:
-        subtitles: seen.
-        poses: of them, those that gave a sample.
-    """
+    """Subtitles to samples."""
 
     def __init__(self) -> None:
-        self.subtitles = 0
-        self.poses = 0
+        self.subtitles = 0  # seen
+        self.poses = 0  # of them, those that gave a sample
         self._unreadable = 0
         self._reader = SubtitleReader()
         self._clock = AircraftClock()

@@ -146,18 +146,13 @@ class KlvReader:
     """Finds packets in bytes as they arrive; joins split packets, and resynchronises after damage.
 
     It searches for the keys of the UAS local set and the universal set, and skips other packets.
-
-    Attributes:
-        good: packets with a correct checksum, and universal sets whose elements fit.
-        bad: keys that begin a packet with a wrong checksum or form; such packets are not used.
-        skipped: bytes outside of good packets.
     """
 
     def __init__(self) -> None:
         self._buffer = b""
-        self.good = 0
-        self.bad = 0
-        self.skipped = 0
+        self.good = 0  # packets with a correct checksum, and universal sets whose elements fit
+        self.bad = 0  # keys that begin a packet with a wrong checksum or form; such packets are not used
+        self.skipped = 0  # bytes outside of good packets
 
     def feed(self, data: bytes) -> list[KlvPacket]:
         """The good packets that are complete with these bytes."""

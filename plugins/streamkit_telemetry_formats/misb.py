@@ -29,18 +29,12 @@ ABOVE_ELLIPSOID, ABOVE_SEA = "misb", "misb above sea level"
 
 
 class MisbTelemetry:
-    """Converts the bytes of a KLV stream to samples.
-
-    Attributes:
-        reader: counts good and bad packets.
-        poses: samples made.
-        broken_tags: values left out because their length or range violates the standard.
-    """
+    """Converts the bytes of a KLV stream to samples."""
 
     def __init__(self) -> None:
-        self.reader = KlvReader()
-        self.broken_tags = 0
-        self.poses = 0
+        self.reader = KlvReader()  # counts good and bad packets
+        self.broken_tags = 0  # values left out because their length or range violates the standard
+        self.poses = 0  # samples made
         self._held: dict[int, tuple[int, int | float | str | bytes]] = {}
         self._clock_zero: int | None = None
 

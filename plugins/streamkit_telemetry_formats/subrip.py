@@ -31,14 +31,10 @@ Cue = tuple[int | None, str]
 
 
 class SubtitleReader:
-    """Reads subtitles line by line, in bounded memory.
-
-    Attributes:
-        broken: subtitles whose times cannot be read, and one that ends after its times.
-    """
+    """Reads subtitles line by line, in bounded memory."""
 
     def __init__(self) -> None:
-        self.broken = 0
+        self.broken = 0  # subtitles whose times cannot be read, and one that ends after its times
         self._times: re.Match[str] | None = None
         self._lines: list[str] = []
         self._size = 0

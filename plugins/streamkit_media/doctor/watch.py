@@ -21,23 +21,15 @@ KEPT_PACKETS, KEPT_BYTES = 150, 1 << 26
 
 
 class Seen:
-    """What came out of a stream.
-
-    Attributes:
-        packets: of the video.
-        kept: the first of them whole, to try whether they decode.
-        origins: of the capture times.
-        telemetry: a reader for each telemetry pad.
-        error: the one that ended it, or "".
-    """
+    """What came out of a stream."""
 
     def __init__(self) -> None:
-        self.packets: list[PacketFacts] = []
-        self.kept: list[Frame] = []
+        self.packets: list[PacketFacts] = []  # of the video
+        self.kept: list[Frame] = []  # the first of them whole, to try whether they decode
         self._kept_bytes = 0
-        self.origins = Counter[str]()
-        self.telemetry: dict[str, TelemetryReader] = {}
-        self.error = ""
+        self.origins = Counter[str]()  # of the capture times
+        self.telemetry: dict[str, TelemetryReader] = {}  # a reader for each telemetry pad
+        self.error = ""  # the one that ended it, or ""
 
     def add_video(self, frame: Frame) -> None:
         """Takes a packet of the video."""

@@ -53,11 +53,6 @@ class LiveConnection:
         first_seq: number of its first packet.
         timeline: sets the packets' times.
         clock: of the pipeline.
-
-    Attributes:
-        found: the kinds that are there, known before the first packet is queued.
-        next_seq: number of the next packet.
-        queue: packets between the thread that reads and the source's.
     """
 
     def __init__(
@@ -77,8 +72,10 @@ class LiveConnection:
         self._catches_up = False
         self._shown_ns = clock.monotonic_ns()
         self._ending = threading.Event()
+        # the kinds that are there, known before the first packet is queued
         self.found: frozenset[StreamKind] = frozenset()
-        self.next_seq = first_seq
+        self.next_seq = first_seq  # number of the next packet
+        # packets between the thread that reads and the source's
         self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
         self._thread = threading.Thread(target=self._run, name=f"reader {source.where}", daemon=False)

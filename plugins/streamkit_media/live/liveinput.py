@@ -48,16 +48,12 @@ class LiveInput:
     Args:
         location: URL of the stream.
         timeout_s: limit for opening and for each read.
-
-    Attributes:
-        where: the location as it may be shown.
-        ended: set by `cut`.
     """
 
     def __init__(self, location: str, timeout_s: float) -> None:
         self.location, self.timeout_s = location, timeout_s
-        self.where = mask_secrets(location)
-        self.ended = threading.Event()
+        self.where = mask_secrets(location)  # the location as it may be shown
+        self.ended = threading.Event()  # set by `cut`
 
     def open(self) -> InputContainer:
         """Connects; raises `ResourceError` where that fails."""

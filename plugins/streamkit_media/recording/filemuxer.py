@@ -137,9 +137,6 @@ class PacketWriter(FileMuxer):
         extradata: the codec's headers kept outside the packets.
         with_klv: whether there is a stream of KLV telemetry too.
 
-    Attributes:
-        has_begun: whether the file's head is written; a packet may be left out from then on.
-
     Raises:
         ValueError: the container cannot hold this codec.
         BadPacket: the extradata are damaged.
@@ -150,7 +147,7 @@ class PacketWriter(FileMuxer):
     ) -> None:
         self._annexb = AnnexBConverter(codec, extradata)
         self._codec = codec
-        self.has_begun = False
+        self.has_begun = False  # whether the file's head is written; a packet may be left out from then on
         self._reads_parameter_sets = FORMATS[file.path.suffix.lower()][0] not in WITHOUT_HEADERS
         self._last_dts: dict[int, int] = {}
         self._is_after_pause = False

@@ -38,9 +38,6 @@ class PushProcess:
     A thread sends it one message after another, and waits for the answer to each. The messages go through
     standard input, so that no password is in the list of processes.
 
-    Attributes:
-        is_done: whether the recording has ended.
-
     Raises:
         OSError: the process cannot be started.
     """
@@ -59,7 +56,7 @@ class PushProcess:
         self._messages: deque[PushOrder | PushPacket | None] = deque()
         self._failure: PushFailure | None = None
         self._sent = self._answers = 0
-        self.is_done = False
+        self.is_done = False  # whether the recording has ended
         # Not a daemon: it ends with the process, which is always ended.
         self._thread = threading.Thread(target=self._run, name="push", daemon=False)
         self._thread.start()
