@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.markup import escape
 
 from streamkit_media.doctor.examine import examine
-
-CLEAR = "\r\x1b[K"
 
 
 def doctor(
@@ -25,19 +24,8 @@ def doctor(
     """Checks a stream or file and gives a pipeline to begin with; exit 1 where it cannot be used."""
     if transport not in ("tcp", "udp"):
         raise typer.BadParameter(f"transport is tcp or udp, got {transport!r}")
-    watched = sys.stderr.isatty()
-
-    def report_step(line: str) -> None:
-        if watched:
-            sys.stderr.write(f"{CLEAR}{line} ...")
-            sys.stderr.flush()
-
-    try:
-        report = examine(uri, seconds, timeout_s, transport, report_step)
-    finally:
-        if watched:
-            sys.stderr.write(CLEAR)
-            sys.stderr.flush()
+    with Console(stderr=True).status("") as status:  # shows on a terminal only
+        report = examine(uri, seconds, timeout_s, transport, lambda step: status.update(escape(step)))
     typer.echo(json.dumps(report.as_json(), indent=2) if as_json else report.as_text())
     if not report.is_usable:
         raise typer.Exit(1)

@@ -53,12 +53,12 @@ def _examine_live(
     report_step(f"connecting to {where}, {timeout_s:g} s at most")
     scheme = location.partition("://")[0].lower()
     is_rtsp, checks = scheme in RTSP_SCHEMES, list[Check]()
-    properties: dict[str, Any] = {"reconnect": "never", "timeout_s": timeout_s, "location": location}
+    properties: dict[str, Any] = {"reconnect": "never", "timeout_s": timeout_s}
     if is_rtsp:
-        properties["transport"] = transport
+        properties |= {"location": location, "transport": transport}
         checks = _reach(location, timeout_s)
     else:
-        transport = scheme
+        properties["uri"], transport = location, scheme
     if not is_usable(checks):
         return Report(where, tuple(checks), "")
     report_step(f"watching {where} for {seconds:g} s")
