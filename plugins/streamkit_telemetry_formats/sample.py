@@ -67,10 +67,6 @@ def _linear(a: float, b: float, share: float) -> float:
     return a + (b - a) * share
 
 
-def _integer(a: int, b: int, share: float) -> int:
-    return a + round((b - a) * share)
-
-
 def _turn(a: float, b: float, share: float) -> float:
     return wrap_turn(a + wrap_turn(b - a) * share)
 
@@ -107,6 +103,6 @@ INTERPOLATIONS: dict[str, Interpolation] = {
     "field_of_view": _each(_linear, _linear),
     "frame_centre": _position,
     "target": _position,
-    "utc_ns": _integer,
+    "utc_ns": lambda a, b, share: a + round((b - a) * share),
     "ground_altitude": _linear,
 }

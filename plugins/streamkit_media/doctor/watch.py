@@ -41,10 +41,6 @@ class Seen:
         if frame.capture is not None:
             self.origins[frame.capture.origin] += 1
 
-    def add_telemetry(self, pad: str, frame: Frame) -> None:
-        """Takes a packet of telemetry."""
-        self.telemetry.setdefault(pad, TelemetryReader()).packet(frame.data, frame.caps.name, frame.pts)
-
     @property
     def photograph(self) -> Sample | None:
         """Position in the header of an image file; None for a video, or where the file has none."""
@@ -88,7 +84,8 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
                     seen.add_video(frame)
                 for pad in pads:
                     while (packet := _pull(pipeline[pad], 0.0)) is not None:
-                        seen.add_telemetry(pad, packet)
+                        reader = seen.telemetry.setdefault(pad, TelemetryReader())
+                        reader.packet(packet.data, packet.caps.name, packet.pts)
                 if is_over:
                     break
             if seconds is None:

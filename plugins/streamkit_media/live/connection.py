@@ -275,17 +275,13 @@ class Timeline:
         """
         if self._zero is None:
             self._zero = arrival_ns
-        own = self._own_time(arrival_ns) if pts is None else pts
-        if self._offset is None or self._leaps(own, arrival_ns):
-            self._offset = max(arrival_ns - self._zero, self._highest + STEP_NS) - own
-        self._before = (own, arrival_ns)
-        placed = own + self._offset
-        self._highest = max(self._highest, placed)
-        return placed
-
-    def _own_time(self, arrival_ns: int) -> int:
-        return 0 if self._offset is None else self._before[0] + arrival_ns - self._before[1]
-
-    def _leaps(self, own: int, arrival_ns: int) -> bool:
-        step = own - self._before[0]
-        return abs(step) > LEAP_NS and abs(step - (arrival_ns - self._before[1])) > LEAP_NS
+        before, elapsed_ns = self._before[0], arrival_ns - self._before[1]
+        if pts is None:
+            pts = 0 if self._offset is None else before + elapsed_ns
+        step = pts - before
+        leaps = abs(step) > LEAP_NS and abs(step - elapsed_ns) > LEAP_NS
+        if self._offset is None or leaps:
+            self._offset = max(arrival_ns - self._zero, self._highest + STEP_NS) - pts
+        self._before = (pts, arrival_ns)
+        self._highest = max(self._highest, pts + self._offset)
+        return pts + self._offset

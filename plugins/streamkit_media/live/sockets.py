@@ -110,12 +110,8 @@ def _leads_to(connection: socket.socket, port: int, *, or_is_half_open: bool = F
     try:
         return bool(connection.getpeername()[1] == port)
     except OSError as error:
-        is_half_open = error.errno == errno.ENOTCONN
-        return or_is_half_open and is_half_open and not _is_listening(connection)
-
-
-def _is_listening(connection: socket.socket) -> bool:
-    return bool(connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
+        is_listening = connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
+        return or_is_half_open and error.errno == errno.ENOTCONN and not is_listening
 
 
 def _state(connection: socket.socket) -> int:

@@ -169,10 +169,7 @@ def with_marks(
             following = peek(connection)
             is_read = header is not None and following != header
             is_in_step = is_in_step or is_read or time.monotonic() - began > MIN_WAIT_S
-            yield piece, is_read and header is not None and _is_end(piece, header)
+            is_last = is_read and header is not None and header.is_marked
+            more = piece.size - header.payload_bytes if header is not None else 0
+            yield piece, is_last and MIN_MORE_BYTES <= more <= MAX_MORE_BYTES
             header = following
-
-
-def _is_end(piece: Packet[Stream], header: RtpHeader) -> bool:
-    """Whether a piece is the payload of the packet with this header, and the last of its frame."""
-    return header.is_marked and MIN_MORE_BYTES <= piece.size - header.payload_bytes <= MAX_MORE_BYTES
