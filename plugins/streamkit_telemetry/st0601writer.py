@@ -1,4 +1,4 @@
-"""MISB ST 0601 for writing: KLV elements, packets with their checksum, and the elements of a pose.
+"""MISB ST 0601 for writing: KLV elements, packets with their checksum, and the elements of a sample.
 
 Source: SMPTE ST 336 (BER length, BER-OID); MISB ST 0107 (numbers); MISB ST 0601, checksum and tags 2, 5 to 7,
 13 to 20, 23, 24, 65, 75, 82 to 91.
@@ -8,13 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 from streamkit.geometry.angles import wrap_turn
 from streamkit_telemetry_formats.klv import CHECKSUM_HEAD, UAS_LOCAL_SET, checksum
-
-if TYPE_CHECKING:
-    from streamkit import Pose
+from streamkit_telemetry_formats.sample import Sample
 
 VERSION = 17  # of ST 0601
 CIRCLE = 360.0
@@ -31,39 +28,39 @@ def encode_version() -> bytes:
     return element(65, bytes([VERSION]))
 
 
-def encode_pose(pose: Pose) -> bytes:
+def encode_pose(sample: Sample) -> bytes:
     """The elements of a pose, without values out of their tag's range."""
     return b"".join(
         element(tag, data)
-        for tag, value, encode in _items(pose)
+        for tag, value, encode in _items(sample)
         if value is not None and (data := encode(value)) is not None
     )
 
 
-def _items(pose: Pose) -> Iterator[tuple[int, float | None, Encoder]]:
-    azimuth, elevation, roll = pose.sensor_angles or (None, None, None)
-    horizontal, vertical = pose.field_of_view or (None, None)
-    yield 5, pose.heading, _circle(2)
+def _items(sample: Sample) -> Iterator[tuple[int, float | None, Encoder]]:
+    azimuth, elevation, roll = sample.sensor_angles or (None, None, None)
+    horizontal, vertical = sample.field_of_view or (None, None)
+    yield 5, sample.heading, _circle(2)
     # The short forms reach 20 and 50 deg; tags 90 and 91 have the full range.
-    yield 6, pose.pitch, _angle(20, 2)
-    yield 7, pose.roll, _angle(50, 2)
-    yield 13, pose.latitude, _degrees(90)
-    yield 14, pose.longitude, _degrees(180)
-    yield 15, pose.altitude if pose.source.endswith("above sea level") else None, _height
+    yield 6, sample.pitch, _angle(20, 2)
+    yield 7, sample.roll, _angle(50, 2)
+    yield 13, sample.latitude, _degrees(90)
+    yield 14, sample.longitude, _degrees(180)
+    yield 15, sample.altitude if sample.source.endswith("above sea level") else None, _height
     yield 16, horizontal, _field
     yield 17, vertical, _field
     yield 18, azimuth, _circle(4)
     yield 19, elevation, _angle(180, 4)
     yield 20, roll, _circle(4)
-    if pose.frame_centre is not None:
-        yield 23, pose.frame_centre[0], _degrees(90)
-        yield 24, pose.frame_centre[1], _degrees(180)
-    yield 75, pose.altitude if pose.source == "misb" else None, _height
-    for tag, (latitude, longitude) in zip(range(82, 90, 2), pose.corners, strict=False):
+    if sample.frame_centre is not None:
+        yield 23, sample.frame_centre[0], _degrees(90)
+        yield 24, sample.frame_centre[1], _degrees(180)
+    yield 75, sample.altitude if sample.source == "misb" else None, _height
+    for tag, (latitude, longitude) in zip(range(82, 90, 2), sample.corners, strict=False):
         yield tag, latitude, _degrees(90)
         yield tag + 1, longitude, _degrees(180)
-    yield 90, pose.pitch, _angle(90, 4)
-    yield 91, pose.roll, _angle(90, 4)
+    yield 90, sample.pitch, _angle(90, 4)
+    yield 91, sample.roll, _angle(90, 4)
 
 
 def _degrees(bound: float) -> Encoder:

@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from streamkit_telemetry.st0601writer import ber_length, ber_oid, element, shortest
-
-if TYPE_CHECKING:
-    from streamkit import Track
 
 VMTI_TAG = 74  # of ST 0601
 VERSION = 4  # of ST 0903
@@ -35,27 +32,29 @@ class DetectionStatus(enum.IntEnum):
     COASTING = 4
 
 
-STATUSES: dict[str, DetectionStatus] = {
-    "confirmed": DetectionStatus.MOVING,
-    "coasting": DetectionStatus.COASTING,
-    "lost": DetectionStatus.DROPPED,
-}
+@dataclass(frozen=True, slots=True)
+class VmtiTarget:
+    """One target of a frame."""
+
+    id: int  # number that stays the same from frame to frame
+    status: DetectionStatus  # what it is doing
+    centre: tuple[float, float]  # x, y, px; (0, 0) is the centre of the top-left pixel
+    box: tuple[float, float, float, float]  # x0, y0, x1, y1 around it, px, on the same axes
+    confidence: float  # 0 to 1
+    first_seen_us: int | None = None  # UTC, microseconds; None if unknown
+    last_seen_us: int | None = None  # UTC, microseconds; None if unknown
 
 
-def encode_vmti(tracks: Sequence[Track], utc_us: int | None, size: tuple[int, int], system: str) -> bytes:
+def encode_vmti(targets: Iterable[VmtiTarget], detected: int, size: tuple[int, int], system: str) -> bytes:
     """The value of a VMTI local set.
 
     Args:
-        tracks: confirmed, coasting and lost ones are reported; one wholly outside the frame is skipped.
-        utc_us: of the frame, microseconds; None if unknown.
+        targets: those to report; one wholly outside the frame is skipped.
+        detected: how many there are in all.
         size: width and height of the frame, px.
         system: name of what found them.
     """
-    reported = [track for track in tracks if track.state in STATUSES]
-    if len(reported) > MAX_TARGETS:
-        reported = sorted(reported, key=lambda track: track.score, reverse=True)[:MAX_TARGETS]
-    packs = [pack for track in reported if (pack := _vtarget(track, utc_us, *size)) is not None]
-    detected = sum(track.state != "lost" for track in tracks)
+    packs = [pack for target in _best(list(targets)) if (pack := _vtarget(target, *size)) is not None]
     series = b"".join(ber_length(len(pack)) + pack for pack in packs)
     name = system.encode()[:MAX_NAME_LENGTH].decode(errors="ignore").encode()
     return b"".join(
@@ -71,40 +70,41 @@ def encode_vmti(tracks: Sequence[Track], utc_us: int | None, size: tuple[int, in
     )
 
 
-def _vtarget(track: Track, utc_us: int | None, width: int, height: int) -> bytes | None:
-    """A VTarget pack; its box is upright. None where the target is outside the frame."""
-    cosine, sine = abs(math.cos(track.angle)), abs(math.sin(track.angle))
-    across = (track.length * cosine + track.width * sine) / 2
-    down = (track.length * sine + track.width * cosine) / 2
-    if not all(map(math.isfinite, (track.x, track.y, across, down))):
+def _best(targets: Sequence[VmtiTarget]) -> Sequence[VmtiTarget]:
+    if len(targets) <= MAX_TARGETS:
+        return targets
+    return sorted(targets, key=lambda target: target.confidence, reverse=True)[:MAX_TARGETS]
+
+
+def _vtarget(target: VmtiTarget, width: int, height: int) -> bytes | None:
+    """A VTarget pack; None where the target is outside the frame."""
+    numbers = (*target.centre, *target.box)
+    if not all(map(math.isfinite, numbers)):
         return None
-    left, right = _pixels(track.x - across, track.x + across, width)
-    top, bottom = _pixels(track.y - down, track.y + down, height)
+    left, right = _pixels(target.box[0], target.box[2], width)
+    top, bottom = _pixels(target.box[1], target.box[3], height)
     if left > right or top > bottom:
         return None
     items = []
-    row, column = math.floor(track.y + 0.5), math.floor(track.x + 0.5)
+    row, column = (math.floor(number + 0.5) for number in reversed(target.centre))
     is_inside = 0 <= row < height and 0 <= column < width
     if is_inside:
         items.append(element(1, shortest(_pixel_number(row, column, width))))
     items.append(element(2, shortest(_pixel_number(top, left, width))))
     items.append(element(3, shortest(_pixel_number(bottom, right, width))))
-    if math.isfinite(track.score):
-        items.append(element(5, bytes([round(100 * min(max(track.score, 0.0), 1.0))])))
+    if math.isfinite(target.confidence):
+        items.append(element(5, bytes([round(100 * min(max(target.confidence, 0.0), 1.0))])))
     if is_inside:
         items += [element(19, shortest(row + 1)), element(20, shortest(column + 1))]
-    items.append(element(104, _vtracker(track, utc_us)))
-    return ber_oid(track.id) + b"".join(items)
+    items.append(element(104, _vtracker(target)))
+    return ber_oid(target.id) + b"".join(items)
 
 
-def _vtracker(track: Track, utc_us: int | None) -> bytes:
-    """Status, and when the target was first and last seen."""
-    items = element(2, bytes([STATUSES[track.state]]))
-    if utc_us is not None:
-        items += element(3, max(0, utc_us - track.age_ns // 1000).to_bytes(8, "big"))
-        if track.state == "confirmed":
-            items += element(4, utc_us.to_bytes(8, "big"))
-    return items
+def _vtracker(target: VmtiTarget) -> bytes:
+    times = {3: target.first_seen_us, 4: target.last_seen_us}
+    return element(2, bytes([target.status])) + b"".join(
+        element(tag, time_us.to_bytes(8, "big")) for tag, time_us in times.items() if time_us is not None
+    )
 
 
 def _pixels(low: float, high: float, count: int) -> tuple[int, int]:

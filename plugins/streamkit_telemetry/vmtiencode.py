@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from typing_extensions import override
 
-from streamkit import Caps, Frame, Pose, Property, Tracks, Transform
+from streamkit import Caps, Frame, Pose, Property, Track, Tracks, TrackState, Transform
 from streamkit_telemetry.st0601writer import (
     element,
     encode_pose,
@@ -12,9 +14,15 @@ from streamkit_telemetry.st0601writer import (
     encode_version,
     local_set_packet,
 )
-from streamkit_telemetry.vmti import VMTI_TAG, encode_vmti
+from streamkit_telemetry.vmti import VMTI_TAG, DetectionStatus, VmtiTarget, encode_vmti
+from streamkit_telemetry_formats.sample import POSE_FIELDS, Sample
 
 KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
+STATUSES = {
+    TrackState.CONFIRMED: DetectionStatus.MOVING,
+    TrackState.COASTING: DetectionStatus.COASTING,
+    TrackState.LOST: DetectionStatus.DROPPED,
+}
 LATEST_US = (1 << 64) - 1
 
 
@@ -54,12 +62,14 @@ class VmtiEncode(Transform):
             now_us = utc_us = frame.capture.utc_ns // 1000
         now_us = min(max(now_us, 0), LATEST_US)
         size = frame.caps.integer("width"), frame.caps.integer("height")
+        targets = [target_of(track, utc_us) for track in tracks.tracks if track.state in STATUSES]
+        detected = sum(track.state is not TrackState.LOST for track in tracks.tracks)
         pose = frame.get(Pose)
         elements = [
             encode_time(now_us),
-            encode_pose(pose) if pose is not None and not pose.is_stale else b"",
+            encode_pose(sample_of(pose)) if pose is not None and not pose.is_stale else b"",
             encode_version(),
-            element(VMTI_TAG, encode_vmti(tracks.tracks, utc_us, size, self.system_name)),
+            element(VMTI_TAG, encode_vmti(targets, detected, size, self.system_name)),
         ]
         data = local_set_packet(b"".join(elements))
         return frame.replace(data=data, caps=self._caps, flags=0, metadata={})
@@ -68,3 +78,25 @@ class VmtiEncode(Transform):
         if text not in self._warned:
             self._warned.add(text)
             self.post_warning(text)
+
+
+def target_of(track: Track, utc_us: int | None) -> VmtiTarget:
+    """A track as a VMTI target; its box is upright."""
+    cosine, sine = abs(math.cos(track.angle)), abs(math.sin(track.angle))
+    across = (track.length * cosine + track.width * sine) / 2
+    down = (track.length * sine + track.width * cosine) / 2
+    is_seen = track.state is TrackState.CONFIRMED
+    return VmtiTarget(
+        track.id,
+        STATUSES[track.state],
+        (track.x, track.y),
+        (track.x - across, track.y - down, track.x + across, track.y + down),
+        track.score,
+        None if utc_us is None else max(0, utc_us - track.age_ns // 1000),
+        utc_us if is_seen else None,
+    )
+
+
+def sample_of(pose: Pose) -> Sample:
+    """The sample with the fields of a pose."""
+    return Sample(0, **{name: getattr(pose, name) for name in POSE_FIELDS})

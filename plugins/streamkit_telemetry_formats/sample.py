@@ -12,7 +12,6 @@ from streamkit.geometry.angles import wrap_bearing, wrap_turn
 Position = tuple[float, float, float | None]
 # What a value is between two of them, at a share of the way.
 Interpolation = Callable[[Any, Any, float], Any]
-OWN = ("pts", "target", "utc_ns")  # fields that a pose lacks
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +41,10 @@ class Sample:
     @property
     def pose(self) -> dict[str, Any]:
         """The fields that `streamkit.Pose` has too, by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self) if field.name not in OWN}
+        return {name: getattr(self, name) for name in POSE_FIELDS}
+
+
+POSE_FIELDS = tuple(field.name for field in fields(Sample) if field.name not in ("pts", "target", "utc_ns"))
 
 
 def between(before: Sample, after: Sample, pts: int) -> Sample:
