@@ -57,8 +57,8 @@ class PushProcess:
         self._failure: PushFailure | None = None
         self._sent = self._answers = 0
         self.is_done = False  # whether the recording has ended
-        # Not a daemon: it ends with the process, which is always ended.
-        self._thread = threading.Thread(target=self._run, name="push", daemon=False)
+        # A daemon: where nobody calls `close`, it must not keep the interpreter from ending.
+        self._thread = threading.Thread(target=self._run, name="push", daemon=True)
         self._thread.start()
 
     @property
