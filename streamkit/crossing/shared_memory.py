@@ -43,3 +43,18 @@ def map_memory(descriptor: int, size: int, *, writable: bool) -> Any:
     memory = (ctypes.c_ubyte * size).from_address(address)
     weakref.finalize(memory, LIBC.munmap, address, size).atexit = False
     return memory
+
+
+def make_numbers(count: int) -> tuple[memoryview, int]:
+    """Integers (int64, zero) that outlive the processes that share them.
+
+    Returns:
+        The integers, and the descriptor to be sent to the other processes and then closed.
+    """
+    descriptor = make_memory("streamkit-numbers", 8 * count)
+    return map_numbers(descriptor, count), descriptor
+
+
+def map_numbers(descriptor: int, count: int) -> memoryview:
+    """The integers of another process's `make_numbers`."""
+    return memoryview(map_memory(descriptor, 8 * count, writable=True)).cast("B").cast("q")

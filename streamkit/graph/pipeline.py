@@ -153,7 +153,7 @@ class Pipeline:
                 self._playback.begin(self.watchdog_s)
             else:
                 self._playback.resume()
-            self._processes.play()
+            self._processes.stream("play")
         return StateChange.SUCCESS
 
     def pause(self) -> StateChange:
@@ -172,11 +172,11 @@ class Pipeline:
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
                 self._playback.begin(self.watchdog_s)
-                self._processes.pause()
+                self._processes.stream("pause")
             elif self.state is State.PLAYING:
                 self._playback.pause()
                 self._change_state(State.PAUSED)
-                self._processes.pause()
+                self._processes.stream("pause")
             if self.is_live:
                 return StateChange.NO_PREROLL
             return StateChange.SUCCESS if self._playback.end.is_prerolled.is_set() else StateChange.ASYNC

@@ -16,11 +16,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from streamkit.crossing.channel import Channel, ChannelClosed
-from streamkit.crossing.link_counts import LinkCounts
-from streamkit.crossing.shared_memory import LIBC
+from streamkit.crossing.shared_memory import LIBC, map_numbers
 from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
 from streamkit.errors import StateError
 from streamkit.flow.messages import Message, MessageKind
@@ -40,7 +37,6 @@ from streamkit.graph.processes.orders import (
 )
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.sandbox import enter_sandbox
-from streamkit.graph.processes.work_marks import WorkMarks
 from streamkit.handoff.bounded_queue import BoundedQueue
 
 POLL_S = 0.5
@@ -71,24 +67,23 @@ class Child:
                 if getattr(element, name) != decoded:
                     setattr(element, name, decoded)
         descriptor = control.take_descriptor()
-        marks = WorkMarks(len(graph.elements), descriptor)
+        marks = map_numbers(descriptor, 1 + len(graph.elements))
         os.close(descriptor)
         for number, element in enumerate(graph.elements):
-            element.at_work = marks.at_work[number : number + 1]
+            element.at_work = marks[number + 1 : number + 2]
             if isinstance(element, ProcessLink):
-                element.last_frame = marks.last_frame
+                element.last_frame = marks[:1]
                 vars(element)["count_drop"] = functools.partial(self._report_drop, number)
         self._orders: dict[str, Callable[..., Any]] = {
             "ready": self._pipeline.ready,
             "play": self._play,
-            "pause": self._pause,
+            "pause": self._pipeline.pause,
             "stop": self._pipeline.stop,
             "finish": self._pipeline.finish,
             "ping": lambda: None,  # the answer shows that the interpreter runs
             "connect": self._connect,
             "set": self._set,
-            "statistics": self._statistics,
-            "process_statistics": self._process_statistics,
+            "statistics": lambda: (self._pipeline.statistics(), self._pipeline.process_statistics()),
             "query": self._query,
         }
         self._pipeline.bus.watch(self._post)
@@ -164,25 +159,16 @@ class Child:
         gc.freeze()  # garbage collection of imported objects would block a live feed for 60 ms
         timing.follow(base_ns, latency_ns)
 
-    def _pause(self) -> None:
-        self._pipeline.pause()
-
     def _connect(self, number: int) -> None:
         link = list(self._pipeline.graph.process_links)[number]
         end, counts = self._control.take_descriptor(), self._control.take_descriptor()
         try:
-            link.connect(socket.socket(fileno=end), LinkCounts(counts))
+            link.connect(socket.socket(fileno=end), map_numbers(counts, 2))
         finally:
             os.close(counts)
 
     def _set(self, number: int, name: str, value: Any) -> None:
         self._pipeline.graph.elements[number].set_property(name, self._values.decode(value))
-
-    def _statistics(self) -> Any:
-        return msgspec.to_builtins(self._pipeline.statistics())
-
-    def _process_statistics(self) -> Any:
-        return msgspec.to_builtins(self._pipeline.process_statistics()[0])
 
     def _query(self, number: int, method: str) -> Any:
         if method not in QUERIES:

@@ -8,8 +8,8 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from typing import Any
 
 import msgspec
@@ -40,7 +40,6 @@ class ChildProcess(threading.Thread):
     The thread that starts a child has to live as long, because the kernel ends the child with it.
 
     Attributes:
-        home: name of the bin.
         silence_limit_s: after which the process is killed, if it does not answer; 0 is never.
         reason: why the process has ended, in words; "" while it runs.
 
@@ -59,73 +58,57 @@ class ChildProcess(threading.Thread):
         setup: Setup,
         marks: int,
         processes: int,
-        reported: Callable[[ChildProcess, Report], None],
+        reported: Callable[[Report], None],
         ended: Callable[[ChildProcess], None],
     ) -> None:
         super().__init__(name=f"streamkit:process:{home}")
-        self.home = home
         self.reason = ""
+        self.silence_limit_s = 0.0
+        self._home = home
         self._setup, self._marks, self._processes = setup, marks, processes
-        self._reported = reported
-        self._ended = ended
+        self._reported, self._ended = reported, ended
         self._numbers = itertools.count(1)
-        self._answers: dict[int, OrderResult] = {}
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._answers: dict[int, Future[Any]] = {}  # guarded by `_lock`
         self._is_over = False
         self._is_set_up = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
         ours, self._theirs = Channel.pair()
         self._control = Channel(ours)
-        self.silence_limit_s = 0.0
         self._silent_polls = 0
 
     # Called from other threads.
 
-    def order(self, name: str, *arguments: Any, descriptors: tuple[int, ...] = ()) -> int:
-        """Sends an order without waiting; returns its number.
+    def order(self, name: str, *arguments: Any, descriptors: tuple[int, ...] = ()) -> Future[Any]:
+        """Sends an order; the future gets its answer, or the exception that ended the order or the process.
 
         Raises:
             ProcessDied: the process has ended.
         """
         self._is_set_up.wait()
-        number = next(self._numbers)
+        number, answer = next(self._numbers), Future[Any]()
+        with self._lock:
+            if self._is_over:
+                raise self.death()
+            self._answers[number] = answer
         message = ENCODER.encode(Order(number, name, list(arguments)))
         try:
             self._control.send(message, descriptors, lambda: self._is_over)
         except ChannelClosed:
             raise self.death() from None
-        return number
+        return answer
 
-    def answer(
-        self,
-        number: int,
-        limit_s: float | None = ANSWER_LIMIT_S,
-        is_cancelled: Callable[[], bool] = lambda: False,
-    ) -> Any:
-        """Waits for the answer to an order; None if that is cancelled.
+    def ask(self, name: str, *arguments: Any, limit_s: float = ANSWER_LIMIT_S) -> Any:
+        """Sends an order and waits for the answer.
 
         Raises:
             ProcessDied: the process has ended, or does not answer in time.
             Exception: the order failed.
         """
-        deadline = None if limit_s is None else time.monotonic() + limit_s
-        with self._changed:
-            while number not in self._answers and not self._is_over and not is_cancelled():
-                if deadline is not None and time.monotonic() > deadline:
-                    raise ProcessDied(f"the process of {self.home} has not answered for {limit_s:g} s")
-                self._changed.wait(POLL_S)
-            found = self._answers.pop(number, None)
-        if found is None:
-            if self._is_over:
-                raise self.death()
-            return None
-        if found.failure is not None:
-            raise decode_failure(found.failure)
-        return found.value
-
-    def ask(self, name: str, *arguments: Any, limit_s: float | None = ANSWER_LIMIT_S) -> Any:
-        """Sends an order and waits for the answer; see there."""
-        return self.answer(self.order(name, *arguments), limit_s)
+        answer = self.order(name, *arguments)
+        if not wait([answer], limit_s).done:
+            raise ProcessDied(f"the process of {self._home} has not answered for {limit_s:g} s")
+        return answer.result()
 
     def kill(self, reason: str = "") -> None:
         """Ends the process at once."""
@@ -136,7 +119,7 @@ class ChildProcess(threading.Thread):
 
     def death(self) -> ProcessDied:
         """The error for the end of the process."""
-        return ProcessDied(f"the process of {self.home} {self.reason or 'has ended'}")
+        return ProcessDied(f"the process of {self._home} {self.reason or 'has ended'}")
 
     # The thread.
 
@@ -144,8 +127,9 @@ class ChildProcess(threading.Thread):
         """Starts the process and reads its reports until it has ended."""
         try:
             process = self._process = self._spawn()
-            setup = ENCODER.encode(self._setup)
-            self._control.send(setup, (self._marks,), lambda: process.poll() is not None)
+            self._control.send(
+                ENCODER.encode(self._setup), (self._marks,), lambda: process.poll() is not None
+            )
             self._is_set_up.set()
             while True:
                 messages = self._control.receive(POLL_S)
@@ -161,10 +145,11 @@ class ChildProcess(threading.Thread):
         finally:
             os.close(self._marks)
             self._reap()
-            self._is_set_up.set()
-            with self._changed:
+            with self._lock:
                 self._is_over = True
-                self._changed.notify_all()
+            self._is_set_up.set()
+            for answer in self._answers.values():
+                answer.set_exception(self.death())
             self._ended(self)
 
     def _spawn(self) -> subprocess.Popen[bytes]:
@@ -189,22 +174,25 @@ class ChildProcess(threading.Thread):
         Time is counted in polls, because a suspended process does not hang.
         """
         self._silent_polls = 0 if has_spoken else self._silent_polls + 1
-        silence_s = self._silent_polls * POLL_S
         if not self.silence_limit_s or has_spoken:
             return
-        if silence_s >= self.silence_limit_s:
+        if self._silent_polls * POLL_S >= self.silence_limit_s:
             self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
         elif self._silent_polls % PING_POLLS == 1:
-            ping = ENCODER.encode(Order(0, "ping"))
-            self._control.send(ping, (), lambda: True)
+            self._control.send(ENCODER.encode(Order(0, "ping")), (), lambda: True)
 
     def _handle(self, report: Report) -> None:
-        if isinstance(report, OrderResult) and report.number:
-            with self._changed:
-                self._answers[report.number] = report
-                self._changed.notify_all()
-        elif not isinstance(report, OrderResult):
-            self._reported(self, report)
+        if not isinstance(report, OrderResult):
+            self._reported(report)
+            return
+        with self._lock:
+            answer = self._answers.pop(report.number, None)
+        if answer is None:
+            return
+        if report.failure is None:
+            answer.set_result(report.value)
+        else:
+            answer.set_exception(decode_failure(report.failure))
 
     def _reap(self) -> None:
         """Waits for the end of the process, and notes what has ended it."""

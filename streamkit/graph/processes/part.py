@@ -12,6 +12,7 @@ from typing import Any
 
 import msgspec
 
+from streamkit.crossing.shared_memory import make_numbers
 from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
 from streamkit.element.base import AT_WORK, Element
 from streamkit.element.sink import Sink
@@ -20,18 +21,14 @@ from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ChildProcess
 from streamkit.graph.processes.orders import QUERIES, Report, Setup
-from streamkit.graph.processes.work_marks import WorkMarks
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 STATISTICS_LIMIT_S = 1.0
+Counters = tuple[list[ElementStatistics], list[ProcessStatistics]]
 
 
 class Part:
     """The elements of one process, as the main process sees them.
-
-    Args:
-        graph: the whole graph.
-        home: the bin.
 
     Attributes:
         elements: those of the graph, as the children number them.
@@ -50,14 +47,10 @@ class Part:
         self._values = ValueDecoder(packages_of(type(element) for element in self.elements))
         members = [element for element, found in graph.homes.items() if found is home]
         self.sinks = [element for element in members if isinstance(element, Sink)]
-        self.limit_s = 0.0
         self.child: ChildProcess | None = None
-        self.has_ended = False
-        self.restarts: deque[float] = deque()
         self.ending: threading.Thread | None = None
-        self._marks: WorkMarks | None = None
-        self._rows: list[ElementStatistics] = []
-        self._process_rows: list[ProcessStatistics] = []
+        self._marks: memoryview | None = None  # number of the newest frame, then `at_work` of each element
+        self.reset(0.0)
         for element in members:
             self._make_proxy(element, self.elements.index(element))
 
@@ -65,11 +58,11 @@ class Part:
         """Resets the state of an earlier run; without a limit of its own the bin has the pipeline's."""
         self.limit_s = self.home.watchdog_s or watchdog_s
         self.has_ended = False
-        self.restarts.clear()
-        self._rows, self._process_rows = [], []
+        self.restarts: deque[float] = deque()
+        self._counters: Counters = ([], [])
 
     def spawn(
-        self, reported: Callable[[ChildProcess, Report], None], ended: Callable[[ChildProcess], None]
+        self, reported: Callable[[Part, Report], None], ended: Callable[[Part, ChildProcess], None]
     ) -> ChildProcess:
         """Starts a child with the properties that the elements have now; see there."""
         encoder = ValueEncoder()
@@ -83,10 +76,10 @@ class Part:
         ]
         graph, number = self._graph, self._graph.processes.index(self.home)
         setup = Setup(graph.text, dict(graph.variables), number, properties, self.limit_s)
-        self._marks, descriptor = WorkMarks.make(len(self.elements))
-        self.child = ChildProcess(
-            self.home.name, setup, descriptor, len(graph.processes) + 1, reported, ended
-        )
+        self._marks, descriptor = make_numbers(1 + len(self.elements))
+        self._marks[0] = -1
+        callbacks = functools.partial(reported, self), functools.partial(ended, self)
+        self.child = ChildProcess(self.home.name, setup, descriptor, len(graph.processes) + 1, *callbacks)
         self.child.start()
         return self.child
 
@@ -110,29 +103,23 @@ class Part:
         """
         element: Element = self.home
         if self._marks is not None:
-            marks = zip(self.elements, self._marks.at_work, strict=True)
+            marks = zip(self.elements, self._marks[1:], strict=True)
             at_work = {marked for marked, mark in marks if mark == AT_WORK}
             element = next((e for e in self._graph.from_sinks() if e in at_work), element)
-            if self._marks.last_frame[0] >= 0:
-                last_received = self._marks.last_frame[0]
+            last_received = self._marks[0] if self._marks[0] >= 0 else last_received
         where = f"frame seq={last_received}" if last_received >= 0 else ""
         return ElementFailure(element.name, element.factory, cause, where)
 
-    def statistics(self) -> list[ElementStatistics]:
-        """The counters in the process, in the order of `elements`; the last known if it does not answer."""
+    def statistics(self) -> Counters:
+        """Of the elements, in the order of `elements`, and of the process.
+
+        The last known if it does not answer; empty before it first did.
+        """
         with contextlib.suppress(ProcessDied):
             if self.child is not None:
                 found = self.child.ask("statistics", limit_s=STATISTICS_LIMIT_S)
-                self._rows = msgspec.convert(found, list[ElementStatistics])
-        return self._rows
-
-    def process_statistics(self) -> list[ProcessStatistics]:
-        """The counters of the process; the last known if it does not answer, none before it first did."""
-        with contextlib.suppress(ProcessDied):
-            if self.child is not None:
-                found = self.child.ask("process_statistics", limit_s=STATISTICS_LIMIT_S)
-                self._process_rows = [msgspec.convert(found, ProcessStatistics)]
-        return self._process_rows
+                self._counters = msgspec.convert(found, Counters)
+        return self._counters
 
     def try_order(self, name: str) -> None:
         """Sends an order without waiting; nothing happens if the process has ended."""
@@ -140,15 +127,20 @@ class Part:
             if self.child is not None:
                 self.child.order(name)
 
+    def try_ask(self, name: str, *arguments: Any) -> None:
+        """Sends an order and waits for its end, or that of the process."""
+        with contextlib.suppress(ProcessDied):
+            if self.child is not None:
+                self.child.ask(name, *arguments)
+
     def _make_proxy(self, element: Element, number: int) -> None:
         """Sends changes of properties to the process of an element, and answers queries from there."""
         changed = type(element).property_changed
 
         def forward(name: str) -> None:
             changed(element, name)
-            with contextlib.suppress(ProcessDied):  # a new one will start with the value
-                if self.child is not None:
-                    self.child.ask("set", number, name, ValueEncoder().encode(getattr(element, name)))
+            # A process that has ended is no matter: a new one will start with the value.
+            self.try_ask("set", number, name, ValueEncoder().encode(getattr(element, name)))
 
         def ask(method: str) -> Any:
             if self.child is None:

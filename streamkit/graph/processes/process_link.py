@@ -2,30 +2,54 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import socket
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
+import msgspec
 from typing_extensions import override
 
-from streamkit.crossing.channel import Channel
-from streamkit.crossing.link_counts import LinkConnection, LinkCounts
-from streamkit.element.base import Element
+from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.stream_codec import LinkMessage, StreamDecoder, StreamEncoder
+from streamkit.element.base import POLL_S, Element
 from streamkit.element.pad import Pad
+from streamkit.errors import StreamkitError
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import EOS, EndOfStream, Event
-from streamkit.flow.frame import Frame
-from streamkit.graph.processes.link_reader import LinkReader
-from streamkit.graph.processes.link_writer import LinkWriter
+from streamkit.flow.events import (
+    EOS,
+    CapsEvent,
+    DiscontinuityEvent,
+    EndOfStream,
+    EosEvent,
+    Event,
+    FlowStop,
+    Flushing,
+    SegmentEvent,
+)
+from streamkit.flow.frame import Frame, FrameFlags
+
+SENT, TAKEN = 0, 1
+
+
+class Connection(NamedTuple):
+    """A connection to one run of the other process.
+
+    Its counts of frames, `SENT` by the writer and `TAKEN` by what is downstream of the reader, outlive both.
+    """
+
+    channel: Channel
+    counts: memoryview
 
 
 class ProcessLink(Element):
     """Takes frames and events in one process and sends them on in another.
 
-    Each process has the whole graph and this element in it; only the half that is needed works: `LinkWriter`
-    in the upstream process, `LinkReader` in the other. If one of them is started again, the frames on the way
-    are counted as lost, and those that follow belong to a new epoch.
+    Each process has the whole graph and this element in it; only the half that is needed works. If the other
+    process is started again, the frames on the way are counted as lost, and those that follow belong to a new
+    epoch.
 
     Attributes:
         capacity: maximum number of frames on the way.
@@ -47,12 +71,10 @@ class ProcessLink(Element):
         self.packages: set[str] = set()
         self.before_end: Callable[[], None] = lambda: None
         self.last_frame = memoryview(bytearray(8)).cast("q")
-        self.waited_ns = 0
-        self._newest: LinkConnection | None = None  # guarded by `changed`
+        self._newest: Connection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # all that may be open
-        self._is_given_up = False
-        self._writer, self._reader = LinkWriter(self), LinkReader(self)
         super().__init__(name, **properties)
+        self.begin_run()
 
     @override
     def query_caps(self, pad: Pad) -> Caps:
@@ -64,29 +86,29 @@ class ProcessLink(Element):
 
     def begin_run(self) -> None:
         """Resets the state of an earlier run; the connection stays."""
-        self._is_given_up = False
-        self._writer.reset()
-        self._reader.reset()
         self.last_frame[0] = -1
         self.waited_ns = 0
+        self._is_given_up = False
+        self._used: Connection | None = None
+        # Of the writing half.
+        self._encoder = StreamEncoder()
+        self._has_sent_eos = self._is_refused = self._has_gap = False
+        # Of the reading half.
+        self._is_first_of_epoch = False
+        self._epoch_offset = self._number_offset = self._highest_epoch = 0
+        self._highest_number = -1
 
-    def receive(self, channel: Channel, wait_s: float) -> list[bytes]:
-        """Receives messages; the wait for them is counted."""
-        began_ns = time.perf_counter_ns()
-        try:
-            return channel.receive(wait_s)
-        finally:
-            self.waited_ns += time.perf_counter_ns() - began_ns
+    # The connection.
 
-    def connect(self, end: socket.socket, counts: LinkCounts) -> None:
+    def connect(self, end: socket.socket, counts: memoryview) -> None:
         """Uses a new connection, the first one or one to a process that was started again."""
         with self.changed:
             for old in self._channels:
                 old.shut_down()
-            self._newest = LinkConnection(Channel(end), counts)
+            self._newest = Connection(Channel(end), counts)
             self._channels.append(self._newest.channel)
             self.changed.notify_all()
-        if self._writer.has_sent_eos:  # no thread is left to do it
+        if self._has_sent_eos:  # no thread is left to do it
             self.receive_event(self.pads["sink"], EOS)
 
     def give_up(self) -> None:
@@ -96,33 +118,16 @@ class ProcessLink(Element):
             self.changed.notify_all()
 
     def disconnect(self) -> None:
-        """Closes the connection; only once no thread uses it."""
+        """Closes the connection and unmaps its memory; only once no thread uses it."""
         with self.changed:
             channels, self._channels, self._newest = self._channels, [], None
-        self._writer.disconnected()
+        self._has_sent_eos = False
+        self._encoder = StreamEncoder()
         for channel in channels:
             channel.close()
 
-    def interrupt(self) -> None:
-        """Ends the waits of both halves if the pipeline stops."""
-        self.wake()
-
-    @override
-    def receiver(self, pad: Pad) -> Callable[[Frame], None]:
-        return self._writer.put
-
-    def receive_event(self, pad: Pad, event: Event) -> None:
-        """Sends an event in order with the frames."""
-        if self.writes:
-            self._writer.put_event(event)
-
-    def stream(self) -> None:
-        """Body of the reading thread: sends frames and events on, in order, until EOS."""
-        if self.reads:
-            self._reader.run()
-
-    def open_connection(self) -> LinkConnection:
-        """Waits for a connection that is open.
+    def _connection(self) -> Connection:
+        """Waits for a connection that is open; closes the one before.
 
         Raises:
             FlowStop: there will be none.
@@ -134,4 +139,168 @@ class ProcessLink(Element):
             if self._is_given_up:
                 raise EndOfStream(self.name)
             assert self._newest is not None
-            return self._newest
+            newest = self._newest
+        if self._used is not None and self._used is not newest:
+            self._used.channel.close()
+        return newest
+
+    def _receive(self, channel: Channel, wait_s: float) -> list[bytes]:
+        """Receives messages; the wait for them is counted."""
+        began_ns = time.perf_counter_ns()
+        try:
+            return channel.receive(wait_s)
+        finally:
+            self.waited_ns += time.perf_counter_ns() - began_ns
+
+    # The writing half, in the upstream thread.
+
+    @override
+    def receiver(self, pad: Pad) -> Callable[[Frame], None]:
+        return self._put
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        """Sends an event in order with the frames."""
+        with self.waiting():
+            while self.writes and not self._is_refused:
+                with contextlib.suppress(ChannelClosed):
+                    channel = self._reader_connection().channel
+                    if channel.send(self._encoder.event(event), (), self.stopping.is_set):
+                        self._has_sent_eos = isinstance(event, EosEvent)
+                        return
+
+    def _put(self, frame: Frame) -> None:
+        """Sends a frame; to another reader, if the first one dies meanwhile and is started again.
+
+        Raises:
+            FlowStop: the reader wants no more, or the pipeline stops.
+        """
+        with self.waiting():
+            while True:
+                with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
+                    connection = self._reader_connection()
+                    self._wait_for_room(connection)
+                    if self._has_gap:
+                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+                    if self._send(frame, connection):
+                        self._has_gap = False
+                        return
+
+    def _reader_connection(self) -> Connection:
+        """The open connection; a new reader gets caps and segment first.
+
+        Raises:
+            FlowStop: there will be none, or the reader wants no more.
+            ChannelClosed: the new reader has ended, too.
+        """
+        if self._is_refused:
+            raise EndOfStream(self.name)
+        connection = self._connection()
+        if self._used is not None and self._used is not connection:
+            self._encoder, self._has_gap = StreamEncoder(), True
+            sink = self.pads["sink"]
+            for event in (CapsEvent(sink.caps), SegmentEvent(sink.segment)) if sink.caps is not None else ():
+                connection.channel.send(self._encoder.event(event), (), self.stopping.is_set)
+        self._used = connection
+        return connection
+
+    def _wait_for_room(self, connection: Connection) -> None:
+        """Reads what the reader has taken; waits while `capacity` frames are on the way."""
+        wait_s = 0.0
+        while True:
+            for message in self._receive(connection.channel, wait_s):
+                kind, released, is_over = msgspec.msgpack.decode(message)
+                if kind != LinkMessage.DONE:
+                    raise ValueError("the reading process has sent something unreadable")
+                for number in released:
+                    self._encoder.slots.release(number)
+                if is_over:
+                    self._is_refused = True
+                    raise EndOfStream(self.name)
+            if self.stopping.is_set() or self.is_flushing:
+                raise Flushing(self.name)
+            if connection.counts[SENT] - connection.counts[TAKEN] < self.capacity:
+                return
+            wait_s = POLL_S
+
+    def _send(self, frame: Frame, connection: Connection) -> bool:
+        """Sends a frame, and counts it; False if that was cancelled."""
+        is_sent = False
+        connection.counts[SENT] += 1
+        try:
+            is_sent = self._encoder.send_frame(frame, connection.channel, self.stopping.is_set)
+        finally:
+            if not is_sent:
+                connection.counts[SENT] -= 1
+        return is_sent
+
+    # The reading half, in a thread of its own.
+
+    def stream(self) -> None:
+        """Body of the reading thread: sends frames and events on, in order, until EOS."""
+        while self.reads:
+            with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
+                try:
+                    connection = self._connection()
+                    if self._used is not None:
+                        self._begin_epoch()
+                    self._used = connection
+                    self._forward(connection)
+                except EndOfStream:
+                    self.pads["src"].send_event(EOS)
+                return
+
+    def _begin_epoch(self) -> None:
+        """Those of a new writer belong to a new epoch."""
+        self._epoch_offset = self._highest_epoch + 1
+        self._number_offset = self._highest_number + 1 if self.renumbers else 0
+        self._is_first_of_epoch = True
+        event = DiscontinuityEvent(self._epoch_offset, "the process upstream was started again")
+        self.pads["src"].send_event(event)
+
+    def _forward(self, connection: Connection) -> None:
+        """Sends on what comes through a connection, until EOS."""
+        decoder = StreamDecoder(self.packages)
+        while True:
+            if self.stopping.is_set():
+                raise Flushing(self.name)
+            for message in self._receive(connection.channel, POLL_S):
+                item = decoder.decode(message, connection.channel)
+                if isinstance(item, Frame):
+                    self._push(item, decoder, connection)
+                    item = None  # else its slot would be in use until the next one
+                elif item is not None:
+                    if isinstance(item, EosEvent):
+                        self.before_end()
+                    if isinstance(item, DiscontinuityEvent):
+                        item = dataclasses.replace(item, epoch=item.epoch + self._epoch_offset)
+                    self.pads["src"].send_event(item)
+                    if isinstance(item, EosEvent):
+                        return
+
+    def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
+        src = self.pads["src"]
+        frame = src.announce_caps(self._continued(frame))
+        is_over = False
+        try:
+            src.push(frame)
+        except Flushing:
+            raise
+        except (FlowStop, StreamkitError):
+            is_over = True
+            raise
+        finally:
+            del frame  # its slot may be free now
+            connection.counts[TAKEN] += 1
+            with contextlib.suppress(ChannelClosed):
+                connection.channel.send(decoder.done(is_over=is_over), (), self.stopping.is_set)
+
+    def _continued(self, frame: Frame) -> Frame:
+        """The frame with the epoch and number that follow those from before a restart."""
+        self.last_frame[0] = frame.seq
+        self._highest_epoch = frame.epoch + self._epoch_offset
+        self._highest_number = max(self._highest_number, frame.seq + self._number_offset)
+        if self._epoch_offset:
+            flags = frame.flags | FrameFlags.DISCONTINUITY if self._is_first_of_epoch else frame.flags
+            self._is_first_of_epoch = False
+            frame = frame.replace(epoch=self._highest_epoch, seq=frame.seq + self._number_offset, flags=flags)
+        return frame

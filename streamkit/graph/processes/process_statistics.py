@@ -1,17 +1,58 @@
-"""What a process of a graph costs: processor time, memory, and frames that cross to other processes."""
+"""Counters of a graph of which parts run in other processes, and what each process costs."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from msgspec import structs
+
+from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 MAIN = "main"
+LOST = "lost with the process that had them"
+
+
+def merge_statistics(
+    graph: Graph,
+    own: list[ElementStatistics],
+    reported: Mapping[Bin, list[ElementStatistics]],
+    lost: Mapping[ProcessLink, int],
+) -> list[ElementStatistics]:
+    """Replaces the rows of elements by those of the processes that run them.
+
+    Args:
+        graph: the whole graph.
+        own: a row for each of its elements, from the main process, which counts all messages.
+        reported: the same from the other processes; empty before the first answer.
+        lost: by link, frames on the way through connections that were replaced.
+
+    Returns:
+        The rows. A process link has what its writing half took in and its reading half sent on.
+    """
+
+    def row(index: int, mine: ElementStatistics) -> ElementStatistics:
+        element = graph.elements[index]
+
+        def of(home: Bin | None) -> ElementStatistics:
+            rows = own if home is None else reported[home]
+            return rows[index] if rows else mine
+
+        if not isinstance(element, ProcessLink):
+            return structs.replace(of(graph.homes.get(element)), errors=mine.errors, warnings=mine.warnings)
+        first, last = map(of, graph.process_links[element])
+        return structs.replace(
+            mine, frames_in=first.frames_in, frames_out=last.frames_out, busy_ns=first.busy_ns,
+            age_ns=last.age_ns, pads=[first.pads[0], last.pads[1]],
+            dropped=mine.dropped | ({LOST: lost[element]} if lost[element] else {}),
+        )  # fmt: skip
+
+    return [row(index, mine) for index, mine in enumerate(own)]
 
 
 def measure_process(graph: Graph, rows: Iterable[ElementStatistics], cpu_began_ns: int) -> ProcessStatistics:

@@ -8,22 +8,22 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from concurrent.futures import Future, wait
+from typing import TYPE_CHECKING, Any, Literal
 
 from streamkit.crossing.channel import Channel
-from streamkit.crossing.link_counts import LinkCounts
+from streamkit.crossing.shared_memory import make_numbers
 from streamkit.crossing.values import ValueDecoder, packages_of
 from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, HangDetected, ProcessDied, StartCancelled, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.bins import Bin
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ChildProcess
-from streamkit.graph.processes.merged_statistics import merge_statistics
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
-from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.processes.process_link import SENT, TAKEN, ProcessLink
+from streamkit.graph.processes.process_statistics import merge_statistics
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.2
 STOP_LIMIT_S = 5.0
-FIRST_BACK_OFF_S, LONGEST_BACK_OFF_S = 0.1, 5.0
+FIRST_BACK_OFF_S, MAX_BACK_OFF_S = 0.1, 5.0
 
 
 class Processes:
@@ -45,16 +45,16 @@ class Processes:
     def __init__(self, graph: Graph, post: Callable[[Message], None]) -> None:
         self._graph = graph
         self._post = post
-        self._parts = [Part(graph, home) for home in graph.processes] if graph.here is None else []
+        self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
         self._links = list(graph.process_links)
         self._connecting = threading.Lock()
-        self._counts: dict[ProcessLink, list[LinkCounts]] = {}  # of each connection of this run
+        self._counts: dict[ProcessLink, list[memoryview]] = {}  # of each connection of this run
         self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
         self._playback: Playback | None = None
         self._stopping = threading.Event()
         self._watchdog_s = 0.0
         self._timing = Timing(lambda: graph.elements[0].clock)
-        self._is_playing = self._is_supervised = False
+        self._order: Literal["", "play", "pause"] = ""  # what every child was told last; "" before streaming
 
     # Called by the pipeline.
 
@@ -67,60 +67,49 @@ class Processes:
             ElementFailure: an element could not start, or that was cancelled; the children are ended.
         """
         self._playback, self._timing, self._watchdog_s = playback, timing, watchdog_s
-        self._is_playing = self._is_supervised = False
+        self._order = ""
         self._counts = {link: [] for link in self._links}
         self._stopping.clear()
-        if not self._parts:
+        parts = list(self._parts.values())
+        if not parts:
             return
-        playback.is_over_elsewhere = lambda: all(part.has_ended for part in self._parts)
+        playback.is_over_elsewhere = lambda: all(part.has_ended for part in parts)
         try:
-            for part in self._parts:
+            for part in parts:
                 part.reset(watchdog_s)
                 part.spawn(self._reported, self._ended)
             for link in self._links:
                 self._connect(link)
                 writer = self._graph.process_links[link][0]
                 if writer is not None:
-                    link.before_end = functools.partial(self._await_messages, [self._part_of(writer)])
-            orders = [(part, part.child.order("ready")) for part in self._parts if part.child is not None]
-            for part, number in orders:
-                assert part.child is not None
-                part.child.answer(number, None, cancelled.is_set)
+                    link.before_end = functools.partial(self._await_messages, [self._parts[writer]])
+            for answer in [part.child.order("ready") for part in parts if part.child is not None]:
+                _await(answer, cancelled)
             if cancelled.is_set():
                 raise StartCancelled("the start of the processes was interrupted")
         except BaseException as error:
             self.stop(is_cancelled=cancelled.is_set())
             if isinstance(error, ElementFailure) or not isinstance(error, StreamkitError):
                 raise
-            raise self._parts[0].failure(error, -1) from error
+            raise parts[0].failure(error, -1) from error
 
-    def play(self) -> None:
-        """Makes every child stream."""
-        self._is_playing = self._is_supervised = True
-        self._let_all_stream()
-
-    def pause(self) -> None:
-        """Pauses every child, or prerolls its sinks."""
-        self._is_playing, self._is_supervised = False, True
-        self._let_all_stream()
-
-    def _let_all_stream(self) -> None:
-        for part in self._parts:
+    def stream(self, order: Literal["play", "pause"]) -> None:
+        """Makes every child stream, or pause, or preroll its sinks."""
+        self._order = order
+        for part in self._parts.values():
             with contextlib.suppress(ProcessDied):  # its end is handled in its thread
                 self._let_stream(part)
 
     def _let_stream(self, part: Part) -> None:
         """Brings a child into the state of the pipeline, and supervises it from now on."""
         assert part.child is not None
-        if self._is_playing:
-            part.child.ask("play", self._timing.base_ns, self._timing.latency_ns)
-        else:
-            part.child.ask("pause")
+        times = (self._timing.base_ns, self._timing.latency_ns) if self._order == "play" else ()
+        part.child.ask(self._order, *times)
         part.child.silence_limit_s = part.limit_s
 
     def finish(self) -> None:
         """Makes the sources in every child end their streams."""
-        for part in self._parts:
+        for part in self._parts.values():
             if part.child is not None:
                 part.child.ask("finish")
 
@@ -128,19 +117,21 @@ class Processes:
         """The counters of the main process with those of the others."""
         if not self._parts:
             return rows
+        reported = {home: part.statistics()[0] for home, part in self._parts.items()}
         lost = {
-            link: sum(earlier.on_the_way for earlier in counts[:-1]) for link, counts in self._counts.items()
+            link: sum(earlier[SENT] - earlier[TAKEN] for earlier in counts[:-1])
+            for link, counts in self._counts.items()
         }
-        return merge_statistics(self._graph, rows, self._parts, lost)
+        return merge_statistics(self._graph, rows, reported, lost)
 
     def statistics(self) -> list[ProcessStatistics]:
         """The counters of every child."""
-        return [row for part in self._parts for row in part.process_statistics()]
+        return [row for part in self._parts.values() for row in part.statistics()[1]]
 
     def begin_stop(self) -> None:
         """Makes every child stop; `stop` waits for its end."""
         self._stopping.set()
-        for part in self._parts:
+        for part in self._parts.values():
             if part.child is not None:
                 part.child.silence_limit_s = 0.0
             part.try_order("stop")
@@ -150,7 +141,7 @@ class Processes:
         self.begin_stop()
         limit_s = CANCEL_GRACE_S if is_cancelled else max(STOP_LIMIT_S, self._watchdog_s)
         deadline = time.monotonic() + limit_s
-        for part in self._parts:
+        for part in self._parts.values():
             while (child := part.child) is not None:  # a restart may be about to replace it
                 child.join(max(0.0, deadline - time.monotonic()))
                 child.kill("" if is_cancelled else "has not ended in time and was killed")
@@ -168,14 +159,14 @@ class Processes:
 
         One that has died gets none: its restart makes another connection.
         """
-        counts, descriptor = LinkCounts.make()
+        counts, descriptor = make_numbers(2)
         with self._connecting:  # both ends get the connections of two restarts in the same order
             self._counts[link].append(counts)
             for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
                 if home is None:
                     link.connect(end, counts)
                     continue
-                child = self._part_of(home).child
+                child = self._parts[home].child
                 assert child is not None
                 with end, contextlib.suppress(ProcessDied):
                     number, descriptors = self._links.index(link), (end.fileno(), descriptor)
@@ -184,28 +175,28 @@ class Processes:
 
     # Reports and the end of a child, in its thread.
 
-    def _reported(self, child: ChildProcess, report: Report) -> None:
-        part = next(part for part in self._parts if part.child is child)
-        playback = self._playback
-        assert playback is not None
+    def _reported(self, part: Part, report: Report) -> None:
+        assert self._playback is not None
         if isinstance(report, Dropped):
             part.elements[report.number].count_drop(report.reason, report.count)
         elif isinstance(report, Posted):
             message = decode_message(report, self._values)
             if message.kind is MessageKind.EOS:
-                part.ending = threading.Thread(target=self._end_part, args=(part,), name=f"{child.name}:end")
+                part.ending = threading.Thread(
+                    target=self._end_part, args=(part,), name=f"{part.home.name}:end"
+                )
                 part.ending.start()
             elif message.kind is MessageKind.ERROR and message.error is not None:
                 self._element_failed(part, message.error)
             elif message.fields.get("name") == "async-done" and not message.source:
                 for sink in part.sinks:
-                    playback.prerolled(sink)
+                    self._playback.prerolled(sink)
             else:
                 self._post(message)
 
     def _end_part(self, part: Part) -> None:
         """Everything in a process has ended; a failure upstream of it is reported first."""
-        self._await_messages([other for other in self._parts if other is not part])
+        self._await_messages(other for other in self._parts.values() if other is not part)
         part.has_ended = True
         if self._playback is not None:
             self._playback.ended_elsewhere(part.sinks)
@@ -213,16 +204,15 @@ class Processes:
     def _await_messages(self, parts: Iterable[Part]) -> None:
         """Waits until what some processes have posted so far is on the bus: answers come after it."""
         for part in parts:
-            with contextlib.suppress(ProcessDied):
-                if part.child is not None:
-                    part.child.ask("ping")
+            part.try_ask("ping")
 
-    def _ended(self, child: ChildProcess) -> None:
+    def _ended(self, part: Part, child: ChildProcess) -> None:
         """A child has ended; unless the pipeline stops, that is a failure."""
-        part = next(part for part in self._parts if part.child is child)
-        if self._stopping.is_set() or not self._is_supervised:
+        if self._stopping.is_set() or not self._order:
             return
-        failure = part.failure(child.death(), self._last_received())
+        # Number of the newest frame that has come to this process.
+        last_received = max((link.last_frame[0] for link in self._links if link.reads), default=-1)
+        failure = part.failure(child.death(), last_received)
         if part.has_ended:
             self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
         elif not part.may_restart():
@@ -233,7 +223,7 @@ class Processes:
     def _restart(self, part: Part, failure: ElementFailure) -> None:
         """Starts a child in the place of one that has ended, in the old one's thread."""
         count = len(part.restarts)
-        back_off_s = min(LONGEST_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (count - 1))
+        back_off_s = min(MAX_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (count - 1))
         text = f"{failure}; restart {count} of {part.home.restart} in {back_off_s:g} s"
         self._post(Message(MessageKind.WARNING, failure.element, text, {"code": "process-restart"}))
         if self._stopping.wait(back_off_s):
@@ -243,7 +233,7 @@ class Processes:
             for link, ends in self._graph.process_links.items():
                 if part.home in ends:
                     self._connect(link)
-            child.answer(child.order("ready"), None, self._stopping.is_set)
+            _await(child.order("ready"), self._stopping)
             if not self._stopping.is_set():
                 self._let_stream(part)
         except ProcessDied:
@@ -264,15 +254,16 @@ class Processes:
     def _fail(self, part: Part, error: Exception) -> None:
         """An element of a child has failed, or the child has died."""
         assert self._playback is not None
-        for link in self._links:
-            if part.home in self._graph.process_links[link]:
+        for link, ends in self._graph.process_links.items():
+            if part.home in ends:
                 link.give_up()
         part.has_ended = True
         self._playback.fail(error)
 
-    def _last_received(self) -> int:
-        """Number of the newest frame that has come to this process, or -1."""
-        return max((link.last_frame[0] for link in self._links if link.reads), default=-1)
 
-    def _part_of(self, home: Bin) -> Part:
-        return next(part for part in self._parts if part.home is home)
+def _await(answer: Future[Any], cancelled: threading.Event) -> None:
+    """Waits for the answer to an order, without a limit, until cancelled; raises its exception."""
+    while not cancelled.is_set():
+        if wait([answer], POLL_S).done:
+            answer.result()
+            return
