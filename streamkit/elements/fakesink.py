@@ -86,12 +86,13 @@ class FakeSink(PlainSink):
     @override
     def render(self, frame: Frame) -> None:
         self.check_open()
-        limit = self.num_buffers
+        pad, limit = self.pads["sink"], self.num_buffers
         if 0 <= limit <= self.count:
             raise EndOfStream(self.name)
-        if self.clip(frame, self.pads["sink"]):
+        if self.clip(frame, pad):
             return
         self.note(frame)
-        report_frame(self, "chain", self.pads["sink"], frame, frame, self.pads["sink"])
+        if not self.silent or self.dump or self.signal_handoffs:
+            report_frame(self, "chain", pad, frame, frame, pad)
         if self.count == limit:
             raise EndOfStream(self.name)

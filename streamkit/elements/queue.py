@@ -82,19 +82,14 @@ class Queue(Element):
     current_level_time: int = Property(0, read=lambda q: q.pending.time_ns, unit="ns", doc="Queued time.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.on_overrun = Callbacks()
-        self.on_underrun = Callbacks()
-        self.on_running = Callbacks()
+        self.on_overrun, self.on_underrun, self.on_running = Callbacks(), Callbacks(), Callbacks()
         self.pending = FrameQueue()
         # Guarded by `lock`, as `pending` is.
         self._waiting_threads = 0  # notifying is half of a crossing, so it is left out where none waits
-        self._refusal: type[FlowStop] | None = None  # why frames from upstream are refused
-        self._is_halted = False  # downstream gets nothing for now
-        self._is_flush_pending = False
+        self._refusal: type[FlowStop] | None = None  # frames are refused: `Flushing` during a flush or stop
         self._has_tail_gap = self._has_head_gap = False  # a frame was dropped at that end
-        self._parked = threading.Event()
-        self._flush_over = threading.Event()
-        self._thread_id = 0
+        self._pushing_thread = 0  # the thread that may be downstream, or 0
+        self._flushes_met = 0
         super().__init__(name, **properties)
         self._apply_limits()
 
@@ -130,23 +125,19 @@ class Queue(Element):
         return self._put
 
     def _put(self, frame: Frame) -> None:
-        with self.lock:
+        self.lock.acquire()  # here and in `_take`, `with` would be a tenth of what a frame costs
+        try:
             if self._refusal is not None:
                 raise self._refusal(self.name)
             if not self.pending.is_full():
                 self._append(frame)
                 return
+        finally:
+            self.lock.release()
         self._emit(self.on_overrun)
         with self.lock:
             if self._make_room():
                 self._append(frame)
-
-    def _check_open(self) -> None:
-        """Raises the reason why frames are refused, if any."""
-        if self._refusal is not None:
-            raise self._refusal(self.name)
-        if self.stopping.is_set():
-            raise Flushing(self.name)
 
     def _append(self, frame: Frame) -> None:
         if self._has_tail_gap:
@@ -164,8 +155,7 @@ class Queue(Element):
 
     def _make_room(self) -> bool:
         """Waits, or drops by `leaky`; False if the new frame is dropped."""
-        while self.pending.is_full():
-            self._check_open()
+        while self._refusal is None and self.pending.is_full():
             if self.leaky is Leaky.UPSTREAM:
                 self.count_drop("queue full, newest dropped")
                 self._has_tail_gap = True
@@ -176,56 +166,43 @@ class Queue(Element):
                 continue
             with self.waiting():
                 self._wait()
-        self._check_open()
+        if self._refusal is not None:
+            raise self._refusal(self.name)
         return True
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Queues an event; a flush overtakes the frames."""
-        if isinstance(event, FlushStart):
+        if isinstance(event, FlushStart | FlushStop):
             self.pads["src"].send_event(event)
-        elif isinstance(event, FlushStop):
-            self._finish_flush(event)
-        else:
-            with self.lock:
-                if self._refusal not in (None, Flushing):  # during a flush events are kept
-                    return
+        with self.lock:
+            if isinstance(event, FlushStop):
+                if self._refusal is Flushing and not self.stopping.is_set():
+                    self._refusal = None
+            elif not isinstance(event, FlushStart) and self._refusal in (
+                None,
+                Flushing,
+            ):  # a flush keeps events
                 if isinstance(event, EosEvent) and self.flush_on_eos:
                     self.count_drop("dropped at EOS", self.pending.drop_frames())
                 self.pending.append(event)
-                self.changed.notify_all()
-
-    # Called in the flushing thread.
+            self.changed.notify_all()
 
     def flush(self, *, begins: bool) -> None:
-        """Refuses frames during a flush; drops queued frames at its end."""
-        if begins:
-            self._parked.clear()
-            self._flush_over.clear()
-            with self.lock:
+        """Refuses frames during a flush; drops queued frames at its end. Called in the flushing thread."""
+        pending = self.pending
+        with self.lock:
+            if begins:
                 self._refusal = self._refusal or Flushing
-                self._is_flush_pending = self._is_halted = True
-                if EOS in self.pending.items:
-                    self.pending.items.remove(EOS)
-            super().flush(begins=True)
-            self.wake()
-            return
-        if self._thread_id and self._thread_id != threading.get_ident():
-            self._parked.wait(PARK_S)
-        with self.lock:
-            newest = {
-                type(item): item for item in self.pending.items if not isinstance(item, Frame | GapEvent)
-            }
-            self.count_drop("flushed", self.pending.keep(list(newest.values())))
-        super().flush(begins=False)
-
-    def _finish_flush(self, event: Event) -> None:
-        """Sends the end of the flush downstream, then lets both threads continue."""
-        self.pads["src"].send_event(event)
-        with self.lock:
-            self._is_halted = self.stopping.is_set()
-            if self._refusal is Flushing and not self._is_halted:
-                self._refusal = None
-        self._flush_over.set()
+                if EOS in pending.items:
+                    pending.items.remove(EOS)
+            else:
+                if self._pushing_thread != threading.get_ident():
+                    self.changed.wait_for(lambda: not self._pushing_thread, PARK_S)
+                newest = {
+                    type(item): item for item in pending.items if not isinstance(item, Frame | GapEvent)
+                }
+                self.count_drop("flushed", pending.keep(list(newest.values())))
+            super().flush(begins=begins)
 
     # Called in the queue's thread.
 
@@ -234,12 +211,13 @@ class Queue(Element):
         with self.lock:
             self.pending.reset()
             self._refusal = None
-            self._is_flush_pending = self._is_halted = self._has_head_gap = self._has_tail_gap = False
+            self._has_head_gap = self._has_tail_gap = False
+            self._flushes_met = self.flushes
 
     def stream(self) -> None:
         """Body of the queue's thread: sends frames and events in order, until EOS."""
         src = self.pads["src"]
-        self._thread_id = threading.get_ident()
+        self._pushing_thread = threading.get_ident()
         try:
             while True:
                 try:
@@ -253,43 +231,45 @@ class Queue(Element):
                                 return
                 except Flushing:
                     self._park()
-        except EndOfStream as stop:
-            self._refuse(type(stop))
+        except EndOfStream:
+            self._refuse(EndOfStream)
             src.send_event(EOS)
-        except NotLinked as stop:
+        except NotLinked:
             had_ended = self.pads["sink"].is_eos
-            self._refuse(type(stop))
+            self._refuse(NotLinked)
             if had_ended:  # else the next push raises it upstream
                 raise
-        except FlowStop as stop:
-            self._refuse(type(stop))
-            raise
-        except Exception:
-            self._refuse(EndOfStream)
+        except Exception as stop:
+            self._refuse(type(stop) if isinstance(stop, FlowStop) else EndOfStream)
             raise
         finally:
-            self._thread_id = 0
-            self._parked.set()
+            with self.lock:
+                self._pushing_thread = 0
+                self.changed.notify_all()
 
     def _take(self) -> Frame | Event:
         """Waits until the queue may be read; takes the oldest item."""
+        pending = self.pending
         while True:
-            with self.lock:
-                if self._is_halted:
+            self.lock.acquire()
+            try:
+                if self._refusal is not None:
                     raise Flushing(self.name)
-                if self._may_read():
-                    item = self.pending.popleft()
+                if pending.items and (not self._has_thresholds or self._may_read()):
+                    item = pending.popleft()
                     if self._waiting_threads:
                         self.changed.notify_all()
                     if self._has_head_gap and isinstance(item, Frame):
                         self._has_head_gap = False
                         item = item.replace(flags=item.flags | FrameFlags.DISCONTINUITY)
                     return item
-                is_empty = not self.pending.items
+                is_empty = not pending.items
+            finally:
+                self.lock.release()
             if is_empty:
                 self._emit(self.on_underrun)
             with self.lock:
-                while not self._may_read() and not self._is_halted:
+                while self._refusal is None and not self._may_read():
                     self._wait()
             self._emit(self.on_running)
 
@@ -306,15 +286,17 @@ class Queue(Element):
         return is_past_thresholds or not isinstance(pending.items[-1], Frame) or pending.is_full()
 
     def _park(self) -> None:
-        """Waits until a flush ends; without a flush, ends streaming."""
+        """Waits until a flush ends; without one, ends streaming."""
         with self.lock:
-            is_flush, self._is_flush_pending = self._is_flush_pending, False
-        if not is_flush or self.stopping.is_set():
-            raise Flushing(self.name)
-        self._parked.set()
-        while not self._flush_over.wait(POLL_S):
-            if self.stopping.is_set():
+            is_flush = self._flushes_met != self.flushes
+            self._flushes_met = self.flushes
+            self._pushing_thread = 0
+            self.changed.notify_all()
+            while is_flush and self._refusal is Flushing and not self.stopping.is_set():
+                self._wait()
+            if not is_flush or self.stopping.is_set():
                 raise Flushing(self.name)
+            self._pushing_thread = threading.get_ident()
 
     def _refuse(self, stop: type[FlowStop]) -> None:
         """Drops queued frames and raises the reason at every later push."""
@@ -325,12 +307,10 @@ class Queue(Element):
 
     def interrupt(self) -> None:
         """Wakes both threads, for good if the pipeline stops."""
-        if self.stopping.is_set():
-            with self.lock:
-                self._is_halted = True
+        with self.lock:
+            if self.stopping.is_set():
                 self._refusal = self._refusal or Flushing
-            self._flush_over.set()
-        self.wake()
+            self.changed.notify_all()
 
     @override
     def stop(self) -> None:

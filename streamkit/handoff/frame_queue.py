@@ -98,18 +98,24 @@ class FrameQueue:
         """
         item = self.items.popleft()
         if isinstance(item, Frame):
-            self._weigh_out(item)
+            self.buffers -= 1
+            self.bytes -= self._sizes.popleft()
+            if item.pts is not None:
+                end_ns = item.pts + self._out_offset_ns + (item.duration or 0)
+                if end_ns > self._out_ns:
+                    self._out_ns = end_ns
         elif isinstance(item, SegmentEvent):
             self._out_offset_ns = item.segment.running_time_ns(0)
         return item
 
     def drop_oldest(self) -> bool:
         """Drops the oldest frame, never an event; False if there is no frame."""
-        oldest = next((item for item in self.items if isinstance(item, Frame)), None)
-        if oldest is None:
+        if not self.buffers:
             return False
-        self.items.remove(oldest)
-        self._weigh_out(oldest)
+        events = []
+        while not isinstance(item := self.popleft(), Frame):
+            events.append(item)
+        self.items.extendleft(reversed(events))
         return True
 
     def drop_frames(self) -> int:
@@ -126,11 +132,3 @@ class FrameQueue:
         self._has_begun = False
         self._out_ns = self._in_ns
         return dropped
-
-    def _weigh_out(self, frame: Frame) -> None:
-        self.buffers -= 1
-        self.bytes -= self._sizes.popleft()
-        if frame.pts is not None:
-            end_ns = frame.pts + self._out_offset_ns + (frame.duration or 0)
-            if end_ns > self._out_ns:
-                self._out_ns = end_ns
