@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 from typing_extensions import override
@@ -11,15 +11,13 @@ from typing_extensions import override
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64
-from streamkit.elements.frame_report import Callbacks
+from streamkit.elements.frame_report import POLL_S, Callbacks, wait_for_change
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
 from streamkit.flow.frame import Frame
 from streamkit.handoff.frame_queue import FrameQueue
-
-POLL_S = 0.2
 
 
 class AppSink(PlainSink):
@@ -49,9 +47,7 @@ class AppSink(PlainSink):
     emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the other callbacks.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.on_new_sample = Callbacks()
-        self.on_new_preroll = Callbacks()
-        self.on_eos = Callbacks()
+        self.on_new_sample, self.on_new_preroll, self.on_eos = Callbacks(), Callbacks(), Callbacks()
         self.pending = FrameQueue()
         self._preroll: Frame | None = None
         self._was_started = False
@@ -164,20 +160,22 @@ class AppSink(PlainSink):
         Raises:
             ElementFailure: the pipeline has failed.
         """
+        deadline_s = time.monotonic() + timeout_s
         while True:
-            item = self.pull_object(timeout_s, only_frames=True)
+            item = self.pull_object(deadline_s - time.monotonic())
             if item is None or isinstance(item, Frame):
                 return item
 
-    def pull_object(self, timeout_s: float = 5.0, *, only_frames: bool = False) -> Frame | Event | None:
+    def pull_object(self, timeout_s: float = 5.0) -> Frame | Event | None:
         """The next frame or event, in order; None at the timeout or EOS.
 
         Raises:
             ElementFailure: the pipeline has failed.
         """
         with self.changed:
-            if not self._wait(
-                lambda: self._has_next(only_frames=only_frames),
+            if not wait_for_change(
+                self,
+                lambda: bool(self.pending.items),
                 lambda: self._has_ended or not self.is_playing,
                 timeout_s,
             ):
@@ -188,13 +186,6 @@ class AppSink(PlainSink):
             self.changed.notify_all()
             return item
 
-    def _has_next(self, *, only_frames: bool) -> bool:
-        """Whether something can be pulled; `only_frames` skips events."""
-        items = self.pending.items
-        while only_frames and items and not isinstance(items[0], Frame):
-            self.pending.popleft()
-        return bool(items)
-
     def pull_preroll(self, timeout_s: float = 5.0) -> Frame | None:
         """The preroll frame of the paused pipeline, once; None at the timeout.
 
@@ -202,21 +193,9 @@ class AppSink(PlainSink):
             ElementFailure: the pipeline has failed.
         """
         with self.changed:
-            self._wait(lambda: self._preroll is not None, self._is_over, timeout_s)
+            wait_for_change(self, lambda: self._preroll is not None, self._is_over, timeout_s)
             frame, self._preroll = self._preroll, None
             return frame
-
-    def _wait(self, condition: Callable[[], bool], is_over: Callable[[], bool], timeout_s: float) -> bool:
-        """Waits for a condition; False at the timeout or the end; raises the pipeline's failure."""
-        deadline_s = time.monotonic() + timeout_s
-        while not condition():
-            if (failure := self.pipeline_error()) is not None:
-                raise failure
-            left_s = deadline_s - time.monotonic()
-            if is_over() or self.stopping.is_set() or left_s <= 0:
-                return False
-            self.changed.wait(min(left_s, POLL_S))
-        return True
 
     def __iter__(self) -> Iterator[Frame]:
         """Iterates over frames until EOS; raises the pipeline's error if it fails."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -12,14 +11,12 @@ from streamkit.element.property import Property
 from streamkit.element.property_text import INT, INT64, UINT64, Choice
 from streamkit.element.source import Source
 from streamkit.elements.fakesrc import StreamFormat
-from streamkit.elements.frame_report import Callbacks
+from streamkit.elements.frame_report import POLL_S, Callbacks, wait_for_change
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import Event
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.frame_queue import FrameQueue
-
-POLL_S = 0.2
 
 
 class LeakyType(Choice):
@@ -69,8 +66,7 @@ class AppSrc(Source):
     format: StreamFormat = Property(StreamFormat.BYTES, doc="Accepted, without effect: times are ns.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.on_need_data = Callbacks()
-        self.on_enough_data = Callbacks()
+        self.on_need_data, self.on_enough_data = Callbacks(), Callbacks()
         self.pending = FrameQueue()
         self._closed = False
         self._had_gap = False
@@ -172,21 +168,19 @@ class AppSrc(Source):
             self._had_gap = True
             self.count_drop("appsrc full, newest dropped")
             return False
-        while (
-            self.leaky_type is LeakyType.DOWNSTREAM and self.pending.is_full() and self.pending.drop_oldest()
-        ):
+        drops = self.leaky_type is LeakyType.DOWNSTREAM
+        while drops and self.pending.is_full() and self.pending.drop_oldest():
             self._had_gap = True
             self.count_drop("appsrc full, oldest dropped")
-        deadline_s = time.monotonic() + timeout_s
-        while self.leaky_type is LeakyType.NONE and self.block and self.pending.is_full():
-            if (failure := self.pipeline_error()) is not None:
-                raise failure
-            left_s = deadline_s - time.monotonic()
-            if self.stopping.is_set() or left_s <= 0:
-                raise StateError(
-                    f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
-                )
-            self.changed.wait(min(left_s, POLL_S))
+
+        def has_room() -> bool:
+            waits = self.leaky_type is LeakyType.NONE and self.block
+            return not (waits and self.pending.is_full())
+
+        if not wait_for_change(self, has_room, lambda: False, timeout_s):
+            raise StateError(
+                f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
+            )
         return True
 
     # Called in the streaming thread.

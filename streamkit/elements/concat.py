@@ -83,8 +83,7 @@ class Concat(Combine):
         return next((pad for pad in list(self.pads.values()) if not pad.is_src and not pad.is_eos), None)
 
     def _active_name(self) -> str | None:
-        active = self._active()
-        return None if active is None else active.name
+        return getattr(self._active(), "name", None)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Makes events wait for their turn; EOS of the current input starts the next one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import random
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from streamkit.element.source import Source
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.clock import SECOND_NS
 from streamkit.flow.frame import Frame
 
 PATTERN = bytes(range(256))
@@ -123,8 +125,7 @@ class FakeSrc(Source):
     def _times(self, sent: int, size: int) -> tuple[int | None, int | None]:
         """Timestamp and duration, ns, of a frame after `sent` bytes."""
         if self.datarate:
-            rate = self.datarate
-            begin, end = sent * 1_000_000_000 // rate, (sent + size) * 1_000_000_000 // rate
+            begin, end = (count * SECOND_NS // self.datarate for count in (sent, sent + size))
             return begin, end - begin
         if self.do_timestamp or self.is_live:
             return self.timing.running_time_ns(), None
@@ -163,12 +164,4 @@ class FakeSrc(Source):
         if self.filltype is FillType.PATTERN_SPAN:
             endless = itertools.cycle(PATTERN)
             return lambda size: bytes(itertools.islice(endless, size))
-        zeros = b""
-
-        def same(size: int) -> bytes:
-            nonlocal zeros
-            if len(zeros) != size:
-                zeros = bytes(size)
-            return zeros
-
-        return same
+        return functools.lru_cache(1)(bytes)  # zeros, the same for frames of one size

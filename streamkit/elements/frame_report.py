@@ -1,55 +1,69 @@
-"""What test elements report of the frames they see: callbacks, messages, hexadecimal dumps."""
+"""What elements have to do with the application: callbacks, waits of its threads, reports of frames."""
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections.abc import Callable
 from typing import Any
 
+from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.flow.frame import Frame
 from streamkit.handoff.frame_queue import data_size
 
 MAX_DUMPED = 4096
+POLL_S = 0.2
 
 
-class Callbacks:
+class Callbacks(list[Callable[..., Any]]):
     """Functions called on an event, as GStreamer's signals: `element.on_handoff(function)` adds one.
 
     They run in the streaming thread: keep them short.
     """
 
-    __slots__ = ("_callables",)
-
-    def __init__(self) -> None:
-        self._callables: tuple[Callable[..., Any], ...] = ()
-
     def __call__(self, function: Callable[..., Any]) -> Callable[..., Any]:
         """Adds a function; usable as a decorator."""
-        self._callables = (*self._callables, function)
+        self.append(function)
         return function
-
-    def __bool__(self) -> bool:
-        return bool(self._callables)
 
     def remove(self, function: Callable[..., Any]) -> None:
         """Removes a function, if it is there."""
-        self._callables = tuple(known for known in self._callables if known != function)
+        with contextlib.suppress(ValueError):
+            super().remove(function)
 
     def emit(self, *args: object) -> None:
         """Calls each function, in the order in which they were added."""
-        for function in self._callables:
+        for function in tuple(self):
             function(*args)
 
 
-def report_frame(element: Any, verb: str, pad: Pad, frame: Frame, *handoff: object) -> None:
-    """Reports a frame as the properties `silent`, `dump` and `signal_handoffs` of an element say.
+def wait_for_change(
+    element: Element, condition: Callable[[], bool], is_over: Callable[[], bool], timeout_s: float
+) -> bool:
+    """Waits in a thread of the application, with the lock of `changed` held, until a condition holds.
 
-    Args:
-        element: fakesrc, identity or fakesink.
-        verb: what the element does with the frame.
-        pad: the pad that the frame passes.
-        frame: the frame.
-        *handoff: arguments of `on_handoff`.
+    Returns:
+        False at the timeout, if the pipeline stops, or once it `is_over`.
+
+    Raises:
+        ElementFailure: the pipeline has failed.
+    """
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        if (failure := element.pipeline_error()) is not None:
+            raise failure
+        left_s = deadline_s - time.monotonic()
+        if is_over() or element.stopping.is_set() or left_s <= 0:
+            return False
+        element.changed.wait(min(left_s, POLL_S))
+    return True
+
+
+def report_frame(element: Any, verb: str, pad: Pad, frame: Frame, *handoff: object) -> None:
+    """Reports a frame that passes a pad, as the properties `silent`, `dump` and `signal_handoffs` say.
+
+    The verb tells what the element, a fakesrc, identity or fakesink, does; `handoff` is for `on_handoff`.
     """
     if not element.silent:
         element.last_message = frame_text(verb, pad, frame)

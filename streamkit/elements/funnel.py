@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from typing_extensions import override
 
 from streamkit.element.branching import Combine
@@ -25,12 +27,8 @@ class Funnel(Combine):
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Adds an input; its default name is `funnelpadN`, as in GStreamer."""
-        if not name:
-            number = 0
-            while f"funnelpad{number}" in self.pads:
-                number += 1
-            name = f"funnelpad{number}"
-        return super().request_pad(template, name)
+        names = (f"funnelpad{number}" for number in itertools.count())
+        return super().request_pad(template, name or next(free for free in names if free not in self.pads))
 
     @override
     def combine(self, pad_name: str, frame: Frame) -> Frame:

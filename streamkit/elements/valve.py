@@ -20,10 +20,8 @@ class DropMode(Choice):
     DROP_ALL = "drop-all", 0, "Drop all buffers and events"
     FORWARD_STICKY_EVENTS = "forward-sticky-events", 1, "Drop all buffers but forward sticky events"
     TRANSFORM_TO_GAP = (
-        "transform-to-gap",
-        2,
-        "Convert all dropped buffers into gap events and forward sticky events",
-    )
+        "transform-to-gap", 2, "Convert all dropped buffers into gap events and forward sticky events",
+    )  # fmt: skip
 
 
 class Valve(Transform):
