@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 LENGTH = struct.Struct("<I")
-LONGEST_MESSAGE = 1 << 28  # bytes; a longer one is not read, so that the other side cannot exhaust memory
+MAX_MESSAGE = 1 << 28  # bytes; a longer one is not read, so that the other side cannot exhaust memory
 READ_BYTES = 1 << 16
-MOST_DESCRIPTORS = 64
+MAX_DESCRIPTORS = 64
 POLL_S = 0.2  # interval at which waits check whether they are cancelled
 
 
@@ -54,20 +54,17 @@ class Channel:
         descriptors: Sequence[int] = (),
         is_cancelled: Callable[[], bool] = lambda: False,
     ) -> bool:
-        """Sends a message; waits while the socket is full. False if it was cancelled before its first byte.
+        """Sends a message of at most 256 MiB, and copies of at most 64 descriptors; waits for a full socket.
 
-        A cancelled message that has begun closes the channel, because what follows could not be read.
-
-        Args:
-            message: not longer than 256 MiB.
-            descriptors: at most 64; the receiver gets copies.
-            is_cancelled: checked every 0.2 s.
+        Returns:
+            False if it was cancelled before its first byte. A message that has begun then closes the channel,
+            because what follows could not be read.
 
         Raises:
             ChannelClosed: the other side has ended.
         """
-        if len(message) > LONGEST_MESSAGE:
-            raise ValueError(f"a message has at most {LONGEST_MESSAGE} bytes, got {len(message)}")
+        if len(message) > MAX_MESSAGE:
+            raise ValueError(f"a message has at most {MAX_MESSAGE} bytes, got {len(message)}")
         data = memoryview(LENGTH.pack(len(message)) + message)
         has_begun = False
         with self._lock:
@@ -93,13 +90,12 @@ class Channel:
         Raises:
             ChannelClosed: the other side has ended, and every message before that was returned.
         """
-        messages = self._take()
-        if messages:
+        if messages := self._take():
             return messages
         if not self._readable.poll(wait_s * 1000):
             return []
         try:
-            data, descriptors, _, _ = socket.recv_fds(self._socket, READ_BYTES, MOST_DESCRIPTORS)
+            data, descriptors, _, _ = socket.recv_fds(self._socket, READ_BYTES, MAX_DESCRIPTORS)
         except BlockingIOError:
             return []
         except OSError:
@@ -140,7 +136,7 @@ class Channel:
         messages = []
         while at + LENGTH.size <= len(received):
             (length,) = LENGTH.unpack_from(received, at)
-            if length > LONGEST_MESSAGE:
+            if length > MAX_MESSAGE:
                 raise self._closed()
             end = at + LENGTH.size + length
             if end > len(received):

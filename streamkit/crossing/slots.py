@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
-LARGEST_SLOT = 1 << 31  # bytes
+MAX_SLOT = 1 << 31  # bytes
 
 
 class ArrayPlace(NamedTuple):
@@ -56,7 +56,8 @@ class SlotWriter:
 
         strides, size = _layout(array)
         if size > self._size:  # the caps have changed; the reader drops its slots, too, at the larger new one
-            self._drop_all()
+            self._slots.clear()  # the reader's mappings stay
+            self._free.clear()
             self._size = size
         made = None if self._free else self._make()
         number = self._free.pop() if made is None else made.number
@@ -76,10 +77,6 @@ class SlotWriter:
         fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, SEALS)
         self._slots[number] = map_memory(descriptor, size, writable=True)
         return NewSlot(number, size, descriptor)
-
-    def _drop_all(self) -> None:
-        self._slots.clear()  # the reader's mappings stay
-        self._free.clear()
 
 
 class SlotReader:
@@ -101,7 +98,7 @@ class SlotReader:
         """
         try:
             is_sealed = fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & SEALS == SEALS
-            if not is_sealed or not 0 < size <= min(os.fstat(descriptor).st_size, LARGEST_SLOT):
+            if not is_sealed or not 0 < size <= min(os.fstat(descriptor).st_size, MAX_SLOT):
                 raise ValueError("shared memory for frames must be sealed and of the size announced")
             if self._slots and size > len(next(iter(self._slots.values()))):
                 self._slots.clear()  # the writer has given up the smaller ones; arrays keep theirs

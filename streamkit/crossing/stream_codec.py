@@ -71,11 +71,11 @@ class StreamEncoder:
 
     def event(self, event: Event) -> bytes:
         """The message of an event."""
-        value = event.segment if isinstance(event, SegmentEvent) else event
-        names = () if isinstance(event, CapsEvent) else value.__dataclass_fields__
-        fields = [str(event.caps)] if isinstance(event, CapsEvent) else [getattr(value, n) for n in names]
         if isinstance(event, CapsEvent):
-            self._caps = event.caps
+            self._caps, fields = event.caps, [str(event.caps)]
+        else:
+            value = event.segment if isinstance(event, SegmentEvent) else event
+            fields = [getattr(value, name) for name in value.__dataclass_fields__]
         return self._encoder.encode((LinkMessage.EVENT, type(event).__name__, fields))
 
     def _frame(self, frame: Frame, data: Any, metadata: Any) -> bytes:
@@ -97,12 +97,11 @@ class StreamEncoder:
             return [True, *place], made
         try:
             return [False, self._values.encode(data)], None
-        except CannotCross:
+        except CannotCross as error:
             try:
                 return [False, bytes(memoryview(data))], None  # such as a packet of a codec library
             except TypeError:
-                pass
-            raise
+                raise error from None
 
     def _metadata(self, frame: Frame) -> list[Any]:
         """For each item its type, and its value unless it is the very item of the last frame."""

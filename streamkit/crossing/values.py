@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 import importlib
 import operator
 import sys
@@ -140,7 +141,7 @@ class ValueDecoder:
 
     def __init__(self, packages: Iterable[str] = ()) -> None:
         self._packages = frozenset({"streamkit", *packages})
-        self._types: dict[str, tuple[type, tuple[str, ...]]] = {}
+        self._type = functools.cache(self._find)
 
     def decode(self, item: Any) -> Any:
         """The value of a plain structure.
@@ -181,14 +182,8 @@ class ValueDecoder:
         """The class at a path, "module:Name"; raises `CannotCross`."""
         return self._type(path)[0]
 
-    def _type(self, path: str) -> tuple[type, tuple[str, ...]]:
-        """The class at a path, and the fields that make an object of it."""
-        found = self._types.get(path)
-        if found is None:
-            found = self._types[path] = self._find(path)
-        return found
-
     def _find(self, path: str) -> tuple[type, tuple[str, ...]]:
+        """The class at a path, and the fields that make an object of it."""
         module, _, name = path.partition(":")
         if module.partition(".")[0] not in self._packages:
             raise CannotCross(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import urllib.parse
 
 from streamkit.element.registry import element_class, installed_elements
 from streamkit.errors import DescriptionError, Place, PluginBroken
 from streamkit.masking import mask_secrets
-
-LOCAL_HOSTS = ("", "localhost")
 
 
 def factory_for(url: str, *, as_source: bool, place: Place) -> str:
@@ -28,27 +27,16 @@ def factory_for(url: str, *, as_source: bool, place: Place) -> str:
     plain = f"{scheme}{'src' if as_source else 'sink'}"
     if plain in installed_elements():
         return plain
-    found = max(_candidates(scheme, as_source=as_source), default=None)
-    if found is None:
-        raise DescriptionError(
-            "no-such-element", f"no {kind} element for scheme {scheme!r}: {mask_secrets(url)}", place
-        )
-    return found[1]
-
-
-def _candidates(scheme: str, *, as_source: bool) -> list[tuple[int, str]]:
-    """Rank and name of every source or sink that declares a scheme; imports them."""
-    found = []
+    found: list[tuple[int, str]] = []
     for name in installed_elements():
-        if not name.endswith("src" if as_source else "sink"):
-            continue
-        try:
-            known = element_class(name)
-        except (PluginBroken, DescriptionError):
-            continue
-        if scheme in known.uri_schemes:
-            found.append((known.rank, name))
-    return found
+        if name.endswith("src" if as_source else "sink"):
+            with contextlib.suppress(PluginBroken, DescriptionError):
+                known = element_class(name)
+                found += [(known.rank, name)] if scheme in known.uri_schemes else []
+    if not found:
+        what = f"no {kind} element for scheme {scheme!r}: {mask_secrets(url)}"
+        raise DescriptionError("no-such-element", what, place)
+    return max(found)[1]
 
 
 def location_of(url: str, place: Place) -> str:
@@ -57,7 +45,7 @@ def location_of(url: str, place: Place) -> str:
     if scheme.lower() != "file":
         return url
     host, slash, path = rest.partition("/")
-    if host not in LOCAL_HOSTS:
+    if host not in ("", "localhost"):
         raise DescriptionError(
             "no-such-element", f"no element for files of the host {host!r}", place, f"write file:///{rest}"
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 
 from streamkit.element.base import Element
 from streamkit.element.gstreamer_names import property_hint
@@ -15,6 +15,7 @@ from streamkit.graph.bins import Bin
 from streamkit.graph.parse import Assignment, ElementNode, resolve_escapes, unquote_value
 
 Warnings = list[tuple[str, str]]
+PendingProperty = tuple[Bin, Assignment]  # a child property whose child does not exist yet
 
 
 def name_in_text(node: ElementNode, warnings: Warnings) -> str:
@@ -72,10 +73,8 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
         elif declaration.kind is str:
             value = unquote_string(value or "")
             if value[:1] == value[-1:] == "'" and len(value) > 1:
-                what = (
-                    f"{element.name}: {item.name} keeps its single quotes, as in gst-launch: use double ones"
-                )
-                warnings.append(("quotes", what))
+                rule = "keeps its single quotes, as in gst-launch: use double ones"
+                warnings.append(("quotes", f"{element.name}: {item.name} {rule}"))
         element.set_property(item.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):
@@ -109,14 +108,6 @@ def load_presets(element: Element, presets: Iterable[Assignment]) -> None:
             element.set_in_text[element.find_property(property_name).spelling] = value
 
 
-@dataclass(frozen=True, slots=True)
-class PendingProperty:
-    """A child property whose child does not exist yet."""
-
-    group: Bin
-    assignment: Assignment
-
-
 def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnings) -> list[PendingProperty]:
     """Sets properties of a bin and its children; returns those of children that do not exist yet.
 
@@ -126,9 +117,8 @@ def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnin
     waiting = []
     for item in assignments:
         if "::" in item.name:
-            pending = PendingProperty(group, item)
-            if not try_child(pending, warnings):
-                waiting.append(pending)
+            if not try_child(group, item, warnings):
+                waiting.append((group, item))
         elif item.name == "name":
             group.name = name_value(item) or group.name
         elif set_property(group, item, warnings).attribute in group.ignored:
@@ -137,17 +127,16 @@ def set_on_bin(group: Bin, assignments: tuple[Assignment, ...], warnings: Warnin
     return waiting
 
 
-def try_child(pending: PendingProperty, warnings: Warnings) -> bool:
+def try_child(group: Bin, item: Assignment, warnings: Warnings) -> bool:
     """Sets a child property if the child exists; whether it did; raises `DescriptionError`."""
-    item = pending.assignment
     *path, name = item.name.split("::")
-    target: Element | None = pending.group
+    target: Element | None = group
     for step in path:
         target = target.child(step) if isinstance(target, Bin) else None
     if target is None:
         return False
     try:
-        set_property(target, Assignment(name, item.value, item.place), warnings)
+        set_property(target, replace(item, name=name), warnings)
     except DescriptionError as error:
         raise DescriptionError("could-not-set-property", error.message, item.place, error.hint) from None
     return True

@@ -32,10 +32,7 @@ class Bin(Element):
     )
     restart_window_s: float = Property(60.0, min=0.0, unit="s", doc="Earlier restarts are not counted.")
     watchdog_s: float = Property(
-        0.0,
-        min=0.0,
-        unit="s",
-        doc="Time limit of an element in it for a frame; 0 is the pipeline's.",
+        0.0, min=0.0, unit="s", doc="Time limit of an element in it for a frame; 0 is the pipeline's."
     )
     memory_mb: int = Property(0, min=0, unit="MiB", doc="Private memory that the process may have; 0 is any.")
     sandbox: bool = Property(False, doc="Take rights from the process that it does not need.")
@@ -105,9 +102,8 @@ class BinTree:
         """Adds an element or bin to a bin, or to none; records duplicate names as errors instead."""
         names = self._names[container]
         if element.name in names:
-            what = f"two elements are named {element.name!r}; names are unique in a pipeline"
-            if container is not None:
-                what = f"two elements are named {element.name!r}; names are unique in a bin"
+            scope = "pipeline" if container is None else "bin"
+            what = f"two elements are named {element.name!r}; names are unique in a {scope}"
             self._duplicates[element] = DescriptionError("link", what, place)
             return
         names.add(element.name)

@@ -104,10 +104,8 @@ class GraphBuilder:
         for element in self.graph.elements:
             for other in walk(downstream(element), downstream):
                 if other.factory in element.wants_upstream():
-                    what = (
-                        f"{element.name} does not get what {other.name} measures: put {other.name} before it"
-                    )
-                    self.graph.warnings.append(("order", what))
+                    what = f"{element.name} does not get what {other.name} measures"
+                    self.graph.warnings.append(("order", f"{what}: put {other.name} before it"))
 
     def _negotiate(self) -> None:
         try:
@@ -133,12 +131,10 @@ class GraphBuilder:
                 raise
 
     def _set_pending_properties(self) -> None:
-        for pending in self._pending_properties:
-            if not try_child(pending, self.graph.warnings):
-                name = pending.assignment.name
-                self.graph.warnings.append(
-                    ("no-such-child", f"{pending.group.name}: nothing to set {name} on")
-                )
+        for group, item in self._pending_properties:
+            if not try_child(group, item, self.graph.warnings):
+                text = f"{group.name}: nothing to set {item.name} on"
+                self.graph.warnings.append(("no-such-child", text))
 
     # Chains.
 

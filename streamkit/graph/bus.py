@@ -13,14 +13,10 @@ CAPACITY = 4096
 
 
 class Bus:
-    """A bounded queue of messages; if full, it drops the oldest, errors and eos last.
-
-    Attributes:
-        counts: messages since the last `flush`, by source and kind.
-    """
+    """A bounded queue of messages; if full, it drops the oldest, errors and eos last."""
 
     def __init__(self) -> None:
-        self.counts: Counter[tuple[str, MessageKind]] = Counter()
+        self.counts: Counter[tuple[str, MessageKind]] = Counter()  # since the last `flush`
         self._queue = BoundedQueue[Message](CAPACITY, choose_dropped=_choose_dropped)
         self._watchers: list[Callable[[Message], None]] = []
 

@@ -1,24 +1,25 @@
-"""Chains: the transforms downstream of a src pad, called, counted and timed in one loop."""
+"""Chains, the transforms downstream of a src pad in one loop, and the threads that push into them."""
 
 from __future__ import annotations
 
+import contextlib
 import operator
+import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from streamkit.element.base import AT_WORK, IDLE
+from streamkit.element.base import AT_WORK, IDLE, Element
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
-from streamkit.errors import ElementFailure, NotNegotiated, StreamError
-from streamkit.flow.events import FlowStop
+from streamkit.errors import ElementFailure, NotNegotiated, StreamError, StreamkitError
+from streamkit.flow.events import EOS, FlowStop, NotLinked
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
 
 if TYPE_CHECKING:
-    from streamkit.element.base import Element
     from streamkit.element.pad import Pad
 
 PLAIN_TIMES = (int, type(None))
@@ -173,7 +174,7 @@ class Chain:
 
 
 def check_time(frame: Frame) -> None:
-    """Raises StreamError for a time that is no integer of any kind; only for one not in `PLAIN_TIMES`."""
+    """Raises `StreamError` for a time, not in `PLAIN_TIMES`, that is no integer of any other kind."""
     try:
         operator.index(frame.pts)  # type: ignore[arg-type]
     except TypeError:
@@ -197,37 +198,80 @@ def _timed(results: Iterable[Any], stage: Stage) -> Iterable[Any]:
         yield item
 
 
-def chain_on_first_frame(src: Pad, chains: list[Chain]) -> Callable[[Frame], None]:
-    """A push function that makes the chain of a pad at the first frame, and appends it to `chains`."""
+def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
+    """Composes the chain of every src pad of some elements and appends it to `chains`."""
+    for element in elements:
+        for pad in list(element.src_pads()):
+            if isinstance(element, Transform):
+                pad.push = partial(_push_first, pad, chains)
+            else:
+                compose_chain(pad, chains)
+        element.pads_changed()
 
-    def push(frame: Frame) -> None:
-        chain = Chain(src)
-        src.push = chain.push
-        chains.append(chain)
-        chain.push(frame)
 
-    return push
+def compose_chain(src: Pad, chains: list[Chain]) -> Chain:
+    """Composes the chain of a src pad and appends it to `chains`."""
+    chain = Chain(src)
+    src.push = chain.push
+    chains.append(chain)
+    return chain
 
 
-class RetiredChainTotals:
-    """Counters of the chains of removed branches, by the element before them.
+def _push_first(src: Pad, chains: list[Chain], frame: Frame) -> None:
+    """Composes the chain behind a transform when it first returns several frames."""
+    compose_chain(src, chains).push(frame)
 
-    Attributes:
-        frames: frames sent to them.
-        busy_ns: working time in them, ns.
+
+@runtime_checkable
+class Streaming(Protocol):
+    """An element with its own thread."""
+
+    def stream(self) -> None:
+        """Body of the thread; returns after EOS, raises if streaming ends otherwise."""
+
+    def begin_run(self) -> None:
+        """Resets the state of an earlier run."""
+
+
+class StreamingThread(threading.Thread):
+    """The thread of one element.
+
+    Args:
+        element: a `Streaming`.
+        failed: called with the error that ended streaming.
+        ended: called last in any case.
     """
 
-    def __init__(self) -> None:
-        self.frames: Counter[Element] = Counter()
-        self.busy_ns: Counter[Element] = Counter()
+    def __init__(
+        self, element: Element, failed: Callable[[Exception], None], ended: Callable[[], None]
+    ) -> None:
+        super().__init__(name=f"streamkit:{element.name}")
+        self.element = element
+        self.has_ended = False
+        self._failed = failed
+        self._ended = ended
 
-    def add(self, chain: Chain) -> None:
-        """Adds the counters of a chain."""
-        self.frames[chain.src.element] += chain.frames
-        self.busy_ns[chain.src.element] += chain.busy_ns
+    def run(self) -> None:
+        """Streams; after an error reports it and sends EOS, so that other branches finish."""
+        element = self.element
+        assert isinstance(element, Streaming)
+        try:
+            element.stream()
+        except NotLinked as stop:
+            cause = NotNegotiated(f"pad {stop} is not linked; link it to a sink")
+            self._fail(element.failure(cause))
+        except FlowStop:
+            pass
+        except (ElementFailure, NotNegotiated) as error:
+            self._fail(error)
+        except BaseException as cause:  # also SystemExit: an unreported end leaves the graph waiting
+            self._fail(element.failure(cause))
+        finally:
+            self.has_ended = True
+            self._ended()
 
-    def forget(self, elements: Iterable[Element]) -> None:
-        """Removes the totals of elements."""
-        for element in elements:
-            self.frames.pop(element, None)
-            self.busy_ns.pop(element, None)
+    def _fail(self, error: Exception) -> None:
+        self._failed(error)
+        for pad in list(self.element.src_pads()):
+            with contextlib.suppress(FlowStop, StreamkitError):
+                pad.send_event(EOS)

@@ -44,10 +44,8 @@ def check_files(elements: Iterable[Element]) -> None:
         except PropertyError as error:
             raise FileConflict(element, str(error)) from error
     for first, second in combinations(_files(members), 2):
-        if first.element is second.element or not (first.is_written or second.is_written):
-            continue
-        if first.is_same(second):
-            writer, other = (second, first) if second.is_written else (first, second)
+        writer, other = (second, first) if second.is_written else (first, second)
+        if writer.is_written and writer.element is not other.element and writer.is_same(other):
             verb = "written" if other.is_written else "read"
             raise FileConflict(
                 writer.element,

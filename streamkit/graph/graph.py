@@ -6,6 +6,7 @@ import itertools
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from graphlib import CycleError, TopologicalSorter
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, Presence
@@ -79,32 +80,16 @@ class Graph:
                     yield pad, pad.peer
 
     def from_sinks(self) -> list[Element]:
-        """The elements in reverse topological order: sinks first, sources last; loops are cut."""
-        waits_for = {element: len(downstream(element)) for element in self.elements}
-        ready = deque(element for element in reversed(self.elements) if not waits_for[element])
-        left = deque(reversed(self.elements))
-        ordered: list[Element] = []
-        visited: set[Element] = set()
-        while len(ordered) < len(waits_for):
-            if ready:
-                element = ready.popleft()
-            else:
-                element = next(element for element in left if element not in visited)
-            if element in visited:
-                continue
-            visited.add(element)
-            ordered.append(element)
-            for pad in element.sink_pads():
-                if pad.peer is not None and pad.peer.element in waits_for:
-                    waits_for[pad.peer.element] -= 1
-                    if not waits_for[pad.peer.element]:
-                        ready.append(pad.peer.element)
-        return ordered
+        """The elements in reverse topological order: sinks first, sources last; raises `CycleError`."""
+        return list(TopologicalSorter({e: downstream(e) for e in reversed(self.elements)}).static_order())
 
     def has_loop(self) -> bool:
         """Whether the links form a loop."""
-        position = {element: index for index, element in enumerate(self.from_sinks())}
-        return any(position[src.element] < position[sink.element] for src, sink in self.links())
+        try:
+            self.from_sinks()
+        except CycleError:
+            return True
+        return False
 
     def check_links(self) -> None:
         """Raises `StateError` for a loop, and `ElementFailure` for an unlinked sink pad."""

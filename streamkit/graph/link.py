@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
@@ -12,34 +12,27 @@ from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_me
 from streamkit.flow.caps import Caps
 
 RAW_VIDEO = Caps("video/x-raw")
+Choice = Pad | PadTemplate
 
 
-class LinkRequest(NamedTuple):
-    """The two elements of a link, the pad named on each or "", and the place in the text."""
+@dataclass(frozen=True, slots=True)
+class LinkRequest:
+    """A link of a description: two elements, the pad named on each or "", and the caps filter between them.
+
+    Attributes:
+        place, src_place, sink_place: in the text, of the link and of the pads' names, where they have any.
+        every_pad: whether it links every new pad of the source.
+    """
 
     source: Element
     src_name: str
     sink: Element
     sink_name: str
     place: Place
-    src_place: Place | None = None  # of the pads' names, where they have any
+    src_place: Place | None = None
     sink_place: Place | None = None
-
-
-def pad_pairs(
-    source: Element, src_names: Sequence[str], sink: Element, sink_names: Sequence[str], place: Place
-) -> list[LinkRequest]:
-    """The links of a `!` with lists of pads; raises `DescriptionError` if the lists differ in length."""
-    if not (src_names and sink_names):
-        return [LinkRequest(source, "".join(src_names[:1]), sink, "".join(sink_names[:1]), place)]
-    if len(src_names) != len(sink_names):
-        raise DescriptionError(
-            "link",
-            f"{len(src_names)} pads of {source.name} cannot meet {len(sink_names)} pads of {sink.name}",
-            place,
-        )
-    pairs = zip(src_names, sink_names, strict=True)
-    return [LinkRequest(source, src_name, sink, sink_name, place) for src_name, sink_name in pairs]
+    caps: Caps | None = None
+    every_pad: bool = False
 
 
 def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad]:
@@ -50,14 +43,14 @@ def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad
     Raises:
         DescriptionError: code `link`; pads requested here are released.
     """
-    source, src_name, sink, sink_name, place, src_place, sink_place = request
+    source, sink, place = request.source, request.sink, request.place
     if source is sink:
         raise DescriptionError("link", f"{source.name} cannot be linked to itself", place)
     made: list[Pad] = []
     try:
-        srcs = [_named(source, Direction.SRC, src_name, src_place or place, made)] if src_name else None
-        sinks = [_named(sink, Direction.SINK, sink_name, sink_place or place, made)] if sink_name else None
-        src_choice, sink_choice = _pair(request, srcs, sinks, strict)
+        srcs = _choices(source, Direction.SRC, request.src_name, request.src_place or place, made)
+        sinks = _choices(sink, Direction.SINK, request.sink_name, request.sink_place or place, made)
+        src_choice, sink_choice = _pair(request, list(srcs), list(sinks), strict)
         return _pad(source, src_choice, made), _pad(sink, sink_choice, made)
     except StreamkitError as error:
         for pad in made:
@@ -73,37 +66,33 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
     Raises:
         DescriptionError: there is none, or it is linked already.
     """
-    if name:
-        return _named(element, direction, name, place, [])
-    for choice in _choices(element, direction):
-        return choice if isinstance(choice, Pad) else element.request_pad(choice)
+    for choice in _choices(element, direction, name, place, []):
+        return _pad(element, choice, [])
     raise _nothing_free(element, direction, place)
 
 
 def _pair(
-    request: LinkRequest, srcs: list[Pad] | None, sinks: list[Pad] | None, strict: bool
-) -> tuple[Pad | PadTemplate, Pad | PadTemplate]:
+    request: LinkRequest, srcs: list[Choice], sinks: list[Choice], strict: bool
+) -> tuple[Choice, Choice]:
     """The first pair that fits: pads before templates, in the source's order before the sink's."""
-    src_choices = [*(srcs or _choices(request.source, Direction.SRC))]
-    sink_choices = [*(sinks or _choices(request.sink, Direction.SINK))]
-    for element, direction, choices in (
-        (request.source, Direction.SRC, src_choices),
-        (request.sink, Direction.SINK, sink_choices),
-    ):
-        if not choices:
-            raise _nothing_free(element, direction, request.place)
-    if not strict and len(src_choices) == len(sink_choices) == 1 and not awaits_pads(request.source):
-        return src_choices[0], sink_choices[0]
+    if not srcs:
+        raise _nothing_free(request.source, Direction.SRC, request.place)
+    if not sinks:
+        raise _nothing_free(request.sink, Direction.SINK, request.place)
+    if not strict and len(srcs) == len(sinks) == 1 and not awaits_pads(request.source):
+        return srcs[0], sinks[0]
     # Existing pads come before pads to be requested, on the source's side first.
     pairs = sorted(
-        ((src, sink) for src in src_choices for sink in sink_choices),
+        ((src, sink) for src in srcs for sink in sinks),
         key=lambda pair: (not isinstance(pair[0], Pad), not isinstance(pair[1], Pad)),
     )
     for fits in (_intersect,) if strict else (_intersect, are_convertible):
         for src, sink in pairs:
             if fits(_caps(src), _caps(sink)):
                 return src, sink
-    raise _caps_conflict(request, src_choices[0], sink_choices[0])
+    left, right = f"{request.source.name}.{srcs[0].name}", f"{request.sink.name}.{sinks[0].name}"
+    text = _caps(srcs[0]).disagreement(_caps(sinks[0]), left, right)
+    raise DescriptionError("link", f"could not link {left} to {right}: they {text}", request.place)
 
 
 def awaits_pads(element: Element) -> bool:
@@ -114,8 +103,13 @@ def awaits_pads(element: Element) -> bool:
     )
 
 
-def _choices(element: Element, direction: Direction) -> Iterator[Pad | PadTemplate]:
-    """Free pads, then templates of request pads."""
+def _choices(
+    element: Element, direction: Direction, name: str, place: Place, made: list[Pad]
+) -> Iterator[Choice]:
+    """The pad of a name, else free pads, then templates of request pads."""
+    if name:
+        yield _named(element, direction, name, place, made)
+        return
     for pad in list(element.pads.values()):
         if pad.template.direction is direction and pad.peer is None:
             yield pad
@@ -124,7 +118,7 @@ def _choices(element: Element, direction: Direction) -> Iterator[Pad | PadTempla
             yield template
 
 
-def _caps(choice: Pad | PadTemplate) -> Caps:
+def _caps(choice: Choice) -> Caps:
     if not isinstance(choice, Pad):
         return choice.caps
     try:
@@ -133,7 +127,7 @@ def _caps(choice: Pad | PadTemplate) -> Caps:
         return choice.template.caps
 
 
-def _pad(element: Element, choice: Pad | PadTemplate, made: list[Pad]) -> Pad:
+def _pad(element: Element, choice: Choice, made: list[Pad]) -> Pad:
     """A chosen pad; a requested one is appended to `made`."""
     if isinstance(choice, Pad):
         return choice
@@ -188,26 +182,18 @@ def _nothing_free(element: Element, direction: Direction, place: Place) -> Descr
     return DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
 
 
-def _caps_conflict(request: LinkRequest, src: Pad | PadTemplate, sink: Pad | PadTemplate) -> DescriptionError:
-    left, right = f"{request.source.name}.{src.name}", f"{request.sink.name}.{sink.name}"
-    text = _caps(src).disagreement(_caps(sink), left, right)
-    return DescriptionError("link", f"could not link {left} to {right}: they {text}", request.place)
-
-
 @dataclass(slots=True)
 class DelayedLink:
     """A link that is tried whenever its source adds a pad.
 
     Attributes:
-        request: the two elements and the named pads.
+        request: the link, whose source adds the pad.
         make: makes a link, with its caps filter.
-        every_pad: whether it links every new pad.
         has_succeeded: whether it has linked a pad.
     """
 
     request: LinkRequest
-    make: Callable[[LinkRequest], list[tuple[Pad, Pad]]]
-    every_pad: bool = False
+    make: Callable[[LinkRequest], object]
     has_succeeded: bool = False
 
     @property
@@ -222,17 +208,12 @@ class DelayedLink:
         src = f"{request.source.name}.{request.src_name}"
         return f"{src} ! {request.sink.name}{'.' if request.sink_name else ''}{request.sink_name}"
 
-    def try_link(self, element: Element, pad: Pad) -> list[tuple[Pad, Pad]]:
-        """Links a new pad if it matches; returns the links made."""
-        if element is not self.request.source or pad.template.direction is not Direction.SRC:
-            return []
-        if pad.peer is not None or (self.has_succeeded and not self.every_pad):
-            return []
-        if self.request.src_name not in ("", pad.name, pad.template.name):
-            return []
-        try:
-            made = self.make(self.request._replace(src_name=pad.name))
-        except DescriptionError:
-            return []
-        self.has_succeeded = True
-        return made
+    def try_link(self, pad: Pad) -> None:
+        """Links a new pad if it matches."""
+        request = self.request
+        is_awaited = pad.element is request.source and pad.is_src and pad.peer is None
+        is_named = request.src_name in ("", pad.name, pad.template.name)
+        if is_awaited and is_named and (request.every_pad or not self.has_succeeded):
+            with contextlib.suppress(DescriptionError):
+                self.make(replace(request, src_name=pad.name))
+                self.has_succeeded = True

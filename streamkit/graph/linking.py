@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,7 @@ from streamkit.flow.caps import Caps
 from streamkit.flow.video import misspelt_fields
 from streamkit.graph.bins import BinTree
 from streamkit.graph.graph import Graph
-from streamkit.graph.link import DelayedLink, LinkRequest, awaits_pads, choose_pads, pad_pairs
+from streamkit.graph.link import DelayedLink, LinkRequest, awaits_pads, choose_pads
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,53 +64,54 @@ class Linker:
     def make(self, link: PendingLink) -> None:
         """Makes a link, or a delayed link if the stream may add the pad; raises `DescriptionError`."""
         source, sink = self._resolve(link.source), self._resolve(link.sink)
-        both_named = bool(link.source.pads and link.sink.pads)
-        for request in pad_pairs(source, link.source.pads, sink, link.sink.pads, link.place):
-            placed = request._replace(
-                src_place=link.source.pad_place(request.src_name),
-                sink_place=link.sink.pad_place(request.sink_name),
+        src_names, sink_names = link.source.pads, link.sink.pads
+        both_named = bool(src_names and sink_names)
+        if both_named and len(src_names) != len(sink_names):
+            what = f"{len(src_names)} pads of {source.name} cannot meet {len(sink_names)} pads of {sink.name}"
+            raise DescriptionError("link", what, link.place)
+        if not both_named:
+            src_names, sink_names = ("".join(src_names[:1]),), ("".join(sink_names[:1]),)
+        for src_name, sink_name in zip(src_names, sink_names, strict=True):
+            places = link.source.pad_place(src_name), link.sink.pad_place(sink_name)
+            request = LinkRequest(
+                source, src_name, sink, sink_name, link.place, *places, link.caps, link.every_pad
             )
             if link.every_pad and not both_named:
-                self._make_all(placed, link.caps)
+                self._make_all(request)
             else:
-                self._make_or_delay(placed, link.caps, link.every_pad)
+                self._make_or_delay(request)
 
-    def _make_or_delay(self, request: LinkRequest, caps: Caps | None, every_pad: bool) -> None:
+    def _make_or_delay(self, request: LinkRequest) -> None:
         try:
-            self._connect(request, caps, strict=False)
+            self._connect(request)
         except DescriptionError:
             if not awaits_pads(request.source):
                 raise
-            self._delay(request, caps, every_pad)
+            self._graph.delayed_links.append(DelayedLink(request, self._connect_strictly))
 
-    def _make_all(self, request: LinkRequest, caps: Caps | None) -> None:
+    def _make_all(self, request: LinkRequest) -> None:
         """Links all pads that fit; once if both sides have request pads."""
-        try:
-            made = self._connect(request, caps, strict=True)
+        with contextlib.suppress(DescriptionError):
+            made = self._connect_strictly(request)
             while not (_on_request(made[0][0]) and _on_request(made[-1][1])):
-                made = self._connect(request, caps, strict=True)
-        except DescriptionError:
-            pass
+                made = self._connect_strictly(request)
         if awaits_pads(request.source):
-            self._delay(request, caps, every_pad=True)
+            self._graph.delayed_links.append(DelayedLink(request, self._connect_strictly))
 
-    def _delay(self, request: LinkRequest, caps: Caps | None, every_pad: bool) -> None:
-        def connect(now: LinkRequest) -> list[tuple[Pad, Pad]]:
-            return self._connect(now, caps, strict=True)
+    def _connect_strictly(self, request: LinkRequest) -> list[tuple[Pad, Pad]]:
+        return self._connect(request, strict=True)
 
-        self._graph.delayed_links.append(DelayedLink(request, connect, every_pad))
-
-    def _connect(self, request: LinkRequest, caps: Caps | None, *, strict: bool) -> list[tuple[Pad, Pad]]:
-        if caps is None:
+    def _connect(self, request: LinkRequest, *, strict: bool = False) -> list[tuple[Pad, Pad]]:
+        if request.caps is None:
             return [self._link(*choose_pads(request, strict=strict), request.place)]
-        capsfilter = self._make_filter(caps, request.place)
+        capsfilter = self._make_filter(request.caps, request.place)
         self._bins.add(capsfilter, self._bins.container_of(request.source), request.place)
         self._bins.check_unique(capsfilter)
         made: list[tuple[Pad, Pad]] = []
         try:
             for now in (
-                request._replace(sink=capsfilter, sink_name=""),
-                request._replace(source=capsfilter, src_name=""),
+                replace(request, sink=capsfilter, sink_name=""),
+                replace(request, source=capsfilter, src_name=""),
             ):
                 made.append(self._link(*choose_pads(now, strict=strict), request.place))
         except DescriptionError:

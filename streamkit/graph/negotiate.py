@@ -92,14 +92,11 @@ def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:
     """Inserts a converter between raw-video pads that differ in format only; whether it did."""
-    if CONVERTER not in installed_elements():
-        return False
-    if not are_convertible(offered, accepted):
+    if CONVERTER not in installed_elements() or not are_convertible(offered, accepted):
         return False
     with located(place):
-        converter = make_element(
-            CONVERTER, free_name(CONVERTER, {element.name for element in graph.elements})
-        )
+        taken = {element.name for element in graph.elements}
+        converter = make_element(CONVERTER, free_name(CONVERTER, taken))
     entry, leave = converter.pads["sink"], converter.pads["src"]
     src.unlink()
     src.link(entry)

@@ -50,7 +50,7 @@ class Pipeline:
         self._lock = threading.RLock()
         self._started: list[Element] = []
         self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
-        self._processes = Processes(graph, self._post)
+        self._processes = Processes(graph, self.bus.post)
 
     @classmethod
     def parse(
@@ -179,7 +179,7 @@ class Pipeline:
                 self._processes.stream("pause")
             if self.is_live:
                 return StateChange.NO_PREROLL
-            return StateChange.SUCCESS if self._playback.end.is_prerolled.is_set() else StateChange.ASYNC
+            return StateChange.SUCCESS if self._playback.end.is_prerolled else StateChange.ASYNC
 
     def wait_prerolled(self, timeout_s: float) -> bool:
         """Waits until every sink of the paused pipeline holds its first frame.
@@ -187,7 +187,7 @@ class Pipeline:
         Raises:
             ElementFailure: the pipeline failed.
         """
-        return self._playback.end.wait_prerolled(timeout_s)
+        return self._playback.is_streaming and self._playback.end.wait_prerolled(timeout_s)
 
     def flush(self) -> None:
         """Drops all frames in flight, for example to jump to the newest of a live feed."""
@@ -311,14 +311,14 @@ class Pipeline:
         return self._playback.statistics(self.clock.monotonic_ns())
 
     def _limits(self) -> CallLimits:
-        return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self._post)
+        return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self.bus.post)
 
     def _adopt(self, element: Element) -> None:
         """Adds an element to this pipeline and starts it."""
         element.clock = self.clock
         element.timing = self.timing
         element.host = self._playback
-        element.poster = self._post
+        element.poster = self.bus.post
         element.pipeline_error = lambda: self.error
         if not self.graph.is_local(element):
             return
@@ -330,20 +330,10 @@ class Pipeline:
             element.is_playing = value
 
     def _end_streaming(self, elements: list[Element]) -> list[str]:
-        """Ends the threads of some elements; names of those whose thread did not end."""
-        wake_elements(elements, self._post)
+        wake_elements(elements, self.bus.post)
         return self._playback.join(time.monotonic() + STOP_LIMIT_S, elements)
 
     def _change_state(self, state: State) -> None:
         if state is not self.state:
             self.state = state
             self.bus.post(Message(MessageKind.STATE, "", str(state), {"state": str(state)}))
-
-    def _post(self, message: Message) -> None:
-        """Posts a message of an element, except EOS, which is posted for the last sink only."""
-        if message.kind is not MessageKind.EOS:
-            self.bus.post(message)
-            return
-        for element in self.graph.elements:
-            if element.name == message.source:
-                self._playback.sink_ended(element)

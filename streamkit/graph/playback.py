@@ -11,20 +11,18 @@ from streamkit.element.pad import Direction, Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
-from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated, StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.branch_output import BranchOutputs
+from streamkit.graph.branches import BranchOutputs
 from streamkit.graph.bus import Bus
-from streamkit.graph.chain import Chain, RetiredChainTotals, chain_on_first_frame
+from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
+from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.graph import Graph, upstream, walk
 from streamkit.graph.link import RAW_VIDEO, DelayedLink
 from streamkit.graph.negotiate import remember_caps
-from streamkit.graph.statistics import ElementStatistics, collect_statistics
+from streamkit.graph.statistics import ElementStatistics, RetiredChains, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
-from streamkit.graph.streaming import Streaming, StreamingThread
-from streamkit.graph.watchdog import Watchdog
 
 
 class Playback:
@@ -32,25 +30,17 @@ class Playback:
 
     Attributes:
         chains: one for each src pad.
-        retired: counters of the chains of removed branches.
         end: tracks the end of the run.
         branches: the outputs whose branches join, leave or may fail alone.
+        adopt: starts an element that is added while the graph streams.
         is_streaming: whether threads were started.
         cpu_began_ns: processor time that the process had used when they were, ns.
         is_over_elsewhere: whether all that runs in other processes has ended.
     """
 
     def __init__(self, graph: Graph, bus: Bus, timing: Timing, adopt: Callable[[Element], None]) -> None:
-        """Prepares a run.
-
-        Args:
-            graph: its elements are started.
-            bus: for messages.
-            timing: running time of the pipeline.
-            adopt: starts an element that is added while the graph streams.
-        """
         self.chains: list[Chain] = []
-        self.retired = RetiredChainTotals()
+        self._retired = RetiredChains()
         self.end = StreamEnd(bus)
         self._graph = graph
         self._bus = bus
@@ -83,7 +73,7 @@ class Playback:
         self._expect_preroll()
         remember_caps(graph)
         self.chains = []
-        self.retired = RetiredChainTotals()
+        self._retired = RetiredChains()
         compose_chains(local, self.chains)
         self.branches.reset()
         for source in self._sources():
@@ -109,11 +99,11 @@ class Playback:
             self._threads += made
         return made
 
-    def join(self, deadline: float, elements: Iterable[Element] | None = None) -> list[str]:
-        """Waits until the threads (of some elements) end; returns the names of those that did not."""
+    def join(self, deadline: float, elements: Iterable[Element]) -> list[str]:
+        """Waits until the threads of some elements end; returns the names of those that did not."""
         with self._lock:
-            members = None if elements is None else set(elements)
-            threads = [thread for thread in self._threads if members is None or thread.element in members]
+            members = set(elements)
+            threads = [thread for thread in self._threads if thread.element in members]
         for thread in threads:
             thread.join(max(0.0, deadline - time.monotonic()))
         with self._lock:
@@ -162,7 +152,6 @@ class Playback:
             source.set_paused(False)
 
     def _refresh(self) -> None:
-        """Gets the receiver functions of all sinks again."""
         for chain in list(self.chains):
             chain.refresh()
 
@@ -203,22 +192,20 @@ class Playback:
 
     def statistics(self, now_ns: int) -> list[ElementStatistics]:
         """Counters of the elements, in textual order; those in other processes have none."""
-        return collect_statistics(self._graph, self.chains, self.retired, self._bus.counts, now_ns)
+        return collect_statistics(self._graph, self.chains, self._retired, self._bus.counts, now_ns)
 
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a new pad, and composes the chain behind it."""
         with self._lock:
             known = set(self._graph.elements)
             for link in list(self._graph.delayed_links):
-                link.try_link(pad.element, pad)
+                link.try_link(pad)
             joined = [element for element in self._graph.elements if element not in known]
             for element in joined:
                 self.adopt(element)
             remember_caps(self._graph)
             compose_chains(joined, self.chains)
-            chain = Chain(pad)
-            pad.push = chain.push
-            self.chains.append(chain)
+            compose_chain(pad, self.chains)
         pad.element.pads_changed()
 
     def no_more_pads(self, element: Element) -> None:
@@ -230,7 +217,7 @@ class Playback:
         waiting = [
             link
             for link in self._graph.delayed_links
-            if link.source is element and not link.has_succeeded and not link.every_pad
+            if link.source is element and not (link.has_succeeded or link.request.every_pad)
         ]
         if waiting and all(pad.peer is None for pad in element.src_pads()):
             raise ElementFailure(element.name, element.factory, _unlinked(element, waiting[0]))
@@ -254,24 +241,19 @@ class Playback:
             for element in elements:
                 for pad in element.pads.values():
                     pad.reset()
-            chain = Chain(src)
             compose_chains(elements, self.chains)
-            self.chains.append(chain)
             threads = self.add_threads(elements)
+            chain = Chain(src)
+            self.chains.append(chain)
         for thread in threads:
             thread.start()
-        src.push = chain.push
-        self.branches.join(src)
+        self.branches.join(src, chain.push)
         src.element.pads_changed()
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
         """Removes a branch; the run no longer waits for its sinks."""
         with self._lock:
-            for chain in [c for c in self.chains if c.src is src or c.src.element in elements]:
-                self.chains.remove(chain)
-                if chain.src is src:
-                    self.retired.add(chain)
-            self.retired.forget(elements)
+            self._retired.retire(src, elements, self.chains)
         self.end.remove(elements)
 
     # End of the run.
@@ -303,22 +285,6 @@ class Playback:
 
     def _sources(self) -> list[Source]:
         return [element for element in self._graph.local() if isinstance(element, Source)]
-
-
-def compose_chains(elements: Iterable[Element], chains: list[Chain]) -> None:
-    """Composes the chain of every src pad of some elements and appends it to `chains`.
-
-    Chains behind transforms are composed when the transform first returns several frames.
-    """
-    for element in elements:
-        for pad in list(element.src_pads()):
-            if isinstance(element, Transform):
-                pad.push = chain_on_first_frame(pad, chains)
-            else:
-                chain = Chain(pad)
-                pad.push = chain.push
-                chains.append(chain)
-        element.pads_changed()
 
 
 def _unlinked(element: Element, link: DelayedLink) -> NotNegotiated:

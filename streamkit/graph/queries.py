@@ -30,12 +30,9 @@ class StateChange(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """Result of a latency query.
+    """Latency of the slowest path, and the shortest time that any can buffer frames (None: any time), ns.
 
-    Attributes:
-        is_live: whether any source is live; without one the times are 0.
-        minimum_ns: latency of the slowest path.
-        maximum_ns: shortest time that any path can buffer frames; None is no limit.
+    Without a live source both are 0.
     """
 
     is_live: bool

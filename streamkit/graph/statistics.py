@@ -17,9 +17,8 @@ from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
-from streamkit.graph.chain import Chain, RetiredChainTotals
+from streamkit.graph.chain import Chain, Streaming
 from streamkit.graph.graph import Graph
-from streamkit.graph.streaming import Streaming
 from streamkit.handoff.frame_queue import FrameQueue
 from streamkit.masking import mask_secrets
 
@@ -145,15 +144,34 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     shortfalls: list[str] = []
 
 
+class RetiredChains:
+    """Frames and working time (ns) of the chains of removed branches, by the element before them."""
+
+    def __init__(self) -> None:
+        self.frames: Counter[Element] = Counter()
+        self.busy_ns: Counter[Element] = Counter()
+
+    def retire(self, src: Pad, elements: Iterable[Element], chains: list[Chain]) -> None:
+        """Removes the chains of the branch behind a src pad; keeps the totals of the first."""
+        members = set(elements)
+        for chain in [chain for chain in chains if chain.src is src or chain.src.element in members]:
+            chains.remove(chain)
+            if chain.src is src:
+                self.frames[src.element] += chain.frames
+                self.busy_ns[src.element] += chain.busy_ns
+        for element in members:
+            del self.frames[element], self.busy_ns[element]
+
+
 class _ChainTotals:
     """Totals of the chains of a graph by pad and by element."""
 
-    def __init__(self, chains: Iterable[Chain], retired: RetiredChainTotals) -> None:
+    def __init__(self, chains: Iterable[Chain], retired: RetiredChains) -> None:
         self.frames: Counter[Pad] = Counter()
         self.frames_in: Counter[Element] = Counter()
         self.frames_out: Counter[Element] = Counter(retired.frames)
         self.busy_ns: Counter[Element] = Counter()
-        self.newest_ns: dict[Element, int] = {}
+        self.newest_ns: Counter[Element] = Counter()
         self._behind: dict[Element, list[Chain]] = {}
         self._retired = retired
         for chain in chains:
@@ -163,51 +181,43 @@ class _ChainTotals:
             self._attribute_work(owner, behind)
 
     def _add(self, chain: Chain) -> None:
-        """Adds the counters of a chain."""
         self._count_output(chain.src, chain.frames)
         newest_ns = 0
         for stage, count in reversed(chain.received()):
             newest_ns = stage.newest_ns or newest_ns  # a bypassed stage has the time of the next one
             element = stage.element
-            self._update_newest(element, newest_ns)
+            self.newest_ns[element] = max(self.newest_ns[element], newest_ns)
             self.frames_in[element] += count
             self.frames[stage.sink] += count
             self.busy_ns[element] += stage.busy_ns
             if isinstance(element, Transform):
                 self._count_output(element.src_pad, count - stage.not_passed_on)
-        self._update_newest(chain.src.element, newest_ns)
+        self.newest_ns[chain.src.element] = max(self.newest_ns[chain.src.element], newest_ns)
 
     def _count_output(self, pad: Pad, count: int) -> None:
         self.frames[pad] += count
         self.frames_out[pad.element] += count
-
-    def _update_newest(self, element: Element, newest_ns: int) -> None:
-        self.newest_ns[element] = max(newest_ns, self.newest_ns.get(element, 0))
 
     def _attribute_work(self, owner: Element, behind: list[Chain]) -> None:
         """Separates the work of a source or tee from that of the chains that it calls."""
         if isinstance(owner, Source):
             made_ns = 0 if owner.is_live else behind[0].upstream_ns
             self.busy_ns[owner] = made_ns - sum(self._spent_ns(chain) for chain in behind[1:])
-        elif not isinstance(owner, Transform) and not isinstance(owner, Streaming):  # without its own thread
+        elif not isinstance(owner, Transform | Streaming):  # without its own thread
             called_ns = self._retired.busy_ns[owner]
             self.busy_ns[owner] -= called_ns + sum(self._spent_ns(chain) for chain in behind)
 
     def _spent_ns(self, chain: Chain) -> int:
         """Working time in a chain, including chains behind transforms that return several frames."""
-        nested = (
-            beyond
-            for stage in chain.stages
-            if isinstance(stage.element, Transform)
-            for beyond in self._behind.get(stage.element, ())
-        )
-        return chain.busy_ns + sum(self._spent_ns(beyond) for beyond in nested)
+        transforms = [stage.element for stage in chain.stages if isinstance(stage.element, Transform)]
+        beyond = (nested for element in transforms for nested in self._behind.get(element, ()))
+        return chain.busy_ns + sum(map(self._spent_ns, beyond))
 
 
 def collect_statistics(
     graph: Graph,
     chains: Iterable[Chain],
-    retired: RetiredChainTotals,
+    retired: RetiredChains,
     counts: Counter[tuple[str, MessageKind]],
     now_ns: int,
 ) -> list[ElementStatistics]:
@@ -224,7 +234,7 @@ def collect_statistics(
 
     def row(element: Element) -> ElementStatistics:
         name = element.name
-        newest_ns = totals.newest_ns.get(element, 0)
+        newest_ns = totals.newest_ns[element]
         waited_ns = element.waited_ns if isinstance(element, Sink) else 0
         return ElementStatistics(
             element=name,
@@ -259,7 +269,6 @@ def _pad_row(pad: Pad, frames: int) -> PadStatistics:
 
 
 def _levels(element: Any) -> QueueLevels | None:
-    """Levels of the element's queue `pending`, or None."""
     pending = getattr(element, "pending", None)
     if not isinstance(pending, FrameQueue):
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterable
 
 from streamkit.element.base import Element
@@ -19,17 +18,20 @@ class StreamEnd:
     Attributes:
         error: the first failure, or None.
         ended: set at EOS, failure and stop.
-        is_prerolled: set while every sink of a paused graph holds a frame.
     """
 
     def __init__(self, bus: Bus) -> None:
         self.error: Exception | None = None
         self.ended = threading.Event()
-        self.is_prerolled = threading.Event()
         self._bus = bus
         self._changed = threading.Condition()
         self._open: set[Element] = set()
         self._not_prerolled: set[Element] = set()
+
+    @property
+    def is_prerolled(self) -> bool:
+        """Whether every sink of a paused graph holds a frame."""
+        return not self._not_prerolled
 
     def expect_end(self, sinks: Iterable[Sink]) -> None:
         """Adds sinks that have to end before the run does."""
@@ -40,10 +42,6 @@ class StreamEnd:
         """Adds sinks of a paused graph that have to preroll, unless their `async` is off."""
         with self._changed:
             self._not_prerolled.update(sink for sink in sinks if sink.wait_for_preroll)
-            if self._not_prerolled:
-                self.is_prerolled.clear()
-            else:
-                self.is_prerolled.set()
 
     def remove(self, elements: Iterable[Element]) -> None:
         """Removes sinks that have ended or leave the run, which ends with the last one."""
@@ -59,22 +57,19 @@ class StreamEnd:
     def sink_prerolled(self, sink: Element) -> None:
         """A sink of the paused graph holds its first frame."""
         with self._changed:
+            is_last = self._not_prerolled == {sink}
             self._not_prerolled.discard(sink)
-            is_last = not self._not_prerolled and not self.is_prerolled.is_set()
-            if is_last:
-                self.is_prerolled.set()
+            self._changed.notify_all()
         if is_last:
             self._bus.post(Message(MessageKind.ELEMENT, "", "prerolled", {"name": "async-done"}))
 
     def wait_prerolled(self, timeout_s: float) -> bool:
         """Waits until every sink holds its first frame; raises the error of a failed run."""
-        deadline = time.monotonic() + timeout_s
-        while not self.is_prerolled.wait(min(0.1, max(0.0, deadline - time.monotonic()))):
-            if self.error is not None:
+        with self._changed:
+            self._changed.wait_for(lambda: self.is_prerolled or self.error is not None, timeout_s)
+            if self.error is not None and not self.is_prerolled:
                 raise self.error
-            if time.monotonic() >= deadline:
-                return False
-        return True
+            return self.is_prerolled
 
     def wait(self, elements: Iterable[Element], timeout_s: float) -> None:
         """Waits until these sinks have ended, the run has failed, or the timeout."""

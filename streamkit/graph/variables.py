@@ -63,20 +63,16 @@ def expand(text: str, variables: Mapping[str, str]) -> ExpandedText:
     offsets: list[tuple[int, int]] = [(0, 0)]
     length, position = 0, 0
     for match in _pieces(text):
-        before = text[position : match.start()]
-        inserted = _inserted(text, match, variables)
-        pieces += [before, inserted]
-        length += len(before)
-        offsets.append((length, match.start()))
-        length += len(inserted)
-        offsets.append((length, match.end()))
-        position = match.end()
+        pieces += [text[position : match.start()], _inserted(text, match, variables)]
+        begin = length + match.start() - position
+        length, position = begin + len(pieces[-1]), match.end()
+        offsets += [(begin, match.start()), (length, position)]
         if length > LENGTH_LIMIT:
             break
-    expanded = "".join([*pieces, text[position:]])
-    if len(expanded) > LENGTH_LIMIT:
+    pieces.append(text[position:])
+    if length + len(pieces[-1]) > LENGTH_LIMIT:
         raise DescriptionError("syntax", f"a description has at most {LENGTH_LIMIT} characters")
-    return ExpandedText(expanded, text, tuple(offsets), _line_starts(text))
+    return ExpandedText("".join(pieces), text, tuple(offsets), _line_starts(text))
 
 
 def _pieces(text: str) -> Iterator[re.Match[str]]:

@@ -61,12 +61,9 @@ class BackgroundExecutor:
     def submit_waiting(
         self, work: Callable[[], object], size: int = 0, cancelled: threading.Event | None = None
     ) -> None:
-        """Adds a task without a result; waits for room.
+        """Adds a task without a result, which holds `size` bytes until it has finished; waits for room.
 
-        Args:
-            work: called once, in the thread.
-            size: bytes that it holds until it has finished.
-            cancelled: ends the wait for room when set; the task is then added nevertheless.
+        A cancelled wait adds the task nevertheless.
         """
         with self._changed:
             wait_until(
@@ -83,14 +80,7 @@ class BackgroundExecutor:
         """Adds a task without a result; at full capacity waits for room, then drops the oldest.
 
         After a timeout there is no further wait until a task finishes: a stuck executor costs `wait_s` once.
-
-        Args:
-            work: called once, in the thread, unless it is dropped.
-            wait_s: maximum wait for room, s.
-            cancelled: ends the wait within half a second when set.
-
-        Returns:
-            Number of dropped tasks, 0 or 1.
+        The wait ends within half a second once `cancelled` is set. Returns the number of dropped tasks.
         """
         with self._changed:
             limit_s = 0.0 if self._is_stalled else wait_s
@@ -111,20 +101,12 @@ class BackgroundExecutor:
         return future
 
     def wait(self, future: Future[Any], patience_s: float, cancelled: threading.Event | None = None) -> bool:
-        """Waits until a future is done; gives up after `patience_s` without progress, or if cancelled.
-
-        Returns:
-            Whether it is done.
-        """
+        """Waits until a future is done, `patience_s` without progress, or cancelled; whether it is done."""
         self._wait_until(future.done, patience_s, cancelled)
         return future.done()
 
     def wait_idle(self, patience_s: float, cancelled: threading.Event | None = None) -> int:
-        """Waits until all tasks have finished; gives up after `patience_s` without progress, or if cancelled.
-
-        Returns:
-            Number of unfinished tasks.
-        """
+        """Waits until all tasks have finished; the number of those that have not, as for `wait`."""
         with self._changed:
             self._wait_until(lambda: not (self._waiting or self._is_busy), patience_s, cancelled)
             return len(self._waiting) + self._is_busy
@@ -187,9 +169,8 @@ class BackgroundExecutor:
                 if self._thread is None:
                     self._start()
                 self._changed.notify_all()
-                return
-        if future is not None:
-            future.cancel()
+            elif future is not None:
+                future.cancel()
 
     def _run(self) -> None:
         due = time.monotonic() + self._period_s
@@ -222,13 +203,14 @@ class BackgroundExecutor:
     def _perform(self, work: Callable[[], Any], future: Future[Any] | None) -> None:
         try:
             result = work()
-            if future is not None:
-                future.set_result(result)
         except Abandoned:
             if future is not None:
                 future.cancel()
         except Exception as error:
-            if future is not None:
-                future.set_exception(error)
-            else:
+            if future is None:
                 self._failed(error)
+            else:
+                future.set_exception(error)
+        else:
+            if future is not None:
+                future.set_result(result)

@@ -20,13 +20,9 @@ def wait_until(
     limit_s: float | None,
     cancelled: threading.Event | None = None,
 ) -> None:
-    """Waits until a condition holds, with the lock of `changed` held; also ends at the limit or if cancelled.
+    """Waits until a condition holds, with the lock of `changed` held.
 
-    Args:
-        changed: notified when the condition may have changed.
-        condition: checked at least every half second.
-        limit_s: maximum wait, s; None has no limit.
-        cancelled: ends the wait within half a second when set.
+    The wait also ends after `limit_s` (None: no limit), and within half a second once `cancelled` is set.
     """
     deadline = None if limit_s is None else time.monotonic() + limit_s
     while not condition() and not (cancelled is not None and cancelled.is_set()):
@@ -38,15 +34,7 @@ def wait_until(
 
 @dataclass(frozen=True, slots=True)
 class QueueStatistics:
-    """Counters of a queue.
-
-    Attributes:
-        items: queued items.
-        bytes: sum of their sizes.
-        received: items put so far.
-        taken: items taken so far.
-        dropped: items dropped so far.
-    """
+    """Counters of a queue: what it holds, and how many items were put, taken and dropped so far."""
 
     items: int
     bytes: int
@@ -145,7 +133,7 @@ class BoundedQueue(Generic[Item]):
             self._changed.notify_all()
 
     def reopen(self) -> None:
-        """Undoes `end`; a closed queue stays closed."""
+        """Undoes `end`, but not `close`."""
         with self._changed:
             self._has_ended, self._error = self._is_closed, None
 

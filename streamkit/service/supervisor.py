@@ -15,7 +15,7 @@ from types import FrameType
 RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # number of restarts before this one
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
 PR_SET_PDEATHSIG = 1
-FIRST_DELAY_S, LONGEST_DELAY_S = 1.0, 60.0
+FIRST_DELAY_S, MAX_DELAY_S = 1.0, 60.0
 SOUND_S = 60.0  # a run that lasted so long makes the next delay the first one again
 # The command line, in a process of its own.
 STREAMKIT_COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
@@ -37,7 +37,7 @@ class RestartDelay:
         if lasted_s >= SOUND_S:
             self._next_s = self._first_s
         delay_s = self._next_s
-        self._next_s = min(LONGEST_DELAY_S, 2 * delay_s)
+        self._next_s = min(MAX_DELAY_S, 2 * delay_s)
         return delay_s
 
 

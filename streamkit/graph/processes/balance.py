@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Collection, Sequence
 
-LEAST_GAIN = 0.1  # of the time of a frame: a process takes about 120 MiB, and times vary by some percent
+MIN_GAIN = 0.1  # of the time of a frame: a process takes about 120 MiB, and times vary by some percent
 
 
 def balanced_cuts(work: Sequence[float], cuts: Collection[int], cores: int, crossing: float) -> list[int]:
@@ -33,4 +33,4 @@ def balanced_cuts(work: Sequence[float], cuts: Collection[int], cores: int, cros
         return min(found)
 
     most, _, places = split(0, cores)
-    return list(places) if most <= (1 - LEAST_GAIN) * sum(work) else []
+    return list(places) if most <= (1 - MIN_GAIN) * sum(work) else []

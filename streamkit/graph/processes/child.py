@@ -10,9 +10,9 @@ import resource
 import signal
 import socket
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -37,26 +37,19 @@ from streamkit.graph.processes.orders import (
 )
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.sandbox import enter_sandbox
-from streamkit.handoff.bounded_queue import BoundedQueue
 
 POLL_S = 0.5
-ORDER_LIMIT = 1000
 PR_SET_PDEATHSIG = 1
 # These wait for elements: they run one after another in a thread of their own, the others at once.
 IN_ORDER = frozenset({"ready", "play", "pause", "stop"})
 
 
 class Child:
-    """The graph of a description with one process to run, and the control channel.
-
-    Args:
-        setup: the parent's first message.
-        control: the channel.
-    """
+    """The graph of a description with one process to run, as the parent's first message says."""
 
     def __init__(self, setup: Setup, control: Channel) -> None:
         self._control = control
-        self._waiting: BoundedQueue[Order] = BoundedQueue(ORDER_LIMIT)
+        self._in_order = ThreadPoolExecutor(1, "streamkit:orders")
         graph = build(setup.text, setup.variables)
         self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
         graph.run_only(graph.processes[setup.number])
@@ -88,8 +81,6 @@ class Child:
         }
         self._pipeline.bus.watch(self._post)
         self._limit(graph)
-        self._thread = threading.Thread(target=self._follow, name="streamkit:orders", daemon=True)
-        self._thread.start()
 
     def _limit(self, graph: Graph) -> None:
         """Limits what this process may do: once everything is imported, before other threads start."""
@@ -113,21 +104,10 @@ class Child:
                 if order.name == "stop":
                     self._pipeline.cancel()
                 if order.name in IN_ORDER:
-                    self._waiting.put(order)
+                    self._in_order.submit(self._execute, order)
                 else:
                     self._execute(order)
             messages = self._control.receive(POLL_S)
-
-    def _follow(self) -> None:
-        while True:
-            order = self._waiting.get(POLL_S)
-            if order is None:
-                continue
-            self._execute(order)
-            if order.name == "stop":
-                sys.stdout.flush()
-                sys.stderr.flush()
-                os._exit(0)  # whatever threads libraries have left
 
     def _execute(self, order: Order) -> None:
         answer = OrderResult(order.number)
@@ -136,6 +116,10 @@ class Child:
         except Exception as error:
             answer.failure = encode_failure(error)
         self._send(ENCODER.encode(answer))
+        if order.name == "stop":
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(0)  # whatever threads libraries have left
 
     def _send(self, message: bytes) -> None:
         try:

@@ -21,11 +21,9 @@ from streamkit.errors import ResourceError
 PR_SET_NO_NEW_PRIVS, PR_SET_SECCOMP, SECCOMP_MODE_FILTER = 38, 22, 2
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system calls, the same on every machine
 RULE_PATH_BENEATH, RULESET_VERSION = 1, 1
-LEAST_VERSION, VERSION_WITH_SCOPES = 3, 6  # Linux 6.2 and 6.12
+MIN_VERSION, VERSION_WITH_SCOPES = 3, 6  # Linux 6.2 and 6.12
 WRITE_FILE, READ_FILE, READ_DIR = 1 << 1, 1 << 2, 1 << 3
-EVERY_ACCESS = (
-    1 << 15
-) - 1  # of version 3: the above, executing, making and removing entries, renaming, truncating
+EVERY_ACCESS = (1 << 15) - 1  # of version 3: also executing, making, removing, renaming, truncating
 SCOPES = 0b11  # abstract sockets and signals of other processes
 READABLE = (
     "/usr", "/lib", "/lib64", "/etc", "/proc", "/sys", "/dev", "/run/systemd/resolve", "/opt",
@@ -61,7 +59,7 @@ def enter_sandbox(files: Iterable[str]) -> str:
     if len(os.listdir("/proc/self/task")) > 1:
         raise ResourceError("sandbox: a library has started threads when it was imported; omit sandbox")
     version = LIBC.syscall(CREATE_RULESET, None, 0, RULESET_VERSION)
-    if version < LEAST_VERSION:
+    if version < MIN_VERSION:
         raise ResourceError(
             f"sandbox needs Landlock of Linux 6.2 or newer, enabled at boot, got version {version}; omit "
             "sandbox, or start Linux with landlock among its lsm="

@@ -9,7 +9,7 @@ from streamkit.element.pad import Direction, Pad, PadTemplate
 from streamkit.elements.tee import Tee
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import CapsEvent, EosEvent, Event
-from streamkit.graph.branch_output import BranchOutput, BranchState
+from streamkit.graph.branches import BranchOutput
 
 Register = Callable[..., None]
 
@@ -131,7 +131,8 @@ def test_a_branch_that_leaves_while_it_joins_gets_no_frame(leave: Callable[[Bran
     tee = Tee("t")
     src = EventPad(tee, PadTemplate("src_%u", Direction.SRC, ANY), "src_0")
     sent: list[Frame] = []
-    output = BranchOutput(src, sent.append, lambda *_: False, BranchState.JOINING)
+    src.awaits_first_frame = True
+    output = BranchOutput(src, sent.append, lambda *_: False)
     src.events, src.during_caps = [], lambda: leave(output)
     frame = Frame(b"", Caps("text/x-raw"))
     for _ in range(2):
