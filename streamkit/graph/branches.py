@@ -232,6 +232,7 @@ class BranchOutputs:
         self._outputs, self._dropped = {}, set()
         for element in self._graph.local():
             for src in list(element.src_pads()):
+                src.awaits_first_frame = False
                 if is_expendable(src):
                     self._output(src)
 

@@ -201,3 +201,15 @@ def test_a_pad_that_never_comes_is_warned_of(register: Register) -> None:
         assert "delayed-link" in warnings
         assert pipeline["a"].numbers == [0, 1, 2]
         assert pipeline["b"].numbers == []
+
+
+def test_a_branch_that_got_no_frame_streams_in_the_next_run() -> None:
+    """Its pad no longer waits for a first frame that carries caps and segment."""
+    with Pipeline.parse("appsrc name=in ! tee name=t  t. ! queue ! fakesink") as pipeline:
+        pipeline.play()
+        pipeline.add_branch("t", "queue ! appsink name=added")
+        pipeline.stop()
+        pipeline["in"].push(Frame(b"", Caps("a/b")))
+        pipeline.play()
+        assert pipeline["added"].pull(20.0) is not None
+        assert pipeline["added"].sink_caps == Caps("a/b")
