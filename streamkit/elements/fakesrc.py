@@ -157,11 +157,11 @@ class FakeSrc(Source):
 
     def _filler(self, chance: random.Random) -> Callable[[int], bytes]:
         """A function that returns the given number of bytes."""
-        if self.filltype is FillType.RANDOM:
-            return chance.randbytes
-        if self.filltype is FillType.PATTERN:
-            return lambda size: (PATTERN * (size // 256 + 1))[:size]
-        if self.filltype is FillType.PATTERN_SPAN:
-            endless = itertools.cycle(PATTERN)
-            return lambda size: bytes(itertools.islice(endless, size))
-        return functools.lru_cache(1)(bytes)  # zeros, the same for frames of one size
+        endless = itertools.cycle(PATTERN)
+        fillers: dict[FillType, Callable[[int], bytes]] = {
+            FillType.RANDOM: chance.randbytes,
+            FillType.PATTERN: lambda size: (PATTERN * (size // 256 + 1))[:size],
+            FillType.PATTERN_SPAN: lambda size: bytes(itertools.islice(endless, size)),
+        }
+        zeros = functools.lru_cache(1)(bytes)  # the same for frames of one size
+        return fillers.get(self.filltype, zeros)

@@ -76,12 +76,11 @@ class Identity(Transform):
     def property_changed(self, name: str) -> None:
         if name != "drop_buffer_flags":
             return
-        words = [word for word in self.drop_buffer_flags.split("+") if word]
-        unknown = [word for word in words if word not in (*FLAGS, DELTA_UNIT, *NEVER_SET)]
-        if unknown:
+        words, known = self.drop_buffer_flags.split("+"), (*FLAGS, DELTA_UNIT, *NEVER_SET)
+        if not {*words} <= {"", *known}:
             raise PropertyError(
                 f"{self.name}: property drop-buffer-flags cannot be {self.drop_buffer_flags!r}: it takes "
-                f"{', '.join((*FLAGS, DELTA_UNIT, *NEVER_SET))}, joined by +"
+                f"{', '.join(known)}, joined by +"
             )
         self._flags = sum(FLAGS[word] for word in words if word in FLAGS)
         self._drops_delta_units = DELTA_UNIT in words
@@ -129,10 +128,8 @@ class Identity(Transform):
         return frame
 
     def _is_dropped(self, frame: Frame) -> bool:
-        is_flagged = frame.flags & self._flags or (
-            self._drops_delta_units and not frame.flags & FrameFlags.KEYFRAME
-        )
-        if is_flagged:
+        is_delta_unit = not frame.flags & FrameFlags.KEYFRAME
+        if frame.flags & self._flags or (self._drops_delta_units and is_delta_unit):
             self.count_drop("drop-buffer-flags")
             return True
         if self.drop_probability and self._random.random() < self.drop_probability:

@@ -46,10 +46,7 @@ class OutputSelector(Split):
         super().__init__(name, **properties)
 
     def _active(self) -> Pad | None:
-        name = self.active_pad
-        if name is not None and name in self.pads:
-            return self.pads[name]
-        return next(self.src_pads(), None)
+        return self.pads.get(self.active_pad or "") or next(self.src_pads(), None)
 
     def query_caps(self, pad: Pad) -> Caps:
         """Caps by `pad-negotiation-mode` for the sink pad; upstream's caps for a src pad."""

@@ -84,6 +84,10 @@ class VideoRate(Transform):
     def _only_drops(self) -> bool:
         return self.drop_only or self.max_rate < INT
 
+    @property
+    def _has_ticks(self) -> bool:
+        return not self._only_drops and self._rate_out > 0
+
     # Negotiation.
 
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
@@ -146,9 +150,7 @@ class VideoRate(Transform):
             self._estimate_rate(time_ns - self._held_ns)
         if self._base_ns is None:
             self._base_ns = time_ns if self.skip_to_first else 0
-        if self._only_drops or self._rate_out == 0:
-            return self._decimated(frame, time_ns)
-        return self._for_ticks(frame, time_ns)
+        return self._for_ticks(frame, time_ns) if self._has_ticks else self._decimated(frame, time_ns)
 
     def _relative_ns(self, pts_ns: int) -> int:
         """Time since the segment's start, divided by `rate`."""
@@ -171,8 +173,7 @@ class VideoRate(Transform):
         if self._held is None:
             self._hold(frame, time_ns)
             return
-        has_gap = bool(self.max_duplication_time) and time_ns - self._held_ns > self.max_duplication_time
-        if has_gap:
+        if 0 < self.max_duplication_time < time_ns - self._held_ns:
             self._hold(frame, time_ns)
             self._base_ns, self._ticks = time_ns, 0
             yield self._emit()
@@ -260,9 +261,7 @@ class VideoRate(Transform):
 
     def drain(self) -> Iterable[Frame]:
         """Sends the held frame at EOS, repeated up to the end of the segment."""
-        if self._held is None or self._only_drops or self._rate_out == 0:
-            return ()
-        return self._closing()
+        return self._closing() if self._held is not None and self._has_ticks else ()
 
     def _closing(self) -> Iterator[Frame]:
         segment = self.pads["sink"].segment
@@ -278,7 +277,7 @@ class VideoRate(Transform):
 
     def _push_unused(self) -> None:
         """Sends a held frame that no tick has used yet."""
-        if self._held is not None and not self._uses and not self._only_drops and self._rate_out:
+        if self._held is not None and not self._uses and self._has_ticks:
             self.src_pad.push(self._emit())
 
     def event(self, event: Event) -> None:

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from streamkit.element.base import Element
+from streamkit.element.sink import Sink
+from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
@@ -20,7 +22,7 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
 from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
-from streamkit.graph.queries import Latency, State, StateChange, duration_ns, graph_latency, position_ns
+from streamkit.graph.queries import Latency, State, StateChange, graph_latency
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 STOP_LIMIT_S = 5.0
@@ -270,11 +272,17 @@ class Pipeline:
 
     def position_ns(self) -> int | None:
         """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
-        return position_ns(self.graph)
+        for kind in (Sink, Source):
+            found = [element.position_ns for element in self.graph.elements if isinstance(element, kind)]
+            if newest := [position for position in found if position is not None]:
+                return max(newest)
+        return None
 
     def duration_ns(self) -> int | None:
         """Duration of the longest source; None if that of any source is unknown."""
-        return duration_ns(self.graph)
+        durations = [e.duration_ns() for e in self.graph.elements if isinstance(e, Source)]
+        known = [duration for duration in durations if duration is not None]
+        return max(known) if known and len(known) == len(durations) else None
 
     # Branches.
 

@@ -77,21 +77,3 @@ def _joined(paths: list[Latency]) -> Latency:
         max((path.minimum_ns for path in paths), default=0),
         min(bounds) if bounds else (None if paths else 0),
     )
-
-
-def position_ns(graph: Graph) -> int | None:
-    """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
-    shown = _newest(graph, Sink)
-    return _newest(graph, Source) if shown is None else shown
-
-
-def _newest(graph: Graph, kind: type[Sink | Source]) -> int | None:
-    positions = [element.position_ns for element in graph.elements if isinstance(element, kind)]
-    return max((position for position in positions if position is not None), default=None)
-
-
-def duration_ns(graph: Graph) -> int | None:
-    """Duration of the longest source; None if that of any source is unknown."""
-    durations = [element.duration_ns() for element in graph.elements if isinstance(element, Source)]
-    known = [duration for duration in durations if duration is not None]
-    return max(known) if known and len(known) == len(durations) else None
