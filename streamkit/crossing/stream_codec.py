@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from streamkit.crossing.channel import Channel
-from streamkit.crossing.slots import ArrayPlace, NewSlot, SlotReader, SlotWriter
+from streamkit.crossing.shared_memory import ArrayPlace, NewSlot, SlotReader, SlotWriter
 from streamkit.crossing.values import CannotCross, ValueDecoder, ValueEncoder, type_path
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import (
