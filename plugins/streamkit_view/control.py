@@ -6,7 +6,8 @@ import msgspec
 import zenoh
 
 from streamkit_zenoh.keys import CONTROL
-from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest, read_reply
+from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
+from streamkit_zenoh.wire.encodings import decode_json
 
 LIMIT_S = 3.0
 REPLY_LIMIT_BYTES = 1 << 20
@@ -24,8 +25,8 @@ def ask_control(session: zenoh.Session, key: str, request: ControlRequest | None
     try:
         for reply in session.get(f"{key}/{CONTROL}", payload=payload, timeout=LIMIT_S):
             if reply.ok is not None and len(data := reply.ok.payload.to_bytes()) <= REPLY_LIMIT_BYTES:
-                return read_reply(data)
+                return decode_json(data, ControlReply)
         error = f"nothing answers at {key}/{CONTROL}; the publisher's zenohsink needs control=true"
-    except (ValueError, RecursionError, zenoh.ZError) as failure:
+    except (ValueError, zenoh.ZError) as failure:
         error = f"the reply at {key}/{CONTROL} is invalid: {failure}"
     return ControlReply(schema=CONTROL_SCHEMA, error=error)

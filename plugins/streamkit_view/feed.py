@@ -14,12 +14,12 @@ from streamkit import TrackRecord
 from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage, binary_message, text_message
 from streamkit_zenoh.keys import STATUS, publication_root, records_key, stream_key
 from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, MessageReceiver, ReceivedMessage
-from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Decoder
+from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Decoder, decode_json
 from streamkit_zenoh.wire.frame_header import read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, PIXEL_LIMIT, image_size
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
-from streamkit_zenoh.wire.video_header import read_video_header
+from streamkit_zenoh.wire.video_header import VideoHeader
 
 PACKET_LIMIT_BYTES = 8 << 20
 QUEUE_MESSAGES, QUEUE_BYTES = 256, 64 << 20
@@ -186,8 +186,8 @@ class Feed:
         self._status = self._statuses.decode(received.content_type, received.payload)
 
     def _packet(self, received: ReceivedMessage) -> PageMessage:
-        header = read_video_header(received.header)
-        extra: dict[str, object] = {"run": str(received.run), "number": received.number}
+        header = decode_json(received.header, VideoHeader)
+        extra: dict[str, object] = {"run": str(received.stamp.run), "number": received.stamp.number}
         return binary_message(
             VIDEO,
             self._index,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from streamkit_zenoh.keys import LISTENING, alive_key, listening_key, listens_to
+from streamkit_zenoh.keys import LISTENING, listening_key, listens_to
 from streamkit_zenoh.wire.numbering import RecentDict
 
 # Tokens come from the network: their number is bounded.
@@ -91,35 +91,23 @@ class LivelinessWatch:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
-def declare_publisher_token(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
-    """Shows that records are published at this key, for as long as the session is open.
+def declare_receiver(session: zenoh.Session, records: str) -> list[Callable[[], object]]:
+    """Shows that records of this key expression are received; declare the subscriber first.
 
-    Leave the token to the session's close: undeclared on its own, its end overtakes records under way.
+    Publishers may then ask whether everything they have sent was received: see `wait_until_delivered`.
+
+    Returns:
+        The calls that undeclare it.
     """
-    return session.liveliness().declare_token(alive_key(records))
-
-
-def declare_receiver_token(session: zenoh.Session, records: str) -> zenoh.LivelinessToken:
-    """Shows that records of this key expression are received; declare the subscriber first."""
-    return session.liveliness().declare_token(listening_key(str(session.info.zid()), records))
-
-
-def declare_delivery_queryable(session: zenoh.Session, records: str) -> zenoh.Queryable[None]:
-    """Lets publishers ask whether everything they have sent was received: see `wait_until_delivered`."""
     key = listening_key(str(session.info.zid()), records)
 
     def reply(query: zenoh.Query) -> None:
         with query:
             query.reply(key, b"")
 
-    return session.declare_queryable(key, zenoh.handlers.Callback(reply, indirect=False))
-
-
-def watch_receivers(
-    session: zenoh.Session, appeared: Callable[[str], None] = lambda _token: None
-) -> LivelinessWatch:
-    """Watches the tokens of all receivers; see `LivelinessWatch` for `appeared`."""
-    return LivelinessWatch(session, f"{LISTENING}/**", appeared=appeared)
+    queryable = session.declare_queryable(key, zenoh.handlers.Callback(reply, indirect=False))
+    token = session.liveliness().declare_token(key)
+    return [token.undeclare, queryable.undeclare]
 
 
 def wait_until_delivered(

@@ -3,21 +3,28 @@
 import threading
 from collections import Counter
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import zenoh
 
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_zenoh.keys import RECEIVER, STATUS, alive_key, receiver_name, root_of
-from streamkit_zenoh.presence import LivelinessWatch, declare_delivery_queryable, declare_receiver_token
+from streamkit_zenoh.presence import LivelinessWatch, declare_receiver
 from streamkit_zenoh.wire.encodings import BadPayload, Decoder
-from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, LossTracker, RecentDict, read_attachment
+from streamkit_zenoh.wire.numbering import (
+    ATTACHMENT_LIMIT_BYTES,
+    LossTracker,
+    RecentDict,
+    Stamp,
+    read_attachment,
+)
 from streamkit_zenoh.wire.sequence import INTERLEAVED_WARNING, JUMP_WARNING
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 
 QUERY_LIMIT_S = 5.0
 STATUS_LIMIT_BYTES = 64 * 1024
+NO_STAMP = Stamp(0, 0)
 
 
 class ReceivedMessage(NamedTuple):
@@ -28,18 +35,16 @@ class ReceivedMessage(NamedTuple):
         payload: its bytes.
         content_type: zenoh's encoding, `application/json;streamkit.tracks/1`.
         header: the attachment after the stamp.
-        run: run of its publisher; 0 without a stamp.
+        stamp: run and number, 0 without a stamp.
         is_deleted: whether it deletes the key.
-        number: of the message in its stream; 0 without a stamp.
     """
 
     key: str
     payload: bytes
     content_type: str
     header: bytes
-    run: int
+    stamp: Stamp
     is_deleted: bool
-    number: int = 0
 
 
 class Counts(msgspec.Struct, frozen=True):
@@ -112,7 +117,6 @@ class MessageReceiver:
         self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
         self._latest_run = 0
         self._status_decoder = Decoder(StatusRecord, STATUS_SCHEMA)
-        self._settled: RecentDict[tuple[str, int], int] = RecentDict()
         # Called in zenoh's own thread, so that no messages wait but those in the queue.
         direct = zenoh.handlers.Callback
         self._status_key = f"{root_of(expression)}/{STATUS}"
@@ -120,14 +124,12 @@ class MessageReceiver:
         self._status_selector = f"{self._status_key}?{RECEIVER}={name}"
         # First: a publisher that has a subscriber for its records has one for its last status, too.
         status = session.declare_subscriber(self._status_key, direct(self._status_published, indirect=False))
-        delivery = declare_delivery_queryable(session, expression)
         subscriber = session.declare_subscriber(expression, direct(self._published, indirect=False))
         # Right after the subscription: from here on publishers count what they send to this receiver.
-        token = declare_receiver_token(session, expression)
+        presence = declare_receiver(session, expression)
         alive = LivelinessWatch(session, alive_key(expression), self._alive_changed)
         self.undeclare: list[Callable[[], object]] = [
-            token.undeclare,
-            delivery.undeclare,
+            *presence,
             alive.close,
             status.undeclare,
             subscriber.undeclare,
@@ -136,8 +138,8 @@ class MessageReceiver:
     def counts(self) -> Counts:
         """What became of the messages so far."""
         with self._lock:
-            names = (name for name in Counts.__struct_fields__ if name != "publishers")
-            return Counts(publishers=self._publishers, **{name: self._counts[name] for name in names})
+            counts = {name: self._counts[name] for name in Counts.__struct_fields__}
+            return Counts(**counts | {"publishers": self._publishers})
 
     @property
     def has_vanished(self) -> bool:
@@ -170,28 +172,29 @@ class MessageReceiver:
             continuity = (self._losses.replied if is_reply else self._losses.received)(key, stamp)
             if stamp is not None and continuity.is_new:
                 self._latest_run = max(self._latest_run, stamp.run)
-            self._counts["received"] += continuity.is_new
-            self._counts["lost"] += continuity.lost
-            self._counts["restarts"] += continuity.is_restart
-            self._counts["interleaved"] += continuity.is_interleaved
-            self._counts["jumps"] += continuity.is_jump
-            self._counts["repeated"] += not is_reply and not continuity.is_new
-            self._counts["bad"] += continuity.is_new and size > self._limit_bytes
+            self._counts.update(
+                received=continuity.is_new,
+                lost=continuity.lost,
+                restarts=continuity.is_restart,
+                interleaved=continuity.is_interleaved,
+                jumps=continuity.is_jump,
+                repeated=not is_reply and not continuity.is_new,
+                bad=continuity.is_new and size > self._limit_bytes,
+            )
         if not continuity.is_new or size > self._limit_bytes:
             return
-        run, number = (0, 0) if stamp is None else stamp
-        is_deleted = sample.kind == zenoh.SampleKind.DELETE
         message = ReceivedMessage(
-            key, sample.payload.to_bytes(), str(sample.encoding), header, run, is_deleted, number
+            key,
+            sample.payload.to_bytes(),
+            str(sample.encoding),
+            header,
+            stamp or NO_STAMP,
+            sample.kind == zenoh.SampleKind.DELETE,
         )
         dropped = self.queue.put(message, size + len(header), wait_s=self._wait_s)
         if dropped:
             with self._lock:
                 self._counts["overwritten"] += dropped
-
-    def _replied(self, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            self._published(reply.ok, is_reply=True)
 
     def _alive_changed(self, count: int) -> None:
         with self._lock:
@@ -199,24 +202,26 @@ class MessageReceiver:
             self._publishers = count
         if has_appeared:
             # The status first: it shows which records are published to this receiver.
-            handler = zenoh.handlers.Callback(self._status_replied, indirect=False)
-            self._session.get(self._status_selector, handler, timeout=QUERY_LIMIT_S)
+            self._query(self._status_selector, self._status_published)
         if has_appeared and self._ask_last:
-            handler = zenoh.handlers.Callback(self._replied, indirect=False)
             # After all published messages, whatever their priority.
-            self._session.get(
-                self._expression,
-                handler,
-                timeout=QUERY_LIMIT_S,
-                priority=zenoh.Priority.BACKGROUND,
-                congestion_control=zenoh.CongestionControl.BLOCK,
-            )
+            last = {
+                "priority": zenoh.Priority.BACKGROUND,
+                "congestion_control": zenoh.CongestionControl.BLOCK,
+            }
+            self._query(self._expression, self._published, **last)
         if self._ends_with_publisher:
             (self.queue.reopen if count else self.queue.end)()
 
-    def _status_replied(self, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            self._status_published(reply.ok, is_reply=True)
+    def _query(self, selector: str, take: Callable[[zenoh.Sample, bool], None], **options: Any) -> None:
+        """Gives each reply to `take`."""
+
+        def replied(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                take(reply.ok, True)
+
+        handler = zenoh.handlers.Callback(replied, indirect=False)
+        self._session.get(selector, handler, timeout=QUERY_LIMIT_S, **options)
 
     def _status_published(self, sample: zenoh.Sample, is_reply: bool = False) -> None:
         """Counts losses that no later record would show."""
@@ -237,10 +242,10 @@ class MessageReceiver:
                     first = next_number if stream.first_number is None else stream.first_number
                     self._counts["lost"] += numbers.starts_at(first)
                 # A status may overtake records: its number is used when the next status is here.
-                previous = self._settled.get((key, stream.run), 0)
-                settled = stream.settled_number if status.state == "ended" else previous
+                has_ended = status.state == "ended"
+                settled = stream.settled_number if has_ended else numbers.reported_number
                 self._counts["lost"] += numbers.settled_up_to(settled)
-                self._settled[key, stream.run] = stream.settled_number
+                numbers.reported_number = stream.settled_number
 
     def _note_state(self, status: StatusRecord) -> None:
         """A reply from before the end may follow it, and one of an earlier run the next run."""

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from typing import Any
+from typing import TypeVar
 
 import zenoh
 
@@ -24,6 +24,7 @@ from streamkit_zenoh.configuration import (
 )
 
 OPEN_LIMIT_S = 10.0
+Result = TypeVar("Result")
 
 
 def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> zenoh.Session:
@@ -78,34 +79,32 @@ def close_session(
                 is_clean = False
         return is_clean
 
-    closing = _Call(close_all)
-    return closing.ends_within(limit_s, cancelled) and bool(closing.result())
+    closing = _call(close_all, limit_s, cancelled)
+    return closing.done() and closing.result()
 
 
-class _Call(Future[Any]):
-    """A call in a thread of its own, whose caller waits for a limited time."""
+def _call(
+    function: Callable[[], Result], limit_s: float, cancelled: threading.Event | None = None
+) -> Future[Result]:
+    """Calls a function in a thread of its own; the result is not done if the limit is over or cancelled."""
+    future: Future[Result] = Future()
 
-    def __init__(self, function: Callable[[], Any]) -> None:
-        super().__init__()
-        self._function = function
-        self._thread = threading.Thread(target=self._run, name="zenoh call", daemon=False)
-        self._thread.start()
-
-    def _run(self) -> None:
+    def run() -> None:
         try:
-            self.set_result(self._function())
+            future.set_result(function())
         except Exception as error:
-            self.set_exception(error)
+            future.set_exception(error)
 
-    def ends_within(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
-        deadline_s = time.monotonic() + limit_s
-        while not self.done() and (left_s := deadline_s - time.monotonic()) > 0:
-            if cancelled is not None and cancelled.is_set():
-                return False
-            wait([self], min(0.05, left_s))
-        if self.done():
-            self._thread.join()
-        return self.done()
+    thread = threading.Thread(target=run, name="zenoh call", daemon=False)
+    thread.start()
+    deadline_s = time.monotonic() + limit_s
+    while not future.done() and (left_s := deadline_s - time.monotonic()) > 0:
+        if cancelled is not None and cancelled.is_set():
+            break
+        wait([future], min(0.05, left_s))
+    if future.done():
+        thread.join()
+    return future
 
 
 def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> zenoh.Session:
@@ -118,10 +117,10 @@ def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> ze
                 f"zenoh ({mask_secrets(endpoint)}): {fault}; see root_ca_certificate, connect_certificate "
                 "and connect_private_key under transport/link/tls of the configuration file"
             )
-    call = _Call(lambda: zenoh.open(config))
     named = ", ".join((*endpoints, *settings.listen_endpoints)) or f"reach={settings.reach}"
     target = mask_secrets(named)
-    if not call.ends_within(limit_s):
+    call = _call(lambda: zenoh.open(config), limit_s)
+    if not call.done():
         call.add_done_callback(_close_late)
         raise SessionFailure(f"zenoh ({target}): no session within {limit_s:g} s; check the endpoints")
     error = call.exception()
@@ -131,8 +130,7 @@ def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> ze
         if str(config.get_json("transport/auth/usrpwd/user")) != "null":
             remedy += ", or see whether it knows the user and password under transport/auth/usrpwd"
         raise SessionFailure(f"zenoh ({target}): {error_line(error)}; {remedy}") from None
-    session: zenoh.Session = call.result()
-    return session
+    return call.result()
 
 
 def _close_late(opened: Future[zenoh.Session]) -> None:

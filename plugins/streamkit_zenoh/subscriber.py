@@ -129,10 +129,10 @@ class TrackSubscriber:
         deadline_s = time.monotonic() + timeout_s
         while (message := self._queue.get(max(0.0, deadline_s - time.monotonic()))) is not None:
             if message.is_deleted:
-                return Update(message.key, None, message.run)
+                return Update(message.key, None, message.stamp.run)
             try:
                 record = self._decoder.decode(message.content_type, message.payload)
-                return Update(message.key, record, message.run)
+                return Update(message.key, record, message.stamp.run)
             except BadPayload:
                 self._receiver.count_bad()
         return None

@@ -24,6 +24,7 @@ from streamkit_zenoh.configuration import error_line
 from streamkit_zenoh.connection import SessionElement
 from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO, InvalidKey, publication_root
 from streamkit_zenoh.presence import wait_for_receivers
+from streamkit_zenoh.publish.numbered_stream import Publisher
 from streamkit_zenoh.publish.publication import Publication
 from streamkit_zenoh.publish.rivals import KeyInUse
 from streamkit_zenoh.publish.settings import InvalidQos, PublicationSettings
@@ -87,11 +88,12 @@ class ZenohSink(SessionElement, Sink):
             raise ResourceError(str(error)) from None
         session = self.open_zenoh(settings.cut_off_s)
         try:
-            self._publication = Publication(
-                session, root, settings, streams, self.clock.utc_ns, self._failed, self._count_dropped,
-                self.stopping, lambda: () if self.host is None else self.host.elements(),
-                self._element_statuses,
+            publisher = Publisher(
+                session, root, settings, self.clock.utc_ns, self.clock.utc_ns(), self._failed,
+                self._count_dropped, self.stopping,
             )  # fmt: skip
+            elements = (lambda: ()) if self.host is None else self.host.elements
+            self._publication = Publication(publisher, streams, elements, self._element_statuses)
         except (InvalidQos, MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
             raise ResourceError(str(error)) from None
@@ -109,7 +111,7 @@ class ZenohSink(SessionElement, Sink):
         if not self._has_waited:
             self._wait_for_receivers(publication)
         self._tally.note(frame)
-        publication.records.submit(frame, self.stopping)
+        publication.records.submit(frame, self.settings.patience_s)
         if self._publishes_frames and frame.caps.name != TRACKS_CAPS.name:
             self._publish_media(FRAME, frame)
 
@@ -117,8 +119,7 @@ class ZenohSink(SessionElement, Sink):
     def drain(self) -> None:
         publication = self._publication
         if publication is not None:
-            left = publication.flush(self.settings.cut_off_s, self.stopping)
-            if left:
+            if left := publication.flush():
                 self.post_warning(f"{left} messages could not be sent before the end: receivers are too slow")
             try:
                 publication.records.raise_fault()
@@ -131,21 +132,21 @@ class ZenohSink(SessionElement, Sink):
 
     def _publish_media(self, stream: str, frame: Frame) -> None:
         if self._publication is not None:
-            self._publication.media[stream].submit(frame, self.clock_ns())
+            self._publication.media[stream].submit(frame)
 
     def _wait_for_receivers(self, publication: Publication) -> None:
-        publisher = publication.tracks.publisher
+        stream = publication.records.stream
         there = wait_for_receivers(
-            publisher, publication.receivers, self.wait_subscribers, self.wait_timeout_s, self.stopping
+            stream.publisher, publication.receivers, self.wait_subscribers, self.wait_timeout_s, self.stopping
         )
         if not there and self.stopping.is_set():
             raise Flushing(self.name)
         if not there:
             raise ResourceError(
-                f"wait-subscribers={self.wait_subscribers}: not there at {publisher.key_expr} within "
+                f"wait-subscribers={self.wait_subscribers}: not there at {stream.key} within "
                 f"{self.wait_timeout_s:g} s; start them first, or give both sides the same endpoint"
             )
-        publication.tracks.has_subscriber = True
+        stream.has_subscriber = True
         self._has_waited = True
 
     def _element_statuses(self) -> tuple[ElementStatus, ...]:

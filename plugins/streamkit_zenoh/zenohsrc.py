@@ -153,9 +153,10 @@ class ZenohSrc(SessionElement, Source):
     def _frame(self, receiver: MessageReceiver, message: ReceivedMessage) -> Frame | None:
         if message.is_deleted:
             return None
-        if self._runs.get(message.key, message.run) != message.run:
+        run = message.stamp.run
+        if self._runs.get(message.key, run) != run:
             self._epoch_base = self._last_epoch + 1
-        self._runs[message.key] = message.run
+        self._runs[message.key] = run
         try:
             frame = self._decoded(message)
         except ValueError as error:

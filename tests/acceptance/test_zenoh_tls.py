@@ -127,8 +127,8 @@ def test_with_tls_no_plain_socket_listens(
     config = _config(tmp_path / "peer.json5", f"tls/127.0.0.1:{proxy.port}", _connecting(right, right))
     with Pipeline.parse(f"fakesrc ! zenohsink name=z key={WORD} config={config} mode=peer") as pipeline:
         pipeline.ready()
-        assert str(pipeline["z"]._publication._session.info.zid())
-        before = {str(link.dst) for link in pipeline["z"]._publication._session.info.links()}
+        assert str(pipeline["z"]._publication.session.info.zid())
+        before = {str(link.dst) for link in pipeline["z"]._publication.session.info.links()}
         assert before
         assert all(link.startswith("tls/") for link in before)
         assert not _listening_sockets()

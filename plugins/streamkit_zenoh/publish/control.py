@@ -10,12 +10,12 @@ import zenoh
 from streamkit import Element, StreamkitError
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.keys import CONTROL
+from streamkit_zenoh.publish.numbered_stream import Publisher
 from streamkit_zenoh.wire.control import (
     CONTROL_SCHEMA,
     ControlReply,
     ControlRequest,
     LiveProperty,
-    Value,
     read_request,
 )
 from streamkit_zenoh.wire.status import PropertyChange
@@ -28,28 +28,20 @@ class Control:
     """Answers queries at KEY/control in a thread of its own.
 
     Args:
-        session: an open session.
-        root: the publisher's key.
+        publisher: whose pipeline it is.
         elements: gives the elements of the pipeline.
-        failed: called in the thread with what replying raised.
 
     Attributes:
         executor: the thread.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        root: str,
-        elements: Callable[[], Sequence[Element]],
-        failed: Callable[[Exception], None],
-    ) -> None:
-        self._key = f"{root}/{CONTROL}"
+    def __init__(self, publisher: Publisher, elements: Callable[[], Sequence[Element]]) -> None:
+        self._key = f"{publisher.root}/{CONTROL}"
         self._elements = elements
         self._changes: dict[tuple[str, str], PropertyChange] = {}
-        self.executor = BackgroundExecutor("zenoh control", failed, capacity=CAPACITY)
+        self.executor = BackgroundExecutor("zenoh control", publisher.failed, capacity=CAPACITY)
         handler = zenoh.handlers.Callback(self._take, indirect=False)
-        self._queryable = session.declare_queryable(self._key, handler)
+        self._queryable = publisher.session.declare_queryable(self._key, handler)
 
     def changes(self) -> tuple[PropertyChange, ...]:
         """The properties that were set, each with its last value."""
@@ -59,7 +51,7 @@ class Control:
         """Undeclares the queryable; the executor is its owner's to close."""
         self._queryable.undeclare()  # type: ignore[no-untyped-call]
 
-    def reply(self, asked: str, payload: bytes) -> ControlReply:
+    def _reply(self, asked: str, payload: bytes) -> ControlReply:
         """The reply to a query for `asked`; sets a property if the payload requests it."""
         if not payload:
             return ControlReply(schema=CONTROL_SCHEMA, properties=tuple(live_properties(self._elements())))
@@ -77,12 +69,16 @@ class Control:
     def _answer(self, query: zenoh.Query) -> None:
         with query:
             payload = b"" if query.payload is None else query.payload.to_bytes()
-            reply = self.reply(str(query.key_expr), payload)
+            reply = self._reply(str(query.key_expr), payload)
             encoding = zenoh.Encoding(f"application/json;{CONTROL_SCHEMA}")
             query.reply(self._key, msgspec.json.encode(reply), encoding=encoding)
 
     def _set(self, request: ControlRequest) -> LiveProperty:
-        element = self._element(request.element)
+        element = next((one for one in self._elements() if full_name(one) == request.element), None)
+        if element is None:
+            raise ValueError(
+                f"no element {request.element!r} in the pipeline; ask without payload for those that it has"
+            )
         declaration = element.find_property(request.property)
         if not declaration.live or declaration.readonly:
             raise ValueError(
@@ -105,12 +101,6 @@ class Control:
         element.post_message("property-set", property=found.property, value=shown, by="control")
         return found
 
-    def _element(self, name: str) -> Element:
-        for element in self._elements():
-            if name == full_name(element):
-                return element
-        raise ValueError(f"no element {name!r} in the pipeline; ask without payload for those that it has")
-
 
 def full_name(element: Element) -> str:
     """The name of an element, after that of its bin."""
@@ -129,12 +119,8 @@ def live_properties(elements: Sequence[Element]) -> Iterator[LiveProperty]:
                     type=declaration.kind.__name__,
                     value=declaration.to_json(getattr(element, declaration.attribute)),
                     choices=declaration.choices,
-                    minimum=_number(declaration.minimum),
-                    maximum=_number(declaration.maximum),
+                    minimum=declaration.to_json(declaration.minimum),
+                    maximum=declaration.to_json(declaration.maximum),
                     unit=declaration.unit,
                     doc=declaration.doc,
                 )
-
-
-def _number(bound: object) -> Value:
-    return bound if bound is None or isinstance(bound, int | float) else str(bound)

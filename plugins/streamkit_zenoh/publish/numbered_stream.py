@@ -4,14 +4,40 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import zenoh
 
 from streamkit_zenoh.presence import is_matching
-from streamkit_zenoh.publish.settings import Qos
+from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.numbering import RecentDict, Stamp
 from streamkit_zenoh.wire.status import DropCount, StreamStatus
+
+
+@dataclass(frozen=True)
+class Publisher:
+    """What the streams and senders of one publisher share.
+
+    Attributes:
+        session: an open session.
+        root: the key below which everything is published.
+        settings: what to publish.
+        utc_ns: the clock.
+        run: when it began, UTC ns.
+        failed: called with what went wrong, from any thread.
+        dropped: called with stream and reason, and the number of messages not delivered, from any thread.
+        cancelled: ends every wait when set.
+    """
+
+    session: zenoh.Session
+    root: str
+    settings: PublicationSettings
+    utc_ns: Callable[[], int]
+    run: int
+    failed: Callable[[Exception], None]
+    dropped: Callable[[str, int], object]
+    cancelled: threading.Event
 
 
 class Reply(NamedTuple):
@@ -31,14 +57,9 @@ class NumberedStream:
     """Publishes messages at a key, each with its stamp.
 
     Args:
-        session: an open session.
-        root: key of the publication; that of the stream is ROOT/NAME.
-        name: of the stream.
-        run: when the publisher began, UTC ns.
+        publisher: whose stream it is.
+        name: of the stream; its key is ROOT/NAME.
         content_type: encoding and schema of the messages.
-        qos: quality of service.
-        cut_off_s: how long zenoh waits for a receiver that takes nothing.
-        dropped: called in any thread with the reason and number of messages that are not delivered.
 
     Attributes:
         name: of the stream.
@@ -46,35 +67,23 @@ class NumberedStream:
         has_subscriber: whether there is a subscriber.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        root: str,
-        name: str,
-        run: int,
-        content_type: str,
-        qos: Qos,
-        cut_off_s: float,
-        dropped: Callable[[str, int], object],
-    ) -> None:
+    def __init__(self, publisher: Publisher, name: str, content_type: str) -> None:
         self.name = name
-        self.key = f"{root}/{name}"
+        self.key = f"{publisher.root}/{name}"
         self.encoding = zenoh.Encoding(content_type)
         self.has_subscriber = False
+        self._owner = publisher
         self._drops: Counter[str] = Counter()
-        self._run = run
-        self._cut_off_s = cut_off_s
-        self._dropped = dropped
         self._next_number = self._settled_number = 0
         self._published = self._bytes = 0
         self._first_numbers: RecentDict[str, int] = RecentDict()
         self._closed = False
         self._lock = threading.Lock()
-        self.publisher = session.declare_publisher(
+        self.publisher = publisher.session.declare_publisher(
             self.key,
             encoding=self.encoding,
             reliability=zenoh.Reliability.RELIABLE,
-            **qos.options(),
+            **publisher.settings.qos()[name]._asdict(),
         )
         # Reading the matching status at every frame takes longer than publishing.
         handler = zenoh.handlers.Callback(self._matching_changed, indirect=False)
@@ -89,10 +98,16 @@ class NumberedStream:
         with self._lock:
             return not self._closed and is_matching(self.publisher)
 
+    @property
+    def next_stamp(self) -> Stamp:
+        """The stamp that the next message will have."""
+        return Stamp(self._owner.run, self._next_number)
+
     def stamp(self) -> Stamp:
         """The stamp of the next message; its owner sends the message or counts it as dropped."""
+        stamp = self.next_stamp
         self._next_number += 1
-        return Stamp(self._run, self._next_number - 1)
+        return stamp
 
     def settle(self, stamp: Stamp) -> None:
         """Notes that this message and all before it were sent or dropped, or had no subscriber."""
@@ -104,13 +119,13 @@ class NumberedStream:
         Raises:
             ReceiverCutOff: it blocked until zenoh closed the link to a receiver.
         """
-        began_s = time.monotonic()
+        began_s, limit_s = time.monotonic(), self._owner.settings.cut_off_s
         self.publisher.put(payload, attachment=attachment)
         self._published += 1
         self._bytes += len(payload)
-        if time.monotonic() - began_s >= self._cut_off_s:
+        if time.monotonic() - began_s >= limit_s:
             raise ReceiverCutOff(
-                f"a receiver of {self.key} has taken nothing for {self._cut_off_s:g} s and was cut off"
+                f"a receiver of {self.key} has taken nothing for {limit_s:g} s and was cut off"
             )
 
     def refresh(self) -> None:
@@ -121,7 +136,7 @@ class NumberedStream:
         """Counts stamped messages that were not sent."""
         with self._lock:
             self._drops[reason] += count
-        self._dropped(f"{self.name}: {reason}", count)
+        self._owner.dropped(f"{self.name}: {reason}", count)
 
     def add_receiver(self, name: str) -> None:
         """Stores the first number that a receiver is sent, whose subscription is known from now on."""
@@ -133,7 +148,7 @@ class NumberedStream:
         """Counters; for a known receiver also the first number that it is sent."""
         return StreamStatus(
             name=self.name,
-            run=self._run,
+            run=self._owner.run,
             settled_number=self._settled_number,
             published=self._published,
             bytes=self._bytes,
@@ -145,8 +160,7 @@ class NumberedStream:
     @property
     def dropped(self) -> int:
         """Number of messages not delivered."""
-        with self._lock:
-            return self._drops.total()
+        return sum(drop.count for drop in self.drop_counts())
 
     def drop_counts(self) -> list[DropCount]:
         """Messages not delivered, by reason."""

@@ -17,8 +17,6 @@ QUERY_LIMIT_S = 2.0
 GRACE_S = 1.0  # for a publisher that was killed to be missed
 LOOK_EVERY_S = 0.1
 EXCLUSIVE, SHARED, TAKEOVER = "exclusive", "shared", "takeover"
-
-
 # Runs of this process whose session may still be closing in the background.
 _ENDED: set[int] = set()
 
@@ -73,19 +71,20 @@ def tokens_at(root: str) -> str:
 def refuse_rivals(session: zenoh.Session, root: str, cancelled: threading.Event) -> None:
     """Raises `KeyInUse` if another publisher stays at the key; one that was just killed is waited for."""
     deadline_s = time.monotonic() + GRACE_S
-    while (rival := _first(session, root)) is not None and not cancelled.wait(LOOK_EVERY_S):
+    while rivals := _others(session, root):
+        if cancelled.wait(LOOK_EVERY_S):
+            return
         if time.monotonic() >= deadline_s:
             raise KeyInUse(
-                f"key={root}: another publisher is there: {rival}; name another key, end it, or set "
+                f"key={root}: another publisher is there: {rivals[0]}; name another key, end it, or set "
                 "takeover=true (it ends) or shared=true (both publish)"
             )
 
 
-def _first(session: zenoh.Session, root: str) -> Claimant | None:
+def _others(session: zenoh.Session, root: str) -> list[Claimant]:
     replies = session.liveliness().get(f"{tokens_at(root)}/**", timeout=QUERY_LIMIT_S)
-    tokens = (str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
-    found = (Claimant.of(token) for token in tokens)
-    return next((other for other in found if other is not None and other.run not in _ENDED), None)
+    found = [Claimant.of(str(reply.ok.key_expr)) for reply in replies if reply.ok is not None]
+    return [other for other in found if other is not None and other.run not in _ENDED]
 
 
 class RivalWatch:

@@ -1,7 +1,7 @@
 """PublicationSettings: what zenohsink publishes, its properties, and zenoh's quality of service in words."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -22,29 +22,30 @@ PRIORITIES = {
     "background": zenoh.Priority.BACKGROUND,
 }
 EXPRESS = "express"
+# Field and value of each word.
+WORDS: dict[str, tuple[str, object]] = {
+    **{word: ("congestion_control", value) for word, value in CONGESTION.items()},
+    **{word: ("priority", value) for word, value in PRIORITIES.items()},
+    EXPRESS: ("express", True),
+}
 
 
 class InvalidQos(ValueError):
     """A text is not a quality of service."""
 
 
-@dataclass(frozen=True)
-class Qos:
-    """Quality of service of one stream.
+class Qos(NamedTuple):
+    """Quality of service of one stream, with the names of zenoh's arguments.
 
     Attributes:
-        congestion: whether a full zenoh queue blocks the publisher or drops the message.
+        congestion_control: whether a full zenoh queue blocks the publisher or drops the message.
         priority: the zenoh queue.
         express: whether messages are sent at once instead of in batches.
     """
 
-    congestion: zenoh.CongestionControl
-    priority: zenoh.Priority
+    congestion_control: zenoh.CongestionControl = zenoh.CongestionControl.BLOCK
+    priority: zenoh.Priority = zenoh.Priority.DATA
     express: bool = False
-
-    def options(self) -> dict[str, Any]:
-        """As zenoh's arguments."""
-        return {"congestion_control": self.congestion, "priority": self.priority, "express": self.express}
 
 
 def parse_qos(text: str) -> Qos:
@@ -53,20 +54,16 @@ def parse_qos(text: str) -> Qos:
     Raises:
         InvalidQos: a word is unknown, or there are two of one kind.
     """
-    words = [word.strip() for word in text.split(",") if word.strip()]
-    congestion = [CONGESTION[word] for word in words if word in CONGESTION]
-    priority = [PRIORITIES[word] for word in words if word in PRIORITIES]
-    known = {*CONGESTION, *PRIORITIES, EXPRESS}
-    if any(word not in known for word in words) or max(len(congestion), len(priority)) > 1:
-        raise InvalidQos(
-            f"a quality of service is one of {', '.join(CONGESTION)}, one of {', '.join(PRIORITIES)}, "
-            f"and {EXPRESS} or not, with commas, got {text!r}; write for example drop,data-low"
-        )
-    return Qos(
-        congestion[0] if congestion else zenoh.CongestionControl.BLOCK,
-        priority[0] if priority else zenoh.Priority.DATA,
-        EXPRESS in words,
-    )
+    found: dict[str, Any] = {}
+    for word in filter(None, map(str.strip, text.split(","))):
+        field, value = WORDS.get(word, ("", None))
+        if not field or field in found:
+            raise InvalidQos(
+                f"a quality of service is one of {', '.join(CONGESTION)}, one of {', '.join(PRIORITIES)}, "
+                f"and {EXPRESS} or not, with commas, got {text!r}; write for example drop,data-low"
+            )
+        found[field] = value
+    return Qos(**found)
 
 
 @dataclass(frozen=True)

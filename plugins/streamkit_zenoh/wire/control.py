@@ -6,6 +6,8 @@ from typing import Literal
 
 import msgspec
 
+from streamkit_zenoh.wire.encodings import decode_json
+
 CONTROL_SCHEMA: Literal["streamkit.control/1"] = "streamkit.control/1"
 REQUEST_LIMIT_BYTES = 4096
 Value = bool | int | float | str | None
@@ -63,10 +65,6 @@ class ControlReply(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
     properties: tuple[LiveProperty, ...] = ()
 
 
-_REQUESTS = msgspec.json.Decoder(ControlRequest)
-_REPLIES = msgspec.json.Decoder(ControlReply)
-
-
 def read_request(data: bytes) -> ControlRequest:
     """Decodes and validates a request.
 
@@ -75,13 +73,4 @@ def read_request(data: bytes) -> ControlRequest:
     """
     if len(data) > REQUEST_LIMIT_BYTES:
         raise ValueError(f"a request has at most {REQUEST_LIMIT_BYTES} bytes, got {len(data)}")
-    return _REQUESTS.decode(data)
-
-
-def read_reply(data: bytes) -> ControlReply:
-    """Decodes and validates a reply.
-
-    Raises:
-        ValueError: it is none.
-    """
-    return _REPLIES.decode(data)
+    return decode_json(data, ControlRequest)

@@ -6,7 +6,7 @@ import enum
 import functools
 import json
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
@@ -36,7 +36,6 @@ class MissingLibrary(ImportError):
 
 
 Record = TypeVar("Record", bound=msgspec.Struct)
-Functions = tuple[Callable[[Record], bytes], Callable[[bytes], Record]]
 
 
 class Codec(Generic[Record]):
@@ -58,19 +57,18 @@ class Codec(Generic[Record]):
         self.encoding = encoding
         self.content_type = f"application/{encoding};{schema}"
         self._schema = schema
-        makers: dict[Encoding, Callable[[type[Record]], Functions[Record]]] = {
-            Encoding.JSON: _json,
-            Encoding.MSGPACK: _msgpack,
-            Encoding.CBOR: _cbor,
-            Encoding.PROTOBUF: _protobuf,
-        }
-        try:
-            self.encode, self._decode = makers[encoding](kind)
-        except ImportError:
-            raise MissingLibrary(
-                f"encoding={encoding} needs the library {LIBRARIES[encoding]}, which is not installed; "
-                "install it with: pip install 'streamkit[encodings]'"
-            ) from None
+        self.encode: Callable[[Record], bytes] = msgspec.json.encode
+        self._decode: Callable[[bytes], Record] = msgspec.json.Decoder(kind).decode
+        if encoding is not Encoding.JSON:
+            try:
+                dumps, loads = _serialiser(encoding, kind.__name__)
+            except ImportError:
+                raise MissingLibrary(
+                    f"encoding={encoding} needs the library {LIBRARIES[encoding]}, which is not installed; "
+                    "install it with: pip install 'streamkit[encodings]'"
+                ) from None
+            self.encode = lambda record: dumps(msgspec.to_builtins(record))
+            self._decode = lambda data: _checked(msgspec.convert(loads(data), kind), data)
 
     def decode(self, data: bytes) -> Record:
         """Decodes and validates a record; unknown fields are skipped.
@@ -119,42 +117,39 @@ def encoding_of(content_type: str) -> Encoding | None:
     return next((encoding for encoding in Encoding if media_type == f"application/{encoding}"), None)
 
 
-def _json(kind: type[Record]) -> Functions[Record]:
-    return msgspec.json.Encoder().encode, msgspec.json.Decoder(kind).decode
+def _serialiser(encoding: Encoding, message: str) -> tuple[Callable[[Any], bytes], Callable[[bytes], Any]]:
+    """The functions that write and read the fields of a message in another encoding than JSON."""
+    if encoding is Encoding.MSGPACK:
+        return msgspec.msgpack.encode, msgspec.msgpack.decode
+    if encoding is Encoding.CBOR:
+        import cbor2
 
-
-def _msgpack(kind: type[Record]) -> Functions[Record]:
-    decode = msgspec.msgpack.Decoder(kind).decode
-    return msgspec.msgpack.Encoder().encode, lambda data: _finite(decode(data))
-
-
-def _cbor(kind: type[Record]) -> Functions[Record]:
-    import cbor2
-
-    def decode(data: bytes) -> Record:
         # With strict errors cbor2 5.9 leaks the exception about invalid text, and the stack it refers to.
-        record = _finite(msgspec.convert(cbor2.loads(data, str_errors="replace"), kind))
-        if REPLACEMENT in msgspec.json.encode(record) and REPLACEMENT not in data:
-            raise ValueError("text is not UTF-8")
-        return record
-
-    return lambda record: cbor2.dumps(msgspec.to_builtins(record)), decode
-
-
-def _protobuf(kind: type[Record]) -> Functions[Record]:
+        return cbor2.dumps, functools.partial(cbor2.loads, str_errors="replace")
     from streamkit_zenoh.wire.protobuf import ProtobufMessage
 
-    message = ProtobufMessage(kind.__name__)
-    return (
-        lambda record: message.encode(msgspec.to_builtins(record)),
-        lambda data: _finite(msgspec.convert(message.decode(data), kind)),
-    )
+    fields = ProtobufMessage(message)
+    return fields.encode, fields.decode
 
 
-def _finite(record: Record) -> Record:
-    """The record; raises ValueError for infinite numbers and NaN, which JSON does not have."""
+def _checked(record: Record, data: bytes) -> Record:
+    """The record; raises ValueError where JSON could not have its values."""
     try:
         json.dumps(msgspec.to_builtins(record), allow_nan=False)
     except ValueError:
         raise ValueError("numbers must be finite") from None
+    if REPLACEMENT in msgspec.json.encode(record) and REPLACEMENT not in data:
+        raise ValueError("text is not UTF-8")
     return record
+
+
+def decode_json(data: bytes, kind: type[Record]) -> Record:
+    """Decodes and validates a JSON message of any sender.
+
+    Raises:
+        ValueError: it is none of this kind.
+    """
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except RecursionError as error:
+        raise ValueError(str(error)) from None

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit import (
-    Caps,
     Detections,
     Frame,
     Pose,
@@ -22,6 +21,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.geometry.scaling import scaling_homography
+from streamkit_zenoh.wire.encodings import decode_json
 from streamkit_zenoh.wire.records import registration_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
@@ -86,10 +86,6 @@ class FrameHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     pose: dict[str, Any] | None = None
 
 
-_ENCODER = msgspec.json.Encoder()
-_DECODER = msgspec.json.Decoder(FrameHeader)
-
-
 def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, shape: tuple[int, ...]) -> bytes:
     """Encodes the header of a frame whose image has this array shape."""
     registration, detections, pose = frame.get(Registration), frame.get(Detections), frame.get(Pose)
@@ -105,7 +101,7 @@ def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, sha
         are_objects=detections is not None and detections.are_objects,
         pose=None if pose is None else msgspec.to_builtins(pose),
     )
-    return _ENCODER.encode(header)
+    return msgspec.json.encode(header)
 
 
 def read_header(data: bytes) -> FrameHeader:
@@ -114,10 +110,7 @@ def read_header(data: bytes) -> FrameHeader:
     Raises:
         ValueError: it is invalid.
     """
-    try:
-        header = _DECODER.decode(data)
-    except RecursionError as error:
-        raise ValueError(str(error)) from None
+    header = decode_json(data, FrameHeader)
     sides = (header.picture_width, header.picture_height, header.record.width, header.record.height)
     if any(side is not None and not 0 < side <= SIDE_LIMIT_PX for side in sides):
         raise ValueError(f"sides must be 1 to {SIDE_LIMIT_PX} px, got {sides}")
@@ -133,17 +126,11 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
     record = header.record
     height, width = image.shape[:2]
     scaling = scaling_homography((record.width or width, record.height or height), (width, height))
-    caps: Caps = raw_video_caps("GRAY8" if image.ndim == 2 else "BGR", width, height, None)
     frame = Frame(
-        image,
-        caps,
-        pts=record.pts_ns,
-        duration=header.duration_ns,
-        epoch=epoch + record.epoch,
-        seq=record.seq,
-        arrival_ns=arrival_ns,
+        image, raw_video_caps("GRAY8" if image.ndim == 2 else "BGR", width, height, None), pts=record.pts_ns,
+        duration=header.duration_ns, epoch=epoch + record.epoch, seq=record.seq, arrival_ns=arrival_ns,
         capture=record.capture,
-    )
+    )  # fmt: skip
     items: list[object] = [tracks_of(record)] if record.tracks else []
     if header.motion is not None:
         items.append(registration_of(header.motion))
@@ -166,15 +153,11 @@ def _finite_rows(matrix: FloatArray) -> list[list[float]] | None:
 
 
 def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
+    columns = (column.tolist() for column in (item.centroids, item.boxes, item.areas, item.scores))
     labels = item.labels or (None,) * len(item)
-    rows = zip(
-        item.centroids.tolist(), item.boxes.tolist(), item.areas.tolist(), item.scores.tolist(), labels,
-        strict=True,
-    )  # fmt: skip
-    return tuple(
-        DetectionRecord(centroid=tuple(centroid), bbox=tuple(box), area=area, score=score, label=label)
-        for centroid, box, area, score, label in rows
-    )
+    names = DetectionRecord.__struct_fields__
+    rows = [dict(zip(names, row, strict=True)) for row in zip(*columns, labels, strict=True)]
+    return msgspec.convert(rows, tuple[DetectionRecord, ...])
 
 
 def _as_detections(rows: tuple[DetectionRecord, ...], are_objects: bool) -> Detections:

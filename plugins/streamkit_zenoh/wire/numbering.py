@@ -64,13 +64,18 @@ class RunOrder:
 
     A run counts as the later one from its third message on, until 16 messages of others have come in a row: a
     single forged stamp has no effect.
+
+    Attributes:
+        last: run of the last new message.
     """
 
     def __init__(self, run: int) -> None:
-        self._latest, self._messages, self._others = run, 0, 0
+        self.last = self._latest = run
+        self._messages = self._others = 0
 
     def received(self, run: int, *, is_first: bool) -> bool:
         """Notes a new message; whether it is of the earlier publisher."""
+        self.last = run
         if is_first or self._others == OTHERS_LIMIT:
             self._latest, self._messages = run, 0
         if run == self._latest:
@@ -85,7 +90,6 @@ class LossTracker:
 
     def __init__(self) -> None:
         self._numbers: RecentDict[tuple[str, int], ReceivedNumbers] = RecentDict()
-        self._runs: RecentDict[str, int] = RecentDict()
         self._orders: RecentDict[str, RunOrder] = RecentDict()
 
     def received(self, key: str, stamp: Stamp | None) -> Continuity:
@@ -97,27 +101,25 @@ class LossTracker:
         if stamp is None:
             return Continuity()
         run, number = stamp
-        numbers, last_run = self.numbers_of(key, run), self._runs.get(key)
-        is_restart = last_run is not None and not numbers.has_received
-        if is_restart and last_run is not None and run > last_run:
-            numbers.starts_at(0)
+        numbers, order = self.numbers_of(key, run), self._orders.get(key)
         is_first = not numbers.has_received
+        if order is not None and is_first and run > order.last:
+            numbers.starts_at(0)
+        is_restart = order is not None and is_first
         continuity = numbers.received(number)
         if not continuity.is_new and not is_restart:
             return continuity
-        self._runs[key] = run
-        order = self._orders[key] = self._orders.get(key) or RunOrder(run)
-        return continuity._replace(
-            is_restart=is_restart, is_interleaved=order.received(run, is_first=is_first)
-        )
+        order = self._orders[key] = order or RunOrder(run)
+        is_interleaved = order.received(run, is_first=is_first)
+        return continuity._replace(is_restart=is_restart, is_interleaved=is_interleaved)
 
     def replied(self, key: str, stamp: Stamp | None) -> Continuity:
         """Notes the reply to a query for the last message; it may overtake published messages."""
         if stamp is None:
             return Continuity()
         run, number = stamp
-        numbers, last_run = self.numbers_of(key, run), self._runs.get(key)
-        is_old = not numbers.has_received and last_run is not None and run < last_run
+        numbers, order = self.numbers_of(key, run), self._orders.get(key)
+        is_old = not numbers.has_received and order is not None and run < order.last
         return Continuity(is_new=not is_old and numbers.replied(number))
 
     def numbers_of(self, key: str, run: int) -> ReceivedNumbers:

@@ -13,6 +13,7 @@ from streamkit import (
     Frame,
     Pose,
     Registration,
+    TargetRecord,
     Track,
     TrackRecord,
     Tracks,
@@ -28,10 +29,8 @@ def without_pixels(frame: Frame) -> Frame:
     """The frame with only what its record needs, so that a queue of frames holds no pixels."""
     if frame.caps.name == TRACKS_CAPS.name:
         return frame
-    found = frame.metadata
-    kept: dict[type, object] = {
-        kind: found[kind] for kind in (Tracks, Registration, Pose, Detections) if kind in found
-    }
+    wanted: tuple[type, ...] = (Tracks, Registration, Pose, Detections)
+    kept = {kind: item for kind, item in frame.metadata.items() if kind in wanted}
     return Frame(
         b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
     )
@@ -50,14 +49,9 @@ def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: in
         epoch: added to the record's own.
     """
     frame = Frame(
-        payload,
-        _caps(record.width, record.height),
-        pts=record.pts_ns,
-        epoch=epoch + record.epoch,
-        seq=record.seq,
-        arrival_ns=arrival_ns,
-        capture=record.capture,
-    ).attach(tracks_of(record))
+        payload, _caps(record.width, record.height), pts=record.pts_ns, epoch=epoch + record.epoch,
+        seq=record.seq, arrival_ns=arrival_ns, capture=record.capture,
+    ).attach(tracks_of(record))  # fmt: skip
     return frame if record.registration is None else frame.attach(registration_of(record.registration))
 
 
@@ -72,7 +66,7 @@ def tracks_of(record: TrackRecord) -> Tracks:
     return Tracks(tuple(_track(target) for target in record.tracks))
 
 
-def _track(target: Any) -> Track:
+def _track(target: TargetRecord) -> Track:
     fields: dict[str, Any] = {name: getattr(target, name) for name in SAME_FIELDS}
     vx, vy = (UNKNOWN if part is None else part for part in (target.vx, target.vy))
     covariance = np.array(target.position_covariance or np.full((2, 2), UNKNOWN))
@@ -81,11 +75,9 @@ def _track(target: Any) -> Track:
 
 def registration_of(record: msgspec.Struct) -> Registration:
     """The registration with the fields of a record; unknown numbers and matrices are NaN."""
-    matrix = np.full((3, 3), UNKNOWN)
-    found = msgspec.structs.asdict(record)
-    fields: dict[str, Any] = {name: value for name, value in found.items() if value is not None}
-    for name in ("to_previous", "to_reference", "reference_change"):
-        if name in fields:
-            fields[name] = np.array(fields[name])
-    unknown: dict[str, Any] = {"to_previous": matrix, "to_reference": matrix, "rmse": UNKNOWN}
-    return Registration(**unknown | fields)
+    unknown = np.full((3, 3), UNKNOWN)
+    fields: dict[str, Any] = {"to_previous": unknown, "to_reference": unknown, "rmse": UNKNOWN}
+    for name, value in msgspec.structs.asdict(record).items():
+        if value is not None:
+            fields[name] = np.array(value) if isinstance(value, tuple) else value
+    return Registration(**fields)

@@ -5,7 +5,6 @@ therefore a repetition only if its own number was received before, not because a
 more than `JUMP_LIMIT` numbers is reported as a jump instead of being counted as losses.
 """
 
-from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
 # 46 hours without a link at 60 messages a second.
@@ -48,63 +47,48 @@ class NumberSet:
     """
 
     def __init__(self) -> None:
-        self._ranges: list[range] = []  # ascending, with at least one number between two
-        self._grown: list[int] = []  # for each range, when it grew
-        self._growths = 0
+        self._ranges: list[range] = []  # the one that grew last is the last; none touches another
 
     def __len__(self) -> int:
         """How many ranges there are."""
         return len(self._ranges)
 
     def __contains__(self, number: int) -> bool:
-        return self.below(number + 1) == number
+        return any(number in one for one in self._ranges)
 
     def below(self, number: int) -> int | None:
         """The highest number of the set that is lower, or None."""
-        at = bisect_left(self._ranges, number, key=lambda one: one.start)
-        return min(self._ranges[at - 1].stop, number) - 1 if at else None
+        return max((min(one.stop, number) - 1 for one in self._ranges if one.start < number), default=None)
 
     def above(self, number: int) -> int | None:
         """The lowest number of the set that is not lower, or None."""
-        at = bisect_left(self._ranges, number, key=lambda one: one.stop - 1)
-        return max(self._ranges[at].start, number) if at < len(self._ranges) else None
+        return min((max(one.start, number) for one in self._ranges if one.stop > number), default=None)
 
     def add(self, start: int, stop: int) -> None:
         """Adds the numbers from start to before stop."""
         if start >= stop:
             return
-        first = bisect_left(self._ranges, start, key=lambda one: one.stop)
-        last = bisect_right(self._ranges, stop, key=lambda one: one.start)
-        touched = self._ranges[first:last]
-        lowest = min([start, *(one.start for one in touched)])
-        highest = max([stop, *(one.stop for one in touched)])
-        self._growths += 1
-        self._ranges[first:last], self._grown[first:last] = [range(lowest, highest)], [self._growths]
-        self._bound()
-
-    def remove(self, number: int) -> None:
-        """Removes a number of the set."""
-        at = bisect_right(self._ranges, number, key=lambda one: one.start) - 1
-        one, grown = self._ranges[at], self._grown[at]
-        left = [part for part in (range(one.start, number), range(number + 1, one.stop)) if part]
-        self._ranges[at : at + 1], self._grown[at : at + 1] = left, [grown] * len(left)
-        self._bound()
-
-    def _bound(self) -> None:
-        if len(self._ranges) > RANGE_LIMIT:
-            oldest = self._grown.index(min(self._grown))
-            del self._ranges[oldest], self._grown[oldest]
+        touched = [one for one in self._ranges if one.start <= stop and start <= one.stop]
+        grown = range(
+            min([start, *(one.start for one in touched)]), max([stop, *(one.stop for one in touched)])
+        )
+        kept = [one for one in self._ranges if one not in touched]
+        self._ranges = [*kept, grown][-RANGE_LIMIT:]
 
 
 class ReceivedNumbers:
     """The numbers of one publisher at one key, in bounded memory.
 
     Each number from the first on is received, lost, or not settled yet.
+
+    Attributes:
+        reported_number: the settled number in the publisher's last status.
     """
 
     def __init__(self) -> None:
+        self.reported_number = 0
         self._received = NumberSet()
-        self._lost = NumberSet()
+        self._settled = NumberSet()  # received or lost
         self._latest: int | None = None  # received or settled
         self._first: int | None = None  # all numbers from here on are accounted for
         self._start: int | None = None  # from here on, this receiver was sent everything
@@ -120,25 +104,24 @@ class ReceivedNumbers:
         if number in self._received:
             return Continuity(is_new=False)
         is_new, is_jump, change = number != self._reply, False, 0
-        if number in self._lost:
-            self._lost.remove(number)
+        if number in self._settled:
             change = -1
         else:
-            below, above = self._known_around(number)
+            below, above = self._settled.below(number), self._settled.above(number)
             if below is None and above is not None and above - number <= OLDER_LIMIT:
                 return Continuity(is_new=False)
             expected = self._expected(number) if below is None else below + 1
             is_jump = number - expected > JUMP_LIMIT or (below is None and above is not None)
             change = 0 if is_jump else self._lose(expected, number)
         self._received.add(number, number + 1)
-        self._settled(number, number + 1)
+        self._settle(number, number + 1)
         return Continuity(change, is_new, is_jump)
 
     def replied(self, number: int) -> bool:
         """Notes the reply to a query for the last message; whether it is new."""
         is_late = any(known is not None and number <= known for known in (self._latest, self._reply))
         is_still_to_come = self._latest is None and self._start is not None and number >= self._start
-        if is_late or is_still_to_come or number in self._received or number in self._lost:
+        if is_late or is_still_to_come or number in self._settled:
             return False
         self._reply = number
         return True
@@ -158,15 +141,16 @@ class ReceivedNumbers:
 
     def settled_up_to(self, next_number: int) -> int:
         """Notes that all lower numbers were sent or dropped; returns how many after the last one are lost."""
-        below, _ = self._known_around(next_number)
+        below = self._settled.below(next_number)
         expected = self._start if self._latest is None else None if below is None else below + 1
         if expected is None or not 0 < next_number - expected <= JUMP_LIMIT:
             return 0
         lost = self._lose(expected, next_number)
-        self._settled(expected, next_number)
+        self._settle(expected, next_number)
         return lost
 
-    def _settled(self, start: int, stop: int) -> None:
+    def _settle(self, start: int, stop: int) -> None:
+        self._settled.add(start, stop)
         self._latest = stop - 1
         if self._first is None:
             self._first = start
@@ -177,12 +161,10 @@ class ReceivedNumbers:
             return 0
         if self._first is None:
             self._first = start
+        self._settled.add(start, stop)
         if self._reply is None or not start <= self._reply < stop:
-            self._lost.add(start, stop)
             return stop - start
         self._received.add(self._reply, self._reply + 1)
-        self._lost.add(start, self._reply)
-        self._lost.add(self._reply + 1, stop)
         return stop - start - 1
 
     def _expected(self, number: int) -> int:
@@ -192,9 +174,3 @@ class ReceivedNumbers:
         if self._start is not None:
             return self._start
         return number if self._reply is None else min(self._reply, number)
-
-    def _known_around(self, number: int) -> tuple[int | None, int | None]:
-        """The next received or lost number below and above one that is neither."""
-        below = [n for n in (self._received.below(number), self._lost.below(number)) if n is not None]
-        above = [n for n in (self._received.above(number), self._lost.above(number)) if n is not None]
-        return max(below, default=None), min(above, default=None)

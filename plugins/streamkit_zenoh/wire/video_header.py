@@ -8,11 +8,12 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from streamkit import Caps, Frame, FrameFlags, mask_secrets
+from streamkit import Frame, FrameFlags, mask_secrets
 
 VIDEO_SCHEMA: Literal["streamkit.video/1"] = "streamkit.video/1"
 VIDEO_CAPS = "video/x-h264; video/x-h265"
 LOOK_BYTES = 4096
+SIDES = ("width", "height")
 START_CODE = re.compile(b"\0\0\1")
 EMULATION_PREVENTION = b"\0\0\3"
 
@@ -52,14 +53,11 @@ class VideoHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     height: int | None = None
 
 
-_ENCODER = msgspec.json.Encoder()
-_DECODER = msgspec.json.Decoder(VideoHeader)
-
-
 def video_header(frame: Frame, source: str, published_ns: int) -> bytes:
     """Encodes the header of a coded packet."""
     keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
     codec_data = bytes.fromhex(str(frame.caps.get("codec_data", ""))) if keyframe else b""
+    width, height = (size if isinstance(size := frame.caps.get(side), int) else None for side in SIDES)
     header = VideoHeader(
         schema=VIDEO_SCHEMA,
         source=mask_secrets(source),
@@ -72,19 +70,10 @@ def video_header(frame: Frame, source: str, published_ns: int) -> bytes:
         keyframe=keyframe,
         codec=codec_string(frame.caps.name, codec_data, bytes(frame.data)) if keyframe else None,
         codec_data=base64.b64encode(codec_data).decode() if codec_data else None,
-        width=_integer(frame.caps, "width"),
-        height=_integer(frame.caps, "height"),
+        width=width,
+        height=height,
     )
-    return _ENCODER.encode(header)
-
-
-def read_video_header(data: bytes) -> VideoHeader:
-    """Decodes and validates a header.
-
-    Raises:
-        ValueError: it is invalid.
-    """
-    return _DECODER.decode(data)
+    return msgspec.json.encode(header)
 
 
 def codec_string(media_type: str, codec_data: bytes, packet: bytes) -> str | None:
@@ -120,8 +109,3 @@ def _sequence_parameters(codec_data: bytes, packet: bytes, mask: int, kind: int)
         if unit and unit[0] & mask == kind:
             return unit.replace(EMULATION_PREVENTION, b"\0\0")
     return b""
-
-
-def _integer(caps: Caps, field: str) -> int | None:
-    value = caps.get(field)
-    return value if isinstance(value, int) else None

@@ -6,15 +6,12 @@ from typing import NamedTuple, cast
 
 import zenoh
 
-from streamkit_zenoh.keys import alive_key
+from streamkit_zenoh.keys import LISTENING, alive_key
 from streamkit_zenoh.presence import (
     LivelinessWatch,
-    declare_delivery_queryable,
-    declare_publisher_token,
-    declare_receiver_token,
+    declare_receiver,
     wait_for_receivers,
     wait_until_delivered,
-    watch_receivers,
 )
 
 Opener = Callable[..., zenoh.Session]
@@ -24,7 +21,7 @@ NEVER = threading.Event()
 def test_a_publishers_token_is_seen(open_test_session: Opener, endpoint: str, key: str) -> None:
     """An existing token is reported, and its end with the session's close."""
     publishing = open_test_session(listen=endpoint)
-    token = declare_publisher_token(publishing, f"{key}/tracks")
+    token = publishing.liveliness().declare_token(alive_key(f"{key}/tracks"))
     counts: list[int] = []
     there, gone = threading.Event(), threading.Event()
 
@@ -53,7 +50,7 @@ def test_a_token_reported_after_its_end_is_queried(
 ) -> None:
     """Zenoh may report an old token after its end: it counts only if it is declared again."""
     publishing = open_test_session(listen=endpoint)
-    token = declare_publisher_token(publishing, key)
+    token = publishing.liveliness().declare_token(alive_key(key))
     counts: list[int] = []
     changed_count = threading.Condition()
 
@@ -71,7 +68,7 @@ def test_a_token_reported_after_its_end_is_queried(
     watch._take(cast("zenoh.Sample", Notification(alive_key(key), zenoh.SampleKind.PUT)))
     assert list(watching.liveliness().get(alive_key(key), timeout=10)) == []
     assert counts == [1, 0]
-    again = declare_publisher_token(publishing, key)
+    again = publishing.liveliness().declare_token(alive_key(key))
     with changed_count:
         assert changed_count.wait_for(lambda: counts == [1, 0, 1], 10)
     watch.close()
@@ -81,12 +78,15 @@ def test_a_token_reported_after_its_end_is_queried(
 def test_receivers_are_counted(open_test_session: Opener, endpoint: str, key: str) -> None:
     """Two receivers of the key are enough for two, not for three; others do not count."""
     publishing = open_test_session(listen=endpoint)
-    publisher, receivers = publishing.declare_publisher(f"{key}/tracks"), watch_receivers(publishing)
+    publisher, receivers = (
+        publishing.declare_publisher(f"{key}/tracks"),
+        LivelinessWatch(publishing, f"{LISTENING}/**"),
+    )
     assert not wait_for_receivers(publisher, receivers, 1, 0.0, NEVER)
     held = []
     for expression in (f"{key}/tracks", "test/*/tracks", "elsewhere/tracks"):
         session = open_test_session(connect=endpoint)
-        held += [session.declare_subscriber(expression), declare_receiver_token(session, expression)]
+        held += [session.declare_subscriber(expression), declare_receiver(session, expression)]
     assert wait_for_receivers(publisher, receivers, 2, 10.0, NEVER)
     assert not wait_for_receivers(publisher, receivers, 3, 0.1, NEVER)
     receivers.close()
@@ -95,7 +95,10 @@ def test_receivers_are_counted(open_test_session: Opener, endpoint: str, key: st
 def test_any_subscriber_is_one_receiver(open_test_session: Opener, endpoint: str, key: str) -> None:
     """A plain zenoh subscriber has no token, and counts for one receiver."""
     publishing = open_test_session(listen=endpoint)
-    publisher, receivers = publishing.declare_publisher(f"{key}/tracks"), watch_receivers(publishing)
+    publisher, receivers = (
+        publishing.declare_publisher(f"{key}/tracks"),
+        LivelinessWatch(publishing, f"{LISTENING}/**"),
+    )
     subscriber = open_test_session(connect=endpoint).declare_subscriber(f"{key}/**")
     assert wait_for_receivers(publisher, receivers, 1, 10.0, NEVER)
     subscriber.undeclare()
@@ -106,7 +109,7 @@ def test_a_cancelled_wait_ends(open_test_session: Opener, key: str) -> None:
     """A pipeline that stops does not wait for receivers."""
     session, cancelled = open_test_session(), threading.Event()
     cancelled.set()
-    receivers = watch_receivers(session)
+    receivers = LivelinessWatch(session, f"{LISTENING}/**")
     assert not wait_for_receivers(session.declare_publisher(key), receivers, 1, 3600.0, cancelled)
     receivers.close()
 
@@ -114,7 +117,7 @@ def test_a_cancelled_wait_ends(open_test_session: Opener, key: str) -> None:
 def test_a_publisher_waits_until_all_is_delivered(open_test_session: Opener, endpoint: str, key: str) -> None:
     """A receiver replies after everything that was sent to it; without receivers there is no wait."""
     publishing = open_test_session(listen=endpoint)
-    receivers = watch_receivers(publishing)
+    receivers = LivelinessWatch(publishing, f"{LISTENING}/**")
     records = f"{key}/tracks"
     assert wait_until_delivered(publishing, records, receivers, 10.0, NEVER)
     receiving, taken = open_test_session(connect=endpoint), []
@@ -127,8 +130,7 @@ def test_a_publisher_waits_until_all_is_delivered(open_test_session: Opener, end
     subscriber = receiving.declare_subscriber(records, zenoh.handlers.Callback(take, indirect=False))
     held = [
         subscriber,
-        declare_delivery_queryable(receiving, records),
-        declare_receiver_token(receiving, records),
+        declare_receiver(receiving, records),
     ]
     publisher = publishing.declare_publisher(records, congestion_control=zenoh.CongestionControl.BLOCK)
     assert wait_for_receivers(publisher, receivers, 2, 0.0, NEVER) is False
@@ -149,15 +151,18 @@ def test_waiting_for_a_receiver_that_takes_nothing_is_bounded(
 ) -> None:
     """A stuck receiver costs the time limit, and nothing when the pipeline stops."""
     publishing = open_test_session(listen=endpoint)
-    receivers, records, stuck = watch_receivers(publishing), f"{key}/tracks", threading.Event()
+    receivers, records, stuck = (
+        LivelinessWatch(publishing, f"{LISTENING}/**"),
+        f"{key}/tracks",
+        threading.Event(),
+    )
     receiving = open_test_session(connect=endpoint)
     subscriber = receiving.declare_subscriber(
         records, zenoh.handlers.Callback(lambda _: stuck.wait(20), indirect=False)
     )
     held = [
         subscriber,
-        declare_delivery_queryable(receiving, records),
-        declare_receiver_token(receiving, records),
+        declare_receiver(receiving, records),
     ]
     publisher = publishing.declare_publisher(records)
     for _ in range(1000):

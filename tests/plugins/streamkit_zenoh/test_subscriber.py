@@ -19,8 +19,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh.keys import InvalidKey
-from streamkit_zenoh.presence import declare_publisher_token
+from streamkit_zenoh.keys import InvalidKey, alive_key
 from streamkit_zenoh.subscriber import TrackSubscriber
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
@@ -234,7 +233,7 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
     publisher = session.declare_publisher(f"{key}/tracks")
     with TrackSubscriber(key, connect=endpoint, ring=64) as subscriber:
         _wait_for(lambda: publisher.matching_status.matching)
-        token = declare_publisher_token(session, f"{key}/tracks")
+        token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
         assert asked.wait(10)
         for number in (5, 6, 9):
             publisher.put(b"{}", attachment=Stamp(5, number).attachment())
@@ -266,7 +265,7 @@ def test_publishers_are_counted(open_test_session: Opener, key: str, endpoint: s
     with TrackSubscriber(key, listen=endpoint) as subscriber:
         assert subscriber.counts.publishers == 0
         session = open_test_session(connect=endpoint)
-        token = declare_publisher_token(session, f"{key}/tracks")
+        token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
         _wait_for(lambda: subscriber.counts.publishers == 1)
         token.undeclare()
         _wait_for(lambda: subscriber.counts.publishers == 0)

@@ -193,7 +193,7 @@ def test_later_records_hold_the_number_of_drops(open_test_session: Opener, key: 
     with Harness("zenohsink", key=key, wait_subscribers=1) as harness:
         harness.push(_frame(0))
         assert subscriber.first.wait(10)
-        harness.element._publication.records.count_lost(3, "queue full")
+        harness.element._publication.records.stream.count_drop("queue full", 3)
         harness.push(_frame(1))
         assert [record.dropped for record in subscriber.records()] == [0, 3]
 
@@ -201,8 +201,8 @@ def test_later_records_hold_the_number_of_drops(open_test_session: Opener, key: 
 def test_drops_of_every_stream_are_counted_while_the_pipeline_plays(key: str) -> None:
     """Those of the senders' threads, too: statistics show them at once and not only at the end."""
     with Harness("zenohsink", key=key, frame_rate=5.0) as harness:
-        harness.element._publication.media["frame"].count_lost(2, "replaced by a newer one")
-        harness.element._publication.records.count_lost(1, "not sent")
+        harness.element._publication.media["frame"].stream.count_drop("replaced by a newer one", 2)
+        harness.element._publication.records.stream.count_drop("not sent", 1)
         assert harness.element.drops == {"frame: replaced by a newer one": 2, "tracks: not sent": 1}
 
 

@@ -30,7 +30,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh.presence import declare_publisher_token
+from streamkit_zenoh.keys import alive_key
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
@@ -54,7 +54,7 @@ class _Publisher:
         self.publisher = session.declare_publisher(
             f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )
-        self._token = declare_publisher_token(session, f"{key}/tracks")
+        self._token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
 
     def wait(self) -> None:
         never = threading.Event()

@@ -7,8 +7,9 @@ import av
 import zenoh
 
 from streamkit import Pipeline, decode_record
+from streamkit_zenoh.wire.encodings import decode_json
 from streamkit_zenoh.wire.numbering import read_attachment
-from streamkit_zenoh.wire.video_header import read_video_header
+from streamkit_zenoh.wire.video_header import VideoHeader
 
 
 def test_packets_are_published_unchanged_with_the_times_of_their_frames(
@@ -28,7 +29,7 @@ def test_packets_are_published_unchanged_with_the_times_of_their_frames(
         "t. ! queue ! z.video"
     ).run(timeout_s=30)
     pairs = [read_attachment(sample.attachment.to_bytes()) for sample in packets if sample.attachment]
-    headers = [read_video_header(header) for _, header in pairs]
+    headers = [decode_json(header, VideoHeader) for _, header in pairs]
     assert [stamp.number for stamp, _ in pairs if stamp] == list(range(30))
     assert headers[0].keyframe
     assert headers[0].codec is not None

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from types import SimpleNamespace
 
 import zenoh
 
-from streamkit_zenoh.publish.numbered_stream import NumberedStream
-from streamkit_zenoh.publish.settings import parse_qos
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher
+from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.numbering import KEY_LIMIT
 
 Opener = Callable[..., zenoh.Session]
 
 
 def _publisher(session: zenoh.Session, key: str) -> NumberedStream:
-    return NumberedStream(
-        session, key, "tracks", 7, "application/json", parse_qos("block"), 5.0, lambda *_: None
+    publisher = Publisher(
+        session, key, PublicationSettings(), time.time_ns, 7, print, lambda *_: None, threading.Event()
     )
+    return NumberedStream(publisher, "tracks", "application/json")
 
 
 def test_a_late_notification_has_no_effect(open_test_session: Opener, key: str) -> None:

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit import Caps, Capture, Frame, FrameFlags
-from streamkit_zenoh.wire.video_header import codec_string, read_video_header, video_header
+from streamkit_zenoh.wire.encodings import decode_json
+from streamkit_zenoh.wire.video_header import VideoHeader, codec_string, video_header
 
 H264, H265 = "video/x-h264", "video/x-h265"
 AVCC = bytes.fromhex("0164001fffe1000467640 01f".replace(" ", "")) + b"\x01\x00\x02\x68\xee"
@@ -48,19 +49,22 @@ def test_a_keyframe_carries_codec_and_parameter_sets() -> None:
         b"\0\0\0\1\x65", caps, pts=40, duration=20, seq=7, epoch=1, flags=FrameFlags.KEYFRAME,
         capture=Capture(123, "rtcp"),
     )  # fmt: skip
-    header = read_video_header(video_header(frame, "uav/1", 456))
+    header = decode_json(video_header(frame, "uav/1", 456), VideoHeader)
     assert header.keyframe
     assert (header.codec, header.width, header.height) == ("avc1.64001f", 640, 480)
     assert (header.pts_ns, header.duration_ns, header.capture_ns, header.published_ns) == (40, 20, 123, 456)
     assert (header.seq, header.epoch, header.source) == (7, 1, "uav/1")
     assert header.codec_data is not None
-    other = read_video_header(video_header(frame.replace(flags=0), "uav/1", 456))
+    other = decode_json(video_header(frame.replace(flags=0), "uav/1", 456), VideoHeader)
     assert (other.keyframe, other.codec, other.codec_data) == (False, None, None)
 
 
 def test_an_invalid_header_is_refused() -> None:
-    """A field of the wrong type, or an endless text."""
+    """A field of the wrong type, an endless text, or an unknown field nested without end."""
     good = msgspec.json.decode(video_header(Frame(b"", Caps(H264)), "a", 1))
     for change in ({"pts_ns": "1"}, {"schema": "streamkit.video/2"}, {"codec": "x" * 100}):
         with pytest.raises(ValueError):  # noqa: PT011
-            read_video_header(msgspec.json.encode(good | change))
+            decode_json(msgspec.json.encode(good | change), VideoHeader)
+    nested = video_header(Frame(b"", Caps(H264)), "a", 1)[:-1] + b',"more":' + b"[" * 100_000
+    with pytest.raises(ValueError, match="recursion"):
+        decode_json(nested, VideoHeader)
