@@ -12,11 +12,7 @@ WINDOW_FRAMES = 50  # two seconds of a usual camera
 
 
 class CostMeter:
-    """Measures the cores that a pipeline needs to hold a frame rate.
-
-    Args:
-        pipeline: that plays.
-        frame_rate: to hold, 1/s.
+    """Measures the cores that a playing pipeline needs to hold a frame rate, 1/s.
 
     Attributes:
         cores: processor time per frame of the last whole window, times the frame rate; 0 before the first.
@@ -45,12 +41,10 @@ class CostMeter:
 
 
 def excess(needs: Mapping[str, float], room: float, new: Mapping[str, FeedSpec]) -> dict[str, str]:
-    """The new feeds of a machine that it cannot hold, with the reason; those with the highest nice go first.
+    """The new feeds of a machine that it cannot hold, with the reason.
 
-    Args:
-        needs: cores that each feed on the machine needs.
-        room: cores of the machine.
-        new: the feeds that may be refused; of equal ones, the last goes first.
+    Those with the highest nice go first, of equal ones the last. `needs` are the cores that each feed on the
+    machine needs, `room` those that it has.
     """
     refused = {}
     total = sum(needs.values())

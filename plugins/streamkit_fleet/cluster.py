@@ -8,6 +8,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from streamkit import ResourceError
 
@@ -39,14 +40,11 @@ def connected(address: str | None, *, cores: int | None = None, wait_s: float = 
     deadline_s = time.monotonic() + wait_s
     while address is not None and not _listens(address) and time.monotonic() < deadline_s:
         time.sleep(0.1)
+    local: dict[str, Any] = {"num_cpus": cores, "include_dashboard": False} if address is None else {}
     try:
-        if address is None:
-            ray.init(
-                address="local", num_cpus=cores, include_dashboard=False, log_to_driver=False,
-                logging_level=logging.ERROR, namespace=NAMESPACE,
-            )  # fmt: skip
-        else:
-            ray.init(address, log_to_driver=False, logging_level=logging.ERROR, namespace=NAMESPACE)
+        ray.init(
+            address or "local", log_to_driver=False, logging_level=logging.ERROR, namespace=NAMESPACE, **local
+        )
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise ResourceError(f"Ray at {address or 'this machine'} does not answer: {error}") from error
     try:

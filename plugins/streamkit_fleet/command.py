@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,9 +27,18 @@ WaitOption = Annotated[float, typer.Option(min=0.0, help="How long to wait until
 
 
 @contextmanager
-def _connected(address: str | None) -> Iterator[None]:
-    """Context with the connection to the fleet; turns errors into exit code 1."""
+def _exit_on_error() -> Iterator[None]:
     try:
+        yield
+    except StreamkitError as error:
+        typer.echo(f"error: {presentable(str(error))}", err=True)
+        raise typer.Exit(1) from None
+
+
+@contextmanager
+def _connected(address: str | None) -> Iterator[Any]:
+    """Context with a connection to the fleet, and what can be done with it: the module `control`."""
+    with _exit_on_error():
         from streamkit_fleet import local_ray
         from streamkit_fleet.cluster import connected
 
@@ -39,10 +48,9 @@ def _connected(address: str | None) -> Iterator[None]:
         if local is not None:
             local_ray.use_token()
         with connected(address or (local.address if local else None), wait_s=START_LIMIT_S if local else 0.0):
-            yield
-    except StreamkitError as error:
-        typer.echo(f"error: {presentable(str(error))}", err=True)
-        raise typer.Exit(1) from None
+            from streamkit_fleet import control
+
+            yield control
 
 
 @fleet.command()
@@ -53,15 +61,11 @@ def up(
     wait_s: WaitOption = 30.0,
 ) -> None:
     """Starts the feeds of a table; without --address on a Ray of this machine, started if there is none."""
-    if not address:
+    with _exit_on_error():
         from streamkit_fleet import local_ray
 
-        try:
-            if local_ray.known() is None:
-                local_ray.start(cores)
-        except StreamkitError as error:
-            typer.echo(f"error: {presentable(str(error))}", err=True)
-            raise typer.Exit(1) from None
+        if not address and local_ray.known() is None:
+            local_ray.start(cores)
     apply(table, address, wait_s)
 
 
@@ -71,8 +75,7 @@ def apply(table: TableArgument, address: AddressOption = None, wait_s: WaitOptio
 
     Exit code 1 if a feed is refused: its machine has no room for what it was measured to need.
     """
-    with _connected(address):
-        from streamkit_fleet import control
+    with _connected(address) as control:
         from streamkit_fleet.feeds import read_feeds
 
         feeds = read_feeds(table)
@@ -94,14 +97,12 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each feed.")] = False,
 ) -> None:
     """Lists the feeds: state, machine, frames, drops, restarts. Exit code 1 if one is not ready."""
-    with _connected(address):
-        import msgspec
-        from rich.console import Console
-        from rich.table import Table
-
-        from streamkit_fleet import control
-
+    with _connected(address) as control:
         found = control.statuses()
+    import msgspec
+    from rich.console import Console
+    from rich.table import Table
+
     if as_json:
         for row in found:
             typer.echo(msgspec.json.encode(row).decode())
@@ -118,9 +119,7 @@ def status(
 @fleet.command()
 def logs(name: Annotated[str, typer.Argument(help="Of the feed.")], address: AddressOption = None) -> None:
     """Prints the newest lines of a feed's process."""
-    with _connected(address):
-        from streamkit_fleet import control
-
+    with _connected(address) as control:
         for line in control.logs(name):
             typer.echo(line)
 
@@ -132,8 +131,7 @@ def drain(
     address: AddressOption = None,
 ) -> None:
     """Moves the feeds of a machine to others, before it is switched off."""
-    with _connected(address):
-        from streamkit_fleet import control
+    with _connected(address) as control:
         from streamkit_fleet.feeds import read_feeds
 
         for name in control.drain(node, read_feeds(table)):
@@ -143,10 +141,10 @@ def drain(
 @fleet.command()
 def down(address: AddressOption = None) -> None:
     """Ends every feed, and the Ray that `up` has started."""
-    with _connected(address):
-        from streamkit_fleet import control, local_ray
-
+    with _connected(address) as control:
         control.stop(control.running())
+    from streamkit_fleet import local_ray
+
     local = None if address else local_ray.known()
     if local is not None:
         local_ray.end(local)

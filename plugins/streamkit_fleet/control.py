@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import ray
@@ -34,13 +34,7 @@ def running() -> dict[str, Any]:
 
 
 def start(name: str, feed: FeedSpec, avoid: str = "") -> None:
-    """Gives a feed to Ray, which starts it where there is room.
-
-    Args:
-        name: of the feed.
-        feed: its entry in the table.
-        avoid: a node on which it must not run.
-    """
+    """Gives a feed to Ray, which starts it where there is room, but not on the node to avoid."""
     where = {"label_selector": {"ray.io/node-id": f"!{avoid}"}} if avoid else {}
     memory = {"memory": feed.memory_mb << 20} if feed.memory_mb else {}
     actor: Any = ray.remote(FeedActor)
@@ -59,23 +53,27 @@ def start(name: str, feed: FeedSpec, avoid: str = "") -> None:
 def statuses(limit_s: float = ANSWER_LIMIT_S) -> list[FeedStatus]:
     """How each feed is, in order of their names; one that does not answer in time is restarting."""
     asked = {name: actor.status.remote() for name, actor in running().items()}
-    if not asked:
-        return []
-    answered, _ = ray.wait(list(asked.values()), num_returns=len(asked), timeout=limit_s)
-    done = set(answered)
-    return [_status(name, ref, ref in done) for name, ref in sorted(asked.items())]
+    answered = ray.wait(list(asked.values()), num_returns=len(asked), timeout=limit_s)[0] if asked else []
+    return [_status(name, ref, ref in answered) for name, ref in sorted(asked.items())]
 
 
 def _status(name: str, ref: Any, has_answered: bool) -> FeedStatus:
     reason = "does not answer: Ray has no room for it, or starts it again"
-    if has_answered:
-        try:
+    try:
+        if has_answered:
             found: FeedStatus = ray.get(ref)
-        except RayError as error:
-            reason = f"{type(error).__name__}: {str(error).splitlines()[0]}"
-        else:
             return found
+    except RayError as error:
+        reason = f"{type(error).__name__}: {str(error).splitlines()[0]}"
     return FeedStatus(name=name, state="restarting", reason=reason)
+
+
+def _statuses_until(is_done: Callable[[list[FeedStatus]], bool], limit_s: float) -> list[FeedStatus]:
+    """Asks until the statuses are as wanted, or the time is over."""
+    deadline_s = time.monotonic() + limit_s
+    while not is_done(found := statuses()) and time.monotonic() < deadline_s:
+        time.sleep(POLL_S)
+    return found
 
 
 def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
@@ -87,11 +85,9 @@ def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
     known = {status.name: status for status in statuses(limit_s=10.0)}
     done = dict.fromkeys(known.keys() - feeds.keys(), "stopped")
     for name, feed in feeds.items():
-        if name not in known:
-            done[name] = "started"
-        else:
-            is_same = known[name].digest == feed.digest and known[name].state != "refused"
-            done[name] = "unchanged" if is_same else "replaced"
+        one = known.get(name)
+        is_same = one is not None and one.digest == feed.digest and one.state != "refused"
+        done[name] = "started" if one is None else "unchanged" if is_same else "replaced"
     stop(name for name, what in done.items() if what in ("stopped", "replaced"))
     for name, what in done.items():
         if what in ("started", "replaced"):
@@ -101,33 +97,26 @@ def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
 
 def wait_ready(limit_s: float) -> list[str]:
     """Waits until all feeds are ready or at their end; says of each other one what it lacks."""
-    deadline_s = time.monotonic() + limit_s
-    while True:
-        late = [status for status in statuses() if not status.ready and status.state != "ended"]
-        if not late or time.monotonic() >= deadline_s:
-            break
-        time.sleep(POLL_S)
+
+    def not_ready(found: list[FeedStatus]) -> list[FeedStatus]:
+        return [status for status in found if not status.ready and status.state != "ended"]
+
+    late = not_ready(_statuses_until(lambda found: not not_ready(found), limit_s))
     free: dict[str, float] = ray.available_resources() if late else {}  # type: ignore[no-untyped-call]
     room = f"; free of all machines: {free.get('CPU', 0.0):g} cores, {free.get('GPU', 0.0):g} GPUs"
     return [f"{one.name}: {one.reason}{room if one.state == 'restarting' else ''}" for one in late]
 
 
 def admit(new: Mapping[str, FeedSpec], limit_s: float) -> dict[str, str]:
-    """Refuses those of the new feeds whose machines have no room for their measured cost.
+    """Refuses those of the new feeds whose machines have no room for their measured cost; says why, by feed.
 
-    Args:
-        new: the feeds that may be refused.
-        limit_s: how long to wait for the measurement; a feed without one is admitted.
-
-    Returns:
-        Why, by feed.
+    A feed without a measurement within the limit is admitted.
     """
-    deadline_s = time.monotonic() + limit_s
-    while True:
-        ready = {status.name: status for status in statuses() if status.ready}
-        if all(ready[name].cores for name in ready.keys() & new) or time.monotonic() >= deadline_s:
-            break
-        time.sleep(POLL_S)
+
+    def are_measured(found: list[FeedStatus]) -> bool:
+        return all(status.cores for status in found if status.ready and status.name in new)
+
+    ready = {status.name: status for status in _statuses_until(are_measured, limit_s) if status.ready}
     refused: dict[str, str] = {}
     for node in ray.nodes():  # type: ignore[no-untyped-call]
         needs = {name: one.cores for name, one in ready.items() if one.node == node["NodeID"]}
@@ -153,11 +142,7 @@ def _wait(stops: list[Any]) -> None:
 
 
 def drain(node: str, feeds: Mapping[str, FeedSpec]) -> list[str]:
-    """Moves the feeds of a node to others; returns their names.
-
-    Args:
-        node: the beginning of its id, as `status` shows it.
-        feeds: the table, for the entries of the feeds.
+    """Moves the feeds of the node whose id begins so, as `status` shows it, to others; returns their names.
 
     Raises:
         ResourceError: no node has this id, or a feed is not in the table.

@@ -56,11 +56,8 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         Raises:
             ResourceError: a secret is not there; names the reference, never the value.
         """
-        return self.plain_variables() | {key: resolve(reference) for key, reference in self.secrets.items()}
-
-    def plain_variables(self) -> dict[str, str]:
-        """The values of the variables that are no secrets."""
-        return {name: str(value) for name, value in self.set.items()}
+        secrets = {name: resolve(reference) for name, reference in self.secrets.items()}
+        return {name: str(value) for name, value in self.set.items()} | secrets
 
 
 def resolve(reference: str) -> str:
@@ -103,7 +100,9 @@ def _feed(path: Path, name: str, defaults: dict[str, Any], row: dict[str, Any]) 
         feed = msgspec.convert(merged, FeedSpec)
         text = feed.text or (path.parent / feed.file).read_text("utf-8")
         feed = msgspec.structs.replace(feed, file="", text=text)
-        Pipeline.parse(text, {**dict.fromkeys(feed.secrets, "x"), **feed.plain_variables()})
+        Pipeline.parse(
+            text, msgspec.structs.replace(feed, secrets={}).variables() | dict.fromkeys(feed.secrets, "x")
+        )
     except (msgspec.ValidationError, OSError, StreamkitError) as error:
         raise ResourceError(f"{path}: feed {name}: {error}") from error
     for reference in feed.secrets.values():

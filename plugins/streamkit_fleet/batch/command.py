@@ -90,7 +90,10 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
     """What is done with each file; exits with code 2 if the description is invalid."""
     from streamkit_fleet.batch.plan import BatchRecipe
 
-    variables = dict(_setting(text) for text in settings)
+    for setting in settings:
+        if not setting.partition("=")[0] or "=" not in setting:
+            _fail(f"--set takes NAME=VALUE, got {setting!r}", 2)
+    variables = dict(setting.split("=", 1) for setting in settings)
     try:
         text = file.read_text("utf-8")
         Pipeline.parse(text, {**variables, "input": "input", "output": f"output{suffix}"})
@@ -102,13 +105,6 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
     if missing:
         _fail(f"{file} has no ${{{missing[0]}}}: batch sets ${{input}} and ${{output}} for each file", 2)
     return BatchRecipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
-
-
-def _setting(text: str) -> tuple[str, str]:
-    name, separator, value = text.partition("=")
-    if not separator or not name:
-        _fail(f"--set takes NAME=VALUE, got {text!r}", 2)
-    return name, value
 
 
 def _results(pattern: str, suffix: str) -> dict[str, str]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,9 +20,8 @@ from streamkit_fleet.batch.work import PARTS, Outcome, finish, run_part
 from streamkit_fleet.cluster import cluster_cores
 
 SUMMARY = "batch.json"
-AHEAD = 3  # tasks submitted for each core: workers never wait, and a long archive is no long queue
+AHEAD = 3  # files at work for each core: workers never wait, and a long archive is no long queue
 SAVE_EVERY_S = 1.0
-POLL_S = 0.2
 
 
 class FileResult(msgspec.Struct, kw_only=True, omit_defaults=True):
@@ -63,19 +61,6 @@ def read_summary(folder: Path) -> BatchSummary:
         return BatchSummary(files={})
 
 
-@dataclass
-class Job:
-    """A file at work."""
-
-    plan: Plan
-    outcomes: list[Outcome | None] = field(default_factory=list)
-
-    @property
-    def reason(self) -> str:
-        """Why a part has failed, or ""."""
-        return next((one.reason for one in self.outcomes if one is not None and one.reason), "")
-
-
 class BatchDriver:
     """Runs the files of an archive; those that an earlier batch has done or given up are left out.
 
@@ -85,7 +70,7 @@ class BatchDriver:
         folder: for results, unfinished parts and the summary.
         retries: how often a part is run again whose worker has died.
         retry_failed: whether files that failed in an earlier batch are tried again.
-        report: called when a file is done, failed or left out.
+        report: called with path, result and whether an earlier batch has made it.
     """
 
     def __init__(
@@ -101,86 +86,69 @@ class BatchDriver:
         self._files, self._recipe, self._folder = files, recipe, folder
         self._retry_failed, self._report = retry_failed, report
         self.summary = read_summary(folder)
-        self._waiting = list(files)[::-1]
-        self._handlers: dict[Any, Callable[[Any, str], None]] = {}
+        self._waiting = iter(files)
         self._saved_s = 0.0
-        self._limit = AHEAD * max(1, int(cluster_cores()))
         task: Any = ray.remote(num_cpus=1, max_retries=retries)
         self._plan_task, self._part_task, self._finish_task = task(plan_file), task(run_part), task(finish)
-        self._parts_waiting: list[Callable[[], None]] = []
 
     def run(self) -> None:
         """Works until every file is done, failed or left out."""
         try:
-            while self._handlers or self._waiting or self._parts_waiting:
-                self._submit()
-                ready, _ = ray.wait(list(self._handlers), timeout=POLL_S)
-                for ref in ready:
-                    handler = self._handlers.pop(ref)
-                    try:
-                        value, reason = ray.get(ref), ""
-                    except RayError as error:
-                        value, reason = None, _reason(error)
-                    handler(value, reason)
+            asyncio.run(self._run())
         finally:
             self._save()
             with suppress(OSError):  # parts of failed files stay for the next batch
                 (self._folder / PARTS).rmdir()
 
-    def _submit(self) -> None:
-        """Keeps the workers supplied: parts of files begun first, then the next files."""
-        while len(self._handlers) < self._limit:
-            if self._parts_waiting:
-                self._parts_waiting.pop(0)()
-            elif self._waiting:
-                path = self._waiting.pop()
-                ref = self._plan_task.remote(path, self._recipe)
-                self._handlers[ref] = partial(self._planned, path)
-            else:
-                return
+    async def _run(self) -> None:
+        at_once = AHEAD * max(1, int(cluster_cores()))
+        await asyncio.gather(*(self._run_waiting() for _ in range(at_once)))
 
-    def _planned(self, path: str, plan: Plan | None, reason: str) -> None:
-        if plan is None:
-            self._end(path, FileResult(key="", status="failed", reason=reason))
+    async def _run_waiting(self) -> None:
+        for path in self._waiting:
+            await self._run_file(path)
+
+    async def _run_file(self, path: str) -> None:
+        """Plans a file, runs its parts, and joins them."""
+        try:
+            plan: Plan = await self._plan_task.remote(path, self._recipe)
+        except RayError as error:
+            self._end(path, FileResult(key="", status="failed", reason=_reason(error)))
             return
         known = self.summary.files.get(path)
-        if known is not None and known.key == plan.key:
-            has_failed = known.status == "failed"
-            if not self._retry_failed if has_failed else (self._folder / known.result).exists():
-                self._report(path, known, True)
-                return
-        job = Job(plan, [None] * len(plan.parts))
-        self._parts_waiting += [partial(self._start_part, job, number) for number in range(len(plan.parts))]
-
-    def _start_part(self, job: Job, number: int) -> None:
-        ref = self._part_task.remote(job.plan, number, self._recipe, str(self._folder))
-        self._handlers[ref] = partial(self._part_ended, job, number)
-
-    def _part_ended(self, job: Job, number: int, outcome: Outcome | None, reason: str) -> None:
-        job.outcomes[number] = outcome or Outcome("", reason)
-        if None in job.outcomes:
+        if known is not None and known.key == plan.key and self._is_settled(known):
+            self._report(path, known, True)
             return
-        if job.reason:
-            self._end_job(job, job.reason)
-            return
-        result = str(self._folder / self._files[job.plan.path])
-        ref = self._finish_task.remote(job.outcomes, result)
-        self._handlers[ref] = lambda failure, reason: self._end_job(job, reason or failure)
-
-    def _end_job(self, job: Job, reason: str) -> None:
-        plan = job.plan
-        self._end(
-            plan.path,
-            FileResult(
-                key=plan.key,
-                status="failed" if reason else "done",
-                reason=presentable(mask_secrets(reason)),
-                result="" if reason else self._files[plan.path],
-                parts=len(plan.parts),
-                duration_s=round(plan.duration_s, 3),
-                cpu_s=round(sum(one.cpu_s for one in job.outcomes if one is not None), 3),
-            ),
+        outcomes = await asyncio.gather(*(self._run_part(plan, number) for number in range(len(plan.parts))))
+        reason = next((one.reason for one in outcomes if one.reason), "")
+        if not reason:
+            try:
+                reason = await self._finish_task.remote(outcomes, str(self._folder / self._files[path]))
+            except RayError as error:
+                reason = _reason(error)
+        result = FileResult(
+            key=plan.key,
+            status="failed" if reason else "done",
+            reason=presentable(mask_secrets(reason)),
+            result="" if reason else self._files[path],
+            parts=len(plan.parts),
+            duration_s=round(plan.duration_s, 3),
+            cpu_s=round(sum(one.cpu_s for one in outcomes), 3),
         )
+        self._end(path, result)
+
+    def _is_settled(self, known: FileResult) -> bool:
+        """Whether an earlier batch has made the result, or given the file up."""
+        if known.status == "failed":
+            return not self._retry_failed
+        return (self._folder / known.result).exists()
+
+    async def _run_part(self, plan: Plan, number: int) -> Outcome:
+        try:
+            outcome: Outcome = await self._part_task.remote(plan, number, self._recipe, str(self._folder))
+        except RayError as error:
+            return Outcome("", _reason(error))
+        return outcome
 
     def _end(self, path: str, result: FileResult) -> None:
         self.summary.files[path] = result

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,22 +30,22 @@ def match_ids(frames: Iterable[tuple[Boxes, Boxes]]) -> dict[int, int]:
     agreed: Counter[tuple[int, int]] = Counter()
     common: Counter[tuple[int, int]] = Counter()
     for before, after in frames:
-        if not before or not after:
-            continue
-        overlaps = iou(list(before.values()), list(after.values()))
-        for row, earlier in enumerate(before):
-            for column, later in enumerate(after):
-                common[earlier, later] += 1
-                agreed[earlier, later] += bool(overlaps[row, column] >= SAME_IOU)
+        if before and after:
+            overlaps = iou(list(before.values()), list(after.values()))
+            pairs = list(product(before, after))
+            common.update(pairs)
+            agreed.update(dict(zip(pairs, (overlaps.ravel() >= SAME_IOU).tolist(), strict=True)))
     rows = sorted({earlier for earlier, _ in agreed})
     columns = sorted({later for _, later in agreed})
     counts = np.array([[agreed[earlier, later] for later in columns] for earlier in rows])
     if not counts.size:
         return {}
-    pairs = [
+    matched = (
         (rows[i], columns[j]) for i, j in zip(*linear_sum_assignment(counts, maximize=True), strict=True)
-    ]
-    return {later: earlier for earlier, later in pairs if 2 * agreed[earlier, later] > common[earlier, later]}
+    )
+    return {
+        later: earlier for earlier, later in matched if 2 * agreed[earlier, later] > common[earlier, later]
+    }
 
 
 def iou(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> NDArray[np.float64]:
