@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass, field
+from collections import Counter, defaultdict
 from pathlib import Path
 from statistics import median
 from typing import Annotated, NoReturn
@@ -11,15 +10,9 @@ from typing import Annotated, NoReturn
 import msgspec
 import typer
 
-from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TargetRecord, TrackRecord, TrackState
+from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState
 
-SINKS = {
-    ".csv": "tracksink",
-    ".txt": "tracksink",
-    ".geojson": "tracksink",
-    ".kml": "tracksink",
-    ".mcap": "mcapsink",
-}
+SINKS = {**dict.fromkeys((".csv", ".txt", ".geojson", ".kml"), "tracksink"), ".mcap": "mcapsink"}
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
@@ -30,8 +23,7 @@ RunOption = Annotated[
 CONFIRMED = TrackState.CONFIRMED.value
 
 
-@dataclass
-class TargetSummary:
+class TargetSummary(msgspec.Struct):
     """One target of a file.
 
     Attributes:
@@ -46,7 +38,7 @@ class TargetSummary:
     id: int
     first_s: float | None = None
     last_s: float | None = None
-    states: Counter[str] = field(default_factory=Counter)
+    states: Counter[str] = msgspec.field(default_factory=Counter)
     length_px: float = 0.0
     width_px: float = 0.0
 
@@ -63,7 +55,8 @@ def tracks(
         fail(str(error))
     if records.is_cut_off:
         typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
-    for line in map(_json_line, found) if as_json else table_lines(found):
+    as_lines = [msgspec.json.encode(target).decode() for target in found] if as_json else table_lines(found)
+    for line in as_lines:
         typer.echo(line)
     confirmed = sum(CONFIRMED in target.states for target in found)
     if not found:
@@ -83,7 +76,7 @@ def convert(
         fail(f"{output}: the name must end in {', '.join(SINKS)}, it ends in {output.suffix!r}")
     warnings: list[str] = []
     try:
-        number = choose_run(file, run)
+        number = check_run(file, max((number for number, _ in RecordFile(file)), default=1), run)
         with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
             pipeline["records"].location, pipeline["records"].run = str(file), number
             pipeline["output"].location = str(output)
@@ -100,22 +93,18 @@ def convert(
 def list_targets(records: RecordFile) -> list[TargetSummary]:
     """The targets, by run and id."""
     found: dict[tuple[int, int], TargetSummary] = {}
-    sizes: dict[tuple[int, int], list[tuple[float, float]]] = {}
+    sizes: defaultdict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
     for run, record in records:
         for target in record.tracks:
-            key = run, target.id
-            _note(found.setdefault(key, TargetSummary(*key)), record, target)
-            sizes.setdefault(key, []).append((target.length, target.width))
+            row = found.setdefault((run, target.id), TargetSummary(run, target.id))
+            row.states[target.state.value] += 1
+            sizes[run, target.id].append((target.length, target.width))
+            if record.pts_ns is not None:
+                row.last_s = record.pts_ns / 1e9
+                row.first_s = row.last_s if row.first_s is None else row.first_s
     for key, row in found.items():
         row.length_px, row.width_px = map(median, zip(*sizes[key], strict=True))
     return [found[key] for key in sorted(found)]
-
-
-def _note(row: TargetSummary, record: TrackRecord, target: TargetRecord) -> None:
-    row.states[target.state.value] += 1
-    if record.pts_ns is not None:
-        row.last_s = record.pts_ns / 1e9
-        row.first_s = row.last_s if row.first_s is None else row.first_s
 
 
 def table_lines(found: list[TargetSummary]) -> list[str]:
@@ -134,18 +123,8 @@ def table_lines(found: list[TargetSummary]) -> list[str]:
     return lines
 
 
-def _json_line(target: TargetSummary) -> str:
-    return msgspec.json.encode(target).decode()
-
-
-def choose_run(file: Path, wanted: int | None) -> int:
-    """The number of the run to read, by default the last; exits where the file has no such run.
-
-    Raises:
-        OSError: the file cannot be read.
-        StreamError: a line is no track record.
-    """
-    count = max((number for number, _ in RecordFile(file)), default=1)
+def check_run(file: Path, count: int, wanted: int | None) -> int:
+    """The number of the run to read of `count`, by default the last; exits where there is no such run."""
     if wanted is not None and wanted > count:
         fail(f"{file}: no run {wanted}, it has {count}")
     if wanted is None and count > 1:

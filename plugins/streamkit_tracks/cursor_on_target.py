@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import socket
 from collections.abc import Iterator, Mapping
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from streamkit_tracks.file_formats import located, xml_text
+from streamkit_tracks.file_formats import EPOCH, iso_text, located, utc_time, xml_text
 
 ADDRESS = re.compile(r"(?P<protocol>udp|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^/:\s]+):(?P<port>\d{1,5})/?")
 # The schema's value for an unknown length.
@@ -21,43 +21,29 @@ class InvalidAddress(ValueError):
     """A text is not udp://HOST:PORT or tcp://HOST:PORT."""
 
 
-def events(
-    record: Mapping[str, Any], kind: str, stale_s: float, now: datetime | None = None
-) -> Iterator[bytes]:
+def events(record: Mapping[str, Any], kind: str, stale_s: float) -> Iterator[bytes]:
     """One event for each shown target (confirmed or coasting) with ground coordinates.
 
     Args:
         record: a record with the fields of its JSON.
         kind: the event's type in the CoT hierarchy, `a-u-G` for something unknown on the ground.
         stale_s: how long it is valid.
-        now: UTC; the record's own time if None.
 
     Source: Kristan, Cursor-on-Target Message Router User's Guide, MITRE MP090284 (Event.xsd).
     """
-    time = now or _time_of(record)
+    time = utc_time(record) or EPOCH
+    began, stale = iso_text(time), iso_text(time + timedelta(seconds=stale_s))
     for track in located(record):
         position = track["geo"]
         name = xml_text(f"{record['source']} {track['id']}")
         uid = quoteattr(f"streamkit.{name.replace(' ', '.')}")
-        times = (
-            f'time="{_text(time)}" start="{_text(time)}" stale="{_text(time + timedelta(seconds=stale_s))}"'
-        )
         yield (
             f'<?xml version="1.0" encoding="UTF-8"?><event version="2.0" uid={uid} type={quoteattr(kind)} '
-            f'how="m-f" {times}>'
+            f'how="m-f" time="{began}" start="{began}" stale="{stale}">'
             f'<point lat="{position["lat"]:.8f}" lon="{position["lon"]:.8f}" hae="{UNKNOWN_M}" '
             f'ce="{position.get("error_m", UNKNOWN_M)}" le="{UNKNOWN_M}"/>'
             f"<detail><contact callsign={quoteattr(name)}/></detail></event>"
         ).encode()
-
-
-def _time_of(record: Mapping[str, Any]) -> datetime:
-    time_ns = record.get("capture_ns", record.get("published_ns", 0))
-    return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=time_ns // 1000)
-
-
-def _text(time: datetime) -> str:
-    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class EventSender:

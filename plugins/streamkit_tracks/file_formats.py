@@ -8,7 +8,7 @@ import io
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 from xml.sax.saxutils import escape
 
@@ -24,6 +24,7 @@ CSV_COLUMNS = (
     "x0", "y0", "x1", "y1", "vx", "vy", "score", "age_ns", "lat", "lon",
 )  # fmt: skip
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MOT_CORNER = 1.5  # a box starts half a pixel before the centre of its first pixel, and pixels count from 1
 
 
@@ -105,8 +106,8 @@ class GeoJsonFormat(RecordFormat):
             names = ("id", "state", "score", "age_ns")
             fields = {name: track[name] for name in names}
             fields |= {"source": record["source"], "seq": record["seq"]}
-            if (time := utc_text(record)) is not None:
-                fields["time"] = time
+            if (time := utc_time(record)) is not None:
+                fields["time"] = iso_text(time)
             if "error_m" in position:
                 fields["error_m"] = position["error_m"]
             point = {"type": "Point", "coordinates": [position["lon"], position["lat"]]}
@@ -134,8 +135,8 @@ class KmlFormat(RecordFormat):
 
     @override
     def record(self, record: Record) -> bytes:
-        time = utc_text(record)
-        when = f"<TimeStamp><when>{time}</when></TimeStamp>" if time else ""
+        time = utc_time(record)
+        when = f"<TimeStamp><when>{iso_text(time)}</when></TimeStamp>" if time else ""
         source = escape(xml_text(record["source"]))
         return "".join(
             f"<Placemark><name>{track['id']}</name><description>{source} {track['state']}</description>{when}"
@@ -160,15 +161,17 @@ FORMATS: dict[str, type[RecordFormat]] = {
 GEOGRAPHIC = frozenset((FileKind.GEOJSON, FileKind.KML))
 
 
-def utc_text(record: Record) -> str | None:
-    """Time of capture, else of publishing, in ISO 8601; None where neither is known."""
+def utc_time(record: Record) -> datetime | None:
+    """Time of capture, else of publishing; None where neither is known, or in no calendar."""
     time_ns = record.get("capture_ns", record.get("published_ns"))
-    if time_ns is None:
-        return None
     try:
-        time = datetime.fromtimestamp(time_ns / 1e9, UTC)
-    except (OverflowError, ValueError):
+        return None if time_ns is None else EPOCH + timedelta(microseconds=time_ns // 1000)
+    except OverflowError:
         return None
+
+
+def iso_text(time: datetime) -> str:
+    """A UTC time in ISO 8601, to the millisecond."""
     return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 

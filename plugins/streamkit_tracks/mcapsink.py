@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 from typing_extensions import override
 
-from streamkit import Frame, Property, ResourceError, TrackRecord, encode_record
-from streamkit_tracks.record_sink import RecordFileSink
+from streamkit import Frame, Property, TrackRecord, encode_record
+from streamkit_tracks.record_sink import RecordFileSink, require_library
 
 SCHEMA = "streamkit.tracks/1"
 FLUSH_S = 1.0
@@ -34,20 +34,13 @@ class McapSink(RecordFileSink):
     @override
     def start(self) -> None:
         super().start()
-        try:
-            from mcap.writer import Writer
-        except ImportError:
-            raise ResourceError(
-                "mcapsink needs the library mcap, which is not installed; "
-                "install it with: pip install 'streamkit[mcap]'"
-            ) from None
-        self._writer_class = Writer
+        self._mcap = require_library("mcapsink", "mcap.writer", "mcap", "mcap")
 
     @override
     def begin(self) -> None:
         super().begin()
         assert self.file is not None
-        self._writer: Any = self._writer_class(io.BufferedWriter(self.file))
+        self._writer: Any = self._mcap.Writer(io.BufferedWriter(self.file))
         self._writer.start(profile="", library="streamkit")
         schema = self._writer.register_schema(SCHEMA, "jsonschema", _json_schema())
         self._channel = self._writer.register_channel(self.topic, "json", schema)

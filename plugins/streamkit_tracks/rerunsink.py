@@ -1,15 +1,14 @@
 """rerunsink: frames and tracks in a recording for the Rerun viewer."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 from typing_extensions import override
 
-from streamkit import SHOWN_STATES, Frame, Property, ResourceError, TrackRecord
+from streamkit import SHOWN_STATES, Frame, Property, TrackRecord
 from streamkit.geometry.homography import project
-from streamkit_tracks.record_sink import RecordFileSink
+from streamkit_tracks.record_sink import RecordFileSink, require_library
 
 APPLICATION = "streamkit"
 
@@ -38,13 +37,7 @@ class RerunSink(RecordFileSink):
     @override
     def start(self) -> None:
         super().start()
-        try:
-            self._rerun: Any = import_module("rerun")
-        except ImportError:
-            raise ResourceError(
-                "rerunsink needs the library rerun-sdk, which is not installed; "
-                "install it with: pip install 'streamkit[rerun]'"
-            ) from None
+        self._rerun = require_library("rerunsink", "rerun", "rerun-sdk", "rerun")
 
     @override
     def begin(self) -> None:

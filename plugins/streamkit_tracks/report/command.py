@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
-from streamkit_tracks.command import RecordsArgument, RunOption, choose_run, fail
-from streamkit_tracks.report.costs import cost_table, read_costs
-from streamkit_tracks.report.run_data import RecordedRun, TargetPath, collect_run
+from streamkit_tracks.command import RecordsArgument, RunOption, check_run, fail
+from streamkit_tracks.report.page import build_page, cost_table, read_costs
+from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
 MOST_CROPS = 60
 PAGE_SUFFIXES = (".html", ".htm")
@@ -33,8 +33,7 @@ def report(
     if output.suffix.lower() not in PAGE_SUFFIXES:
         fail(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
     try:
-        number = choose_run(file, run)
-        found = collect_run(record for of, record in RecordFile(file) if of == number)
+        found = read_run(file, run)
         if not found.times_s:
             fail(f"{file}: no record in it")
         costs = "" if stats is None else cost_table(read_costs(stats))
@@ -47,6 +46,24 @@ def report(
     typer.echo(f"wrote {output}")
 
 
+def read_run(file: Path, wanted: int | None) -> RecordedRun:
+    """A run of a file, by default the last; exits where the file has no such run.
+
+    Raises:
+        OSError: the file cannot be read.
+        StreamError: a line is no track record.
+    """
+    found, number = RecordedRun(), 1
+    for run, record in RecordFile(file):
+        if wanted is None and run > number:
+            found = RecordedRun()
+        number = run
+        if wanted in (None, run):
+            found.add(record)
+    check_run(file, number, wanted)
+    return found
+
+
 def write_page(
     run: RecordedRun, title: str, output: Path, frame: bytes, crops: dict[int, bytes], costs: str
 ) -> None:
@@ -57,7 +74,6 @@ def write_page(
         OSError: the page cannot be written.
     """
     from streamkit_tracks.report.figures import draw_figures
-    from streamkit_tracks.report.page import build_page
 
     page = build_page(run, title, draw_figures(run), frame, crops, costs)
     output.parent.mkdir(parents=True, exist_ok=True)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from streamkit import SHOWN_STATES, TargetRecord, TrackRecord
+from streamkit.geometry.homography import project
 
 FRAME_S = 1 / 25  # between frames without a time
+UNKNOWN = float("nan")
 Box = tuple[float, float, float, float]  # bounds x0 y0 x1 y1, px of the frame
 
 
@@ -65,6 +68,50 @@ class RecordedRun:
     size: tuple[int, int] | None = None
     busiest: int = 0
     busiest_boxes: dict[int, Box] = field(default_factory=dict)
+    _first_ns: int | None = None
+
+    def add(self, record: TrackRecord) -> None:
+        """Adds a frame, and the positions of its targets."""
+        index = len(self.times_s)
+        self._first_ns = record.pts_ns if self._first_ns is None else self._first_ns
+        time_s = index * FRAME_S
+        if record.pts_ns is not None and self._first_ns is not None:
+            time_s = (record.pts_ns - self._first_ns) / 1e9
+        registration = record.registration
+        shown = [target for target in record.tracks if target.state in SHOWN_STATES]
+        if len(shown) > len(self.busiest_boxes):
+            self.busiest, self.busiest_boxes = index, {target.id: target.bbox for target in shown}
+        if record.width and record.height:
+            self.size = record.width, record.height
+        self.source = record.source
+        self.times_s.append(time_s)
+        self.pts_ns.append(record.pts_ns)
+        self.ages_ms.append(UNKNOWN if record.age_ms is None else record.age_ms)
+        self.lost.append(record.dropped)
+        self.shown.append(len(shown))
+        self.statuses.append("" if registration is None else str(registration.status))
+        std = None if registration is None else registration.corner_std
+        self.corner_std.append(UNKNOWN if std is None else std)
+        for target in record.tracks:
+            path = self.paths.setdefault(target.id, TargetPath(target.id))
+            path.times_s.append(time_s)
+            path.states.append(target.state.value)
+        for target in shown:
+            self._add_position(self.paths[target.id], record, target)
+
+    def _add_position(self, path: TargetPath, record: TrackRecord, target: TargetRecord) -> None:
+        time_s = self.times_s[-1]
+        if target.length > path.largest[0]:
+            path.largest = target.length, len(self.times_s) - 1, target.bbox
+        if target.geo is not None:
+            path.ground.extend((time_s, target.geo.lon, target.geo.lat))
+        plane, place = 0, (target.x, target.y)  # without registration, the frame is the plane
+        if record.registration is not None:
+            if record.registration.to_reference is None:
+                return
+            plane, matrix = record.registration.reference, np.array(record.registration.to_reference)
+            place = tuple(project(matrix, np.array([place]))[0].tolist())
+        path.plane.setdefault(plane, array("d")).extend((time_s, *place))
 
     def shown_paths(self) -> list[TargetPath]:
         """Those that were confirmed in any frame, the longest first."""
@@ -77,63 +124,3 @@ class RecordedRun:
         for path in self.paths.values():
             counts.update({plane: len(points) for plane, points in path.plane.items()})
         return counts.most_common(1)[0][0] if counts else None
-
-
-def collect_run(records: Iterable[TrackRecord]) -> RecordedRun:
-    """The frames and paths of the records of one run."""
-    run, first_ns = RecordedRun(), None
-    for index, record in enumerate(records):
-        first_ns = record.pts_ns if first_ns is None else first_ns
-        is_timed = record.pts_ns is not None and first_ns is not None
-        time_s = (record.pts_ns - first_ns) / 1e9 if is_timed else index * FRAME_S  # type: ignore[operator]
-        _add_frame(run, record, time_s)
-        for target in record.tracks:
-            _add_position(
-                run.paths.setdefault(target.id, TargetPath(target.id)), record, target, time_s, index
-            )
-    return run
-
-
-def _add_frame(run: RecordedRun, record: TrackRecord, time_s: float) -> None:
-    registration = record.registration
-    run.source = record.source
-    run.times_s.append(time_s)
-    run.pts_ns.append(record.pts_ns)
-    run.ages_ms.append(float("nan") if record.age_ms is None else record.age_ms)
-    run.lost.append(record.dropped)
-    boxes = {target.id: target.bbox for target in record.tracks if target.state in SHOWN_STATES}
-    run.shown.append(len(boxes))
-    if len(boxes) > len(run.busiest_boxes):
-        run.busiest, run.busiest_boxes = len(run.shown) - 1, boxes
-    run.statuses.append("" if registration is None else str(registration.status))
-    known = registration is not None and registration.corner_std is not None
-    run.corner_std.append(registration.corner_std if known else float("nan"))  # type: ignore[union-attr,arg-type]
-    if record.width and record.height:
-        run.size = record.width, record.height
-
-
-def _add_position(
-    path: TargetPath, record: TrackRecord, target: TargetRecord, time_s: float, index: int
-) -> None:
-    path.times_s.append(time_s)
-    path.states.append(target.state.value)
-    if target.state not in SHOWN_STATES:
-        return
-    if target.length > path.largest[0]:
-        path.largest = target.length, index, target.bbox
-    if target.geo is not None:
-        path.ground.extend((time_s, target.geo.lon, target.geo.lat))
-    place = _on_plane(record, target)
-    if place is not None:
-        path.plane.setdefault(place[0], array("d")).extend((time_s, *place[1:]))
-
-
-def _on_plane(record: TrackRecord, target: TargetRecord) -> tuple[int, float, float] | None:
-    """Reference plane and position on it, px; without registration the frame is the plane."""
-    registration = record.registration
-    if registration is None:
-        return 0, target.x, target.y
-    if registration.to_reference is None:
-        return None
-    x, y, w = (row[0] * target.x + row[1] * target.y + row[2] for row in registration.to_reference)
-    return registration.reference, x / w, y / w

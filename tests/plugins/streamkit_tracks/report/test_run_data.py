@@ -1,10 +1,10 @@
-"""collect_run: frames and paths of the records."""
+"""RecordedRun: frames and paths of the records."""
 
 import math
 
 from streamkit import TargetRecord, TrackRecord, TrackState
 from streamkit.flow.record import GeoRecord, RegistrationRecord
-from streamkit_tracks.report.run_data import collect_run
+from streamkit_tracks.report.run_data import RecordedRun
 
 SHIFT = ((1.0, 0.0, 100.0), (0.0, 1.0, 50.0), (0.0, 0.0, 1.0))
 
@@ -28,6 +28,14 @@ def _target(
         id=number, state=state, x=x, y=5, length=length, width=4, angle=0, bbox=(x - 4, 3, x + 4, 7),
         score=1, age_ns=0, geo=GeoRecord(lat=48, lon=11 + x),
     )  # fmt: skip
+
+
+def collect_run(records: list[TrackRecord]) -> RecordedRun:
+    """The run of these records."""
+    run = RecordedRun()
+    for record in records:
+        run.add(record)
+    return run
 
 
 def test_positions_are_on_the_plane_and_on_the_ground() -> None:
