@@ -18,8 +18,7 @@ LOG = logging.getLogger("streamkit.view")
 COOKIE = "streamkit_view"  # and the port: browsers send a cookie to all ports of a host
 POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
-    "connect-src 'self'; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 RESPONSE_HEADERS = {
     "Content-Security-Policy": POLICY,
@@ -71,10 +70,6 @@ class AccessControl:
     A page of another site must not read this one: it can send neither this `Host`, after DNS rebinding, nor
     this `Origin`. The token is in the address that is printed; the first response moves it into a cookie. A
     scope's `may_control` says whether its request has the token.
-
-    Args:
-        app: the application.
-        access: who may see the page.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
@@ -126,19 +121,16 @@ class AccessControl:
     def _is_own_host(self, host: str) -> bool:
         """A loopback name; beyond loopback also any address, and the name of this machine."""
         try:
-            name = urlsplit(f"//{host}").hostname or ""
-            _ = urlsplit(f"//{host}").port
+            parts = urlsplit(f"//{host}")
+            name, _ = parts.hostname or "", parts.port
         except ValueError:
             return False
-        if is_loopback(name):
-            return True
-        if self._access.is_local:
-            return False
+        if is_loopback(name) or self._access.is_local:
+            return is_loopback(name)
         try:
-            ipaddress.ip_address(name)
+            return ipaddress.ip_address(name) is not None
         except ValueError:
             return name == socket.gethostname().lower()
-        return True
 
 
 def _refuse(code: int, reason: str) -> Response:

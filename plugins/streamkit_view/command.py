@@ -8,14 +8,11 @@ import signal
 import socket
 import sys
 import webbrowser
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
-
-if TYPE_CHECKING:
-    from streamkit_view.playback import PlayedPipeline
 
 BACKLOG = 64
 FILE_SUFFIXES = {".jsonl", ".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
@@ -53,7 +50,7 @@ def view(
         _fail(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import Access, is_loopback
     from streamkit_view.basemap import InvalidBasemap, read_basemap
-    from streamkit_view.playback import is_run, is_source, playing, unplayable
+    from streamkit_view.playback import PlayedPipeline, is_run, is_source, unplayable
 
     sources = [text for text in what if is_source(text)]
     if sources and len(what) > 1:
@@ -76,10 +73,10 @@ def view(
     signal.signal(signal.SIGTERM, lambda _number, _frame: sys.exit(0))
     with ExitStack() as stack:
         stack.enter_context(bound)
-        playback: PlayedPipeline | None = None
+        playback = None
         if sources:
             key = f"view/{os.getpid()}"
-            playback, what = stack.enter_context(playing(sources[0], key, video)), [key]
+            playback, what = stack.enter_context(closing(PlayedPipeline(sources[0], key, video))), [key]
         url = _url(host, bound.getsockname()[1], token)
         typer.echo(f"open {url}")
         if open_page:

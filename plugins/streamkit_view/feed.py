@@ -5,16 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple
 
 import msgspec
 import zenoh
 
 from streamkit import TrackRecord
 from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage, binary_message, text_message
-from streamkit_zenoh.keys import STATUS, publication_root, records_key, stream_key
-from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, MessageReceiver, ReceivedMessage
-from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Decoder, decode_json
+from streamkit_zenoh.keys import STATUS, publication_root, stream_key
+from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, Counts, MessageReceiver, ReceivedMessage
+from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, decode_json, decode_message
 from streamkit_zenoh.wire.frame_header import read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, PIXEL_LIMIT, image_size
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
@@ -27,19 +26,13 @@ LOOK_S = 0.5
 SILENT_S = 2.0
 
 
-class StreamLimits(NamedTuple):
-    """Most bytes of a message, and whether the last one is asked for."""
-
-    limit_bytes: int
-    ask_last: bool
-
-
-STREAMS = {
-    TRACKS: StreamLimits(RECORD_LIMIT_BYTES, True),
-    STATUS: StreamLimits(STATUS_LIMIT_BYTES, True),
-    VIDEO: StreamLimits(PACKET_LIMIT_BYTES, False),
-    FRAME: StreamLimits(IMAGE_LIMIT_BYTES, True),
-    MOSAIC: StreamLimits(IMAGE_LIMIT_BYTES, True),
+# Most bytes of a message, by stream.
+LIMIT_BYTES = {
+    TRACKS: RECORD_LIMIT_BYTES,
+    STATUS: STATUS_LIMIT_BYTES,
+    VIDEO: PACKET_LIMIT_BYTES,
+    FRAME: IMAGE_LIMIT_BYTES,
+    MOSAIC: IMAGE_LIMIT_BYTES,
 }
 
 
@@ -66,7 +59,7 @@ class FeedState(msgspec.Struct, frozen=True, kw_only=True):
     lost: dict[str, int]
     bad: dict[str, int]
     status: StatusRecord | None
-    history_s: float = 0.0
+    history_s: float
 
 
 class Feed:
@@ -77,7 +70,7 @@ class Feed:
         key: of a zenohsink.
         index: of this feed.
         deliver: called with each message, from any thread.
-        title: what the page shows instead of the key.
+        title: what the page shows instead of the key, or "".
 
     Raises:
         InvalidKey: the key is malformed or has wildcards.
@@ -98,50 +91,35 @@ class Feed:
         self._stopping = threading.Event()
         self._status: StatusRecord | None = None
         self._last_record_s = 0.0
-        self._records = Decoder(TrackRecord, TRACKS_SCHEMA)
-        self._statuses = Decoder(StatusRecord, STATUS_SCHEMA)
         self._receivers = {
             name: MessageReceiver(
                 session,
-                records_key(self.key) if name == TRACKS else stream_key(self.key, name),
+                stream_key(self.key, name),
                 capacity=QUEUE_MESSAGES,
                 max_bytes=QUEUE_BYTES,
                 newest=True,
-                limit_bytes=limits.limit_bytes,
-                ask_last=limits.ask_last,
+                limit_bytes=limit_bytes,
+                ask_last=name != VIDEO,
                 ends_with_publisher=False,
             )
-            for name, limits in STREAMS.items()
+            for name, limit_bytes in LIMIT_BYTES.items()
         }
         self._threads = [
-            threading.Thread(target=self._receive, args=(name,), name=f"view {name}") for name in STREAMS
+            threading.Thread(target=self._receive, args=(name,), name=f"view {name}") for name in LIMIT_BYTES
         ]
         for thread in self._threads:
             thread.start()
 
-    def state(self, failure: str = "", waiting: str = "") -> FeedState:
-        """The state now; why the pipeline of this feed failed, and what is waited for, if known."""
+    def state(self, history_s: float, failure: str = "", waiting: str = "") -> FeedState:
+        """The state now.
+
+        Args:
+            history_s: how far back a page can go, s.
+            failure: why the pipeline of this feed failed, if it did.
+            waiting: what is waited for, if known.
+        """
         counts = {name: receiver.counts() for name, receiver in self._receivers.items()}
-        tracks, status = self._receivers[TRACKS], self._status
-        state, reason = "playing", ""
-        if not counts[TRACKS].publishers:
-            has_begun = any(count.received for count in counts.values())
-            state, reason = "waiting", waiting or f"No publisher at {self.key} yet."
-            if failure:
-                state, reason = "lost", failure
-            elif tracks.has_vanished:
-                state, reason = (
-                    "lost",
-                    "The publisher is gone without an end: killed, or its link is cut.",
-                )
-            elif has_begun:
-                state, reason = "ended", "The stream has ended."
-        elif self._last_record_s and time.monotonic() - self._last_record_s > SILENT_S:
-            silent_s = time.monotonic() - self._last_record_s
-            state = "silent"
-            reason = f"No frame for {silent_s:.0f} s: the feed is lost, or the pipeline stands still."
-        elif not self._last_record_s:
-            state, reason = "waiting", waiting or "The publisher is there; no frame has come yet."
+        state, reason = self._activity(counts, failure, waiting)
         return FeedState(
             key=self._title,
             state=state,
@@ -150,8 +128,26 @@ class Feed:
             received={name: count.received for name, count in counts.items()},
             lost={name: count.lost + count.overwritten for name, count in counts.items()},
             bad={name: count.bad for name, count in counts.items() if count.bad},
-            status=status,
+            status=self._status,
+            history_s=round(history_s, 1),
         )
+
+    def _activity(self, counts: dict[str, Counts], failure: str, waiting: str) -> tuple[str, str]:
+        """The word for the state, and the reason."""
+        silent_s = time.monotonic() - self._last_record_s
+        if not counts[TRACKS].publishers:
+            if failure:
+                return "lost", failure
+            if self._receivers[TRACKS].has_vanished:
+                return "lost", "The publisher is gone without an end: killed, or its link is cut."
+            if any(count.received for count in counts.values()):
+                return "ended", "The stream has ended."
+            return "waiting", waiting or f"No publisher at {self.key} yet."
+        if not self._last_record_s:
+            return "waiting", waiting or "The publisher is there; no frame has come yet."
+        if silent_s > SILENT_S:
+            return "silent", f"No frame for {silent_s:.0f} s: the feed is lost, or the pipeline stands still."
+        return "playing", ""
 
     def close(self) -> list[Callable[[], object]]:
         """Ends the threads; returns the calls that undeclare everything."""
@@ -164,42 +160,36 @@ class Feed:
 
     def _receive(self, name: str) -> None:
         receiver = self._receivers[name]
-        convert = {TRACKS: self._record, STATUS: self._note_status, VIDEO: self._packet}.get(name)
         while not self._stopping.is_set():
             received = receiver.queue.get(LOOK_S)
             if received is None or received.is_deleted:
                 continue
             try:
-                message = convert(received) if convert else self._image(name, received)
-            except (ValueError, BadPayload):
+                message = self._message(name, received)
+            except ValueError:
                 receiver.count_bad()
                 continue
             if message is not None:
                 self._deliver(message)
 
-    def _record(self, received: ReceivedMessage) -> PageMessage:
-        record = self._records.decode(received.content_type, received.payload)
-        self._last_record_s = time.monotonic()
-        return text_message(TRACKS, self._index, msgspec.json.encode(record))
-
-    def _note_status(self, received: ReceivedMessage) -> None:
-        self._status = self._statuses.decode(received.content_type, received.payload)
-
-    def _packet(self, received: ReceivedMessage) -> PageMessage:
-        header = decode_json(received.header, VideoHeader)
-        extra: dict[str, object] = {"run": str(received.stamp.run), "number": received.stamp.number}
-        return binary_message(
-            VIDEO,
-            self._index,
-            msgspec.json.encode(header),
-            received.payload,
-            extra,
-            is_keyframe=header.keyframe,
-        )
-
-    def _image(self, name: str, received: ReceivedMessage) -> PageMessage:
-        header, size = read_header(received.header), image_size(received.payload)
+    def _message(self, name: str, received: ReceivedMessage) -> PageMessage | None:
+        """The message to pages; raises ValueError if what was received is invalid."""
+        payload, feed = received.payload, self._index
+        if name == STATUS:
+            self._status = decode_message(StatusRecord, STATUS_SCHEMA, received.content_type, payload)
+            return None
+        if name == TRACKS:
+            record = decode_message(TrackRecord, TRACKS_SCHEMA, received.content_type, payload)
+            self._last_record_s = time.monotonic()
+            return text_message(TRACKS, feed, msgspec.json.encode(record))
+        if name == VIDEO:
+            packet = decode_json(received.header, VideoHeader)
+            origin: dict[str, object] = {"run": str(received.stamp.run), "number": received.stamp.number}
+            body = msgspec.json.encode(packet)
+            return binary_message(VIDEO, feed, body, payload, origin, is_keyframe=packet.keyframe)
+        header, size = read_header(received.header), image_size(payload)
         if size is None or not 0 < size[0] * size[1] <= PIXEL_LIMIT:
             raise ValueError(f"not an image of 1 to {PIXEL_LIMIT} pixels")
-        extra: dict[str, object] = {"png": received.payload[:1] == b"\x89"}
-        return binary_message(name, self._index, msgspec.json.encode(header), received.payload, extra)
+        return binary_message(
+            name, feed, msgspec.json.encode(header), payload, {"png": payload[:1] == b"\x89"}
+        )

@@ -10,11 +10,15 @@ from collections.abc import Callable
 from itertools import islice
 from typing import NamedTuple
 
-from streamkit_view.messages import PageMessage
+from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
 
 LOOK_S = 0.1
 HISTORY_S = 300.0
 HISTORY_BYTES = 128 << 20  # four minutes at 4 Mbit/s
+
+
+# Video since the newest keyframe, which a new page begins with; of more, it waits for the next one.
+GROUP_MESSAGES, GROUP_BYTES = 400, 8 << 20
 
 
 class Past(NamedTuple):
@@ -25,20 +29,21 @@ class Past(NamedTuple):
 
 
 class History:
-    """The messages of one feed, the oldest dropped.
-
-    Args:
-        max_bytes: most bytes of their data.
-    """
+    """The messages of one feed, whose data is bounded: the oldest are dropped."""
 
     def __init__(self, max_bytes: int = HISTORY_BYTES) -> None:
         self._max_bytes = max_bytes
         self._held: deque[Past] = deque()
         self._bytes = 0
         self._first = 0  # number of the oldest message held
+        self._last: dict[str, PageMessage] = {}  # by kind, but for video
 
     def note(self, message: PageMessage, now_s: float) -> None:
-        """Keeps a message."""
+        """Keeps a message; of mosaics only the newest."""
+        if message.kind != VIDEO:
+            self._last[message.kind] = message
+        if message.kind == MOSAIC:
+            return
         self._held.append(Past(now_s, message))
         self._bytes += len(message.data)
         while self._held and (self._bytes > self._max_bytes or now_s - self._held[0].at_s > HISTORY_S):
@@ -57,6 +62,18 @@ class History:
                 return self._first + count - number
         return self._first + min(count, max(0, len(self._held) - 1))
 
+    def latest(self) -> list[PageMessage]:
+        """What a new page is sent first: last images, video since the newest keyframe, last record."""
+        group: deque[PageMessage] = deque()
+        for message in (past.message for past in reversed(self._held) if past.message.kind == VIDEO):
+            group.appendleft(message)
+            if message.is_keyframe or len(group) > GROUP_MESSAGES:
+                break
+        is_shown = bool(group) and group[0].is_keyframe and sum(len(one.data) for one in group) <= GROUP_BYTES
+        images = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
+        records = [self._last[TRACKS]] if TRACKS in self._last else []
+        return [*images, *(group if is_shown else ()), *records]
+
     def get(self, number: int) -> tuple[int, Past] | None:
         """The message of a number, or the oldest one after it, with its number; None if there is none yet."""
         at = max(0, number - self._first)
@@ -64,12 +81,9 @@ class History:
 
 
 async def replay(history: History, back_s: float, offer: Callable[[PageMessage], None]) -> None:
-    """Offers what came `back_s` ago and later, each message at the same distance; ends only when cancelled.
+    """Offers what came `back_s` ago and later, from the keyframe before it, each message at its distance.
 
-    Args:
-        history: of the feed.
-        back_s: how far back to begin, s; from the keyframe before it.
-        offer: takes a message.
+    Ends only when cancelled.
     """
     number = history.start(time.monotonic() - back_s)
     delay_s: float | None = None
@@ -82,8 +96,7 @@ async def replay(history: History, back_s: float, offer: Callable[[PageMessage],
         now_s = time.monotonic()
         if delay_s is None:
             delay_s = now_s - past.at_s
-        wait_s = past.at_s + delay_s - now_s
-        if wait_s > 0:
+        if (wait_s := past.at_s + delay_s - now_s) > 0:
             await asyncio.sleep(wait_s)
         number = at + 1
         offer(past.message)

@@ -10,38 +10,8 @@ from streamkit_view.history import HISTORY_BYTES, History
 from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
 from streamkit_view.viewer import Viewer
 
-# Video since the newest keyframe, which a new page begins with.
-GROUP_MESSAGES, GROUP_BYTES = 400, 8 << 20
 PAST = (VIDEO, TRACKS, FRAME)
-
-
-class Latest:
-    """What a new page of a feed is sent first: last images and record, and video since its keyframe."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, PageMessage] = {}
-        self._group: list[PageMessage] = []
-        self._bytes = 0
-
-    def note(self, message: PageMessage) -> None:
-        """Keeps a message for pages that come later."""
-        if message.kind != VIDEO:
-            self._last[message.kind] = message
-            return
-        if message.is_keyframe:
-            self._group, self._bytes = [], 0
-        elif not self._group:
-            return
-        self._group.append(message)
-        self._bytes += len(message.data)
-        if len(self._group) > GROUP_MESSAGES or self._bytes > GROUP_BYTES:
-            self._group = []
-
-    def messages(self) -> list[PageMessage]:
-        """What to send to a new page, in order."""
-        images = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
-        records = [self._last[TRACKS]] if TRACKS in self._last else []
-        return [*images, *self._group, *records]
+SHOWN = (*PAST, MOSAIC)
 
 
 class Hub:
@@ -56,7 +26,6 @@ class Hub:
     """
 
     def __init__(self, feeds: int, first_appeared: Callable[[], None] = lambda: None) -> None:
-        self._latest = [Latest() for _ in range(feeds)]
         self.history = [History(HISTORY_BYTES // max(1, feeds)) for _ in range(feeds)]
         self._pages: dict[Viewer, asyncio.Event] = {}
         self._first_appeared = first_appeared
@@ -74,13 +43,11 @@ class Hub:
 
     def publish(self, message: PageMessage) -> None:
         """Queues a message for the pages of its feed; the states of all feeds go to all pages."""
-        if message.kind in (VIDEO, TRACKS, FRAME, MOSAIC):
-            self._latest[message.feed].note(message)
-        if message.kind in PAST:
+        if message.kind in SHOWN:
             self.history[message.feed].note(message, time.monotonic())
         for viewer, changed in self._pages.items():
             is_shown = viewer.feed == message.feed and (viewer.is_live or message.kind not in PAST)
-            if is_shown or message.kind not in (*PAST, MOSAIC):
+            if is_shown or message.kind not in SHOWN:
                 viewer.offer(message)
                 changed.set()
 
@@ -109,6 +76,6 @@ class Hub:
 
     def greet(self, viewer: Viewer) -> None:
         """Sends a page what a new one begins with."""
-        for message in self._latest[viewer.feed].messages():
+        for message in self.history[viewer.feed].latest():
             viewer.offer(message)
         self._pages[viewer].set()

@@ -1,13 +1,26 @@
-"""Messages to the page: text is JSON, binary is a JSON header and the bytes of an image or packet."""
+"""Messages to the page and its answers.
+
+To the page text is JSON, binary is a JSON header and the bytes of an image or packet; answers are JSON.
+"""
 
 from __future__ import annotations
 
 import json
 import struct
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import structs
+
+from streamkit_zenoh.wire.control import ControlRequest
+from streamkit_zenoh.wire.encodings import decode_json
 
 VIDEO, TRACKS, FRAME, MOSAIC = "video", "tracks", "frame", "mosaic"
 HELLO, STATE, SKIPPED, CONTROL, BACK = "hello", "state", "skipped", "control", "back"
+BACK_LIMIT_S = 3600
+Natural = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,3 +51,41 @@ def binary_message(
     """A message with a payload: length of the header (uint32, little endian), the header, the payload."""
     header = f'{{"type":"{kind}","feed":{feed},"extra":{json.dumps(extra)},"body":{body.decode()}}}'.encode()
     return PageMessage(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe)
+
+
+class InvalidAnswer(ValueError):
+    """A page sent something that pages do not send."""
+
+
+class PageAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A message of a page, with exactly one field.
+
+    Attributes:
+        taken: how many messages the page has taken in all.
+        select: index of the feed that it shows.
+        back: how many seconds to go back in time; 0 is live.
+        control: a live property to set; None asks for all of them.
+    """
+
+    taken: Natural | msgspec.UnsetType = msgspec.UNSET
+    select: Natural | msgspec.UnsetType = msgspec.UNSET
+    back: Annotated[int, msgspec.Meta(ge=0, le=BACK_LIMIT_S)] | msgspec.UnsetType = msgspec.UNSET
+    control: ControlRequest | msgspec.UnsetType | None = msgspec.UNSET
+
+
+def read_answer(text: object) -> tuple[str, Any]:
+    """Reads a page's message: name and value of its field.
+
+    Raises:
+        InvalidAnswer: it is another.
+    """
+    given: dict[str, Any] = {}
+    if isinstance(text, str):
+        with suppress(ValueError):
+            given = structs.asdict(decode_json(text.encode(), PageAnswer))
+    given = {name: value for name, value in given.items() if value is not msgspec.UNSET}
+    if len(given) != 1:
+        raise InvalidAnswer(
+            "it is no count of messages taken, choice of a feed, time to go back, or request to control"
+        )
+    return given.popitem()

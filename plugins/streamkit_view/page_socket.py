@@ -10,11 +10,18 @@ import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from streamkit_view.access import log_once
-from streamkit_view.answers import InvalidAnswer, read_answer
 from streamkit_view.basemap import Basemap
 from streamkit_view.history import replay
 from streamkit_view.hub import Hub
-from streamkit_view.messages import BACK, CONTROL, HELLO, PageMessage, text_message
+from streamkit_view.messages import (
+    BACK,
+    CONTROL,
+    HELLO,
+    InvalidAnswer,
+    PageMessage,
+    read_answer,
+    text_message,
+)
 from streamkit_view.viewer import Viewer
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 
@@ -29,20 +36,12 @@ Ask = Callable[[int, ControlRequest | None], ControlReply]
 class PageSocket:
     """Serves one page until it leaves, sends nonsense or is stuck.
 
-    Args:
-        websocket: accepted.
-        hub: has the messages for pages.
-        feeds: how many feeds there are.
-        ask: passes a request to the pipeline of a feed, and gives its reply within some seconds.
-        basemap: of the geographic map.
+    `ask` passes a request to the pipeline of a feed, and gives its reply within some seconds.
     """
 
-    def __init__(
-        self, websocket: WebSocket, hub: Hub, feeds: int, ask: Ask, basemap: Basemap | None = None
-    ) -> None:
+    def __init__(self, websocket: WebSocket, hub: Hub, ask: Ask, basemap: Basemap | None) -> None:
         self._websocket = websocket
         self._hub = hub
-        self._feeds = feeds
         self._ask = ask
         self._may_control = bool(websocket.scope.get("may_control"))
         self._basemap = None if basemap is None else {"corners": basemap.corners}
@@ -56,20 +55,18 @@ class PageSocket:
         hello = msgspec.json.encode({"control": self._may_control, "basemap": self._basemap})
         viewer.offer(text_message(HELLO, 0, hello))  # before what the hub has for a new page
         self._changed = self._hub.add(viewer)
-        tasks = [
-            asyncio.create_task(work())
-            for work in (self._take_answers, self._send_messages, self._reply_to_requests, self._become_stuck)
-        ]
+        works = (self._take_answers, self._send_messages, self._reply_to_requests, self._become_stuck)
+        tasks = [asyncio.create_task(work()) for work in works]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            failures = [task.exception() for task in done]
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._hub.remove(viewer)
             self._end_replay()
+            failures = [task.exception() for task in tasks if task.done() and not task.cancelled()]
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-        failure = next((failure for failure in failures if failure is not None), None)
+        failure = next(filter(None, failures), None)
         if isinstance(failure, InvalidAnswer):
             log_once(f"a page's message: {failure}")
             with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the page may be gone already
@@ -89,7 +86,7 @@ class PageSocket:
                     self._queue(value)
                 elif name == "back":
                     self._go_back(value)
-                elif value < self._feeds:
+                elif value < len(self._hub.history):
                     self._end_replay()
                     self._hub.select(self._viewer, value)
                 else:

@@ -6,8 +6,6 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -79,11 +77,13 @@ class PlayedPipeline:
     Args:
         location: a file, or a URL.
         key: where it publishes.
-        command: of streamkit; the process gets `launch` and its arguments.
         video: the file of a finished run's video, or "".
+        command: of streamkit; the process gets `launch` and its arguments.
     """
 
-    def __init__(self, location: str, key: str, command: tuple[str, ...], video: str = "") -> None:
+    def __init__(
+        self, location: str, key: str, video: str = "", command: tuple[str, ...] = STREAMKIT_COMMAND
+    ) -> None:
         self._location, self._command = location, command
         self._pipeline, source = pipeline_for(location)
         self._variables = {"location": location, "key": key} | ({"video": video} if video else {})
@@ -154,13 +154,3 @@ class PlayedPipeline:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait(STOP_LIMIT_S)
-
-
-@contextmanager
-def playing(location: str, key: str, video: str = "") -> Iterator[PlayedPipeline]:
-    """A playback that is ended with the block."""
-    playback = PlayedPipeline(location, key, STREAMKIT_COMMAND, video)
-    try:
-        yield playback
-    finally:
-        playback.close()

@@ -8,6 +8,7 @@ import socket
 import struct
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
+from pathlib import PurePath
 from typing import Any
 
 import uvicorn
@@ -28,38 +29,31 @@ PAGE_LIMIT = 64
 ANSWER_LIMIT_BYTES = 1024
 STATE_EVERY_S = 0.5
 TRY_LATER = 1013
+SCRIPT = "text/javascript"
 MEDIA_TYPES = {
-    "html": "text/html",
-    "css": "text/css",
-    "js": "text/javascript",
-    "mjs": "text/javascript",
-    "svg": "image/svg+xml",
+    ".html": "text/html",
+    ".css": "text/css",
+    ".js": SCRIPT,
+    ".mjs": SCRIPT,
+    ".svg": "image/svg+xml",
 }
 
 
 class ViewServer:
-    """Serves the page.
+    """Serves the page with what the hub has for it.
 
-    Args:
-        hub: has the messages for pages.
-        feeds: how many feeds there are.
-        states: makes the messages with the states of all feeds.
-        ask: passes a request to the pipeline of a feed.
-        access: who may see the page, and control.
-        basemap: of the geographic map.
+    `states` makes the messages with the states of all feeds; `ask` passes a request to the pipeline of one.
     """
 
     def __init__(
         self,
         hub: Hub,
-        feeds: int,
         states: Callable[[], list[PageMessage]],
         ask: Ask,
         access: Access,
         basemap: Basemap | None = None,
     ) -> None:
         self._hub = hub
-        self._feeds = feeds
         self._states = states
         self._ask = ask
         self._basemap = basemap
@@ -114,7 +108,7 @@ class ViewServer:
         name = request.path_params.get("name", "index.html")
         if name not in self._files:
             return PlainTextResponse("there is no such page\n", status_code=404)
-        return Response(self._files[name], media_type=MEDIA_TYPES[name.rsplit(".", 1)[-1]])
+        return Response(self._files[name], media_type=MEDIA_TYPES[PurePath(name).suffix])
 
     async def _send_basemap(self, _request: Request) -> Response:
         basemap = self._basemap
@@ -130,7 +124,7 @@ class ViewServer:
             log_once(f"more than {PAGE_LIMIT} pages")
             await websocket.close(TRY_LATER)
             return
-        if await PageSocket(websocket, self._hub, self._feeds, self._ask, self._basemap).serve():
+        if await PageSocket(websocket, self._hub, self._ask, self._basemap).serve():
             log_once("a page that reads nothing is cut off")
             self._abort(websocket)
 
@@ -151,5 +145,5 @@ def page_files() -> dict[str, bytes]:
         entry.name: entry.read_bytes()
         for folder in ("page", "vendor")
         for entry in (files("streamkit_view") / folder).iterdir()
-        if entry.name.rsplit(".", 1)[-1] in MEDIA_TYPES
+        if PurePath(entry.name).suffix in MEDIA_TYPES
     }

@@ -10,22 +10,25 @@ import sys
 import time
 
 import msgspec
-from msgspec import structs
+import zenoh
 
 from streamkit import mask_secrets
 from streamkit_view.access import LOG, Access
 from streamkit_view.basemap import Basemap
-from streamkit_view.control import ask_control
 from streamkit_view.feed import Feed
 from streamkit_view.hub import Hub
 from streamkit_view.messages import STATE, PageMessage, text_message
 from streamkit_view.playback import PlayedPipeline
 from streamkit_view.server import ViewServer
 from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.keys import CONTROL
 from streamkit_zenoh.session import close_session, open_session
-from streamkit_zenoh.wire.control import ControlReply, ControlRequest
+from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
+from streamkit_zenoh.wire.encodings import decode_json
 
 CLOSE_LIMIT_S = 2.0
+REPLY_LIMIT_S = 3.0
+REPLY_LIMIT_BYTES = 1 << 20
 
 
 def run_server(
@@ -49,22 +52,16 @@ def run_server(
 
     def states() -> list[PageMessage]:
         failure, waiting = (playback.failure, playback.progress) if playback else ("", "")
-        is_alone = connect is not None and not list(zenoh_session.info.transports())
-        if is_alone:
-            failure = f"No connection to {mask_secrets(connect or '')}; retrying."
+        if connect is not None and not list(zenoh_session.info.transports()):
+            failure = f"No connection to {mask_secrets(connect)}; retrying."
         now_s = time.monotonic()
-        found = []
-        for index, feed in enumerate(feeds):
-            state = structs.replace(
-                feed.state(failure, waiting), history_s=round(hub.history[index].span_s(now_s), 1)
-            )
-            found.append(text_message(STATE, index, msgspec.json.encode(state)))
-        return found
+        found = [feed.state(hub.history[at].span_s(now_s), failure, waiting) for at, feed in enumerate(feeds)]
+        return [text_message(STATE, at, msgspec.json.encode(state)) for at, state in enumerate(found)]
 
     def ask(feed: int, request: ControlRequest | None) -> ControlReply:
         return ask_control(zenoh_session, feeds[feed].key, request)
 
-    server = ViewServer(hub, len(keys), states, ask, access, basemap)
+    server = ViewServer(hub, states, ask, access, basemap)
     for number in (signal.SIGINT, signal.SIGTERM):
         # A signal may come before the server handles signals itself; it raises them again at its end.
         signal.signal(number, lambda _number, _frame: server.stop())
@@ -76,3 +73,16 @@ def run_server(
     finally:
         undeclare = [call for feed in feeds for call in feed.close()]
         close_session(zenoh_session, CLOSE_LIMIT_S, undeclare=undeclare)
+
+
+def ask_control(session: zenoh.Session, key: str, request: ControlRequest | None) -> ControlReply:
+    """Sets a live property of the pipeline at a key, or with None asks for all; waits a few seconds."""
+    payload = None if request is None else msgspec.json.encode(request)
+    try:
+        for reply in session.get(f"{key}/{CONTROL}", payload=payload, timeout=REPLY_LIMIT_S):
+            if reply.ok is not None and len(data := reply.ok.payload.to_bytes()) <= REPLY_LIMIT_BYTES:
+                return decode_json(data, ControlReply)
+        error = f"nothing answers at {key}/{CONTROL}; the publisher's zenohsink needs control=true"
+    except (ValueError, zenoh.ZError) as failure:
+        error = f"the reply at {key}/{CONTROL} is invalid: {failure}"
+    return ControlReply(schema=CONTROL_SCHEMA, error=error)

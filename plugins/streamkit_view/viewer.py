@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 
-from streamkit_view.answers import InvalidAnswer
 from streamkit_view.history import Past
-from streamkit_view.messages import BACK, CONTROL, SKIPPED, TRACKS, VIDEO, PageMessage
+from streamkit_view.messages import BACK, CONTROL, SKIPPED, TRACKS, VIDEO, InvalidAnswer, PageMessage
 
 # What may be under way to a page that has not confirmed it, and what may wait for that.
 WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
@@ -135,8 +135,7 @@ class Viewer:
             elif newest[message.kind, message.feed] is message:
                 self._append(past)
 
-    def _remove(self, is_chosen: object) -> None:
-        assert callable(is_chosen)
+    def _remove(self, is_chosen: Callable[[PageMessage], bool]) -> None:
         kept = [past for past in self._waiting if not is_chosen(past.message)]
         self._bytes = sum(len(past.message.data) for past in kept)
         self._waiting = deque(kept)

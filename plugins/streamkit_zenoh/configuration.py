@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import zenoh
 
@@ -26,6 +27,7 @@ ALWAYS: dict[str, object] = {
     # A record in shared memory is lost when its publisher closes before it is read.
     "transport/shared_memory/enabled": False,
 }
+CONNECT, LISTEN, SCOUTING = "connect/endpoints", "listen/endpoints", "scouting/multicast/enabled"
 # Position in zenoh's source code, which its errors end with.
 SOURCE_POSITION = re.compile(r"\s+at /\S+\.rs:\d+\.?")
 
@@ -97,95 +99,6 @@ def error_line(error: BaseException) -> str:
     return mask_secrets(SOURCE_POSITION.sub("", str(error)).strip())
 
 
-def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Config:
-    """The configuration of a session on this machine that listens on a meeting port, or on any for None.
-
-    Raises:
-        SessionFailure: the configuration file cannot be read.
-    """
-    config = base_configuration(settings)
-    if mode_of(config) == "client":
-        _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
-    else:
-        _put(config, "listen/endpoints", [f"tcp/127.0.0.1:{port or 0}"])
-        _put(config, "listen/exit_on_failure", True)
-    ports = MEETING_PORTS if port is None else range(MEETING_PORTS.start, port)
-    _put(config, "connect/endpoints", [f"tcp/127.0.0.1:{lower}" for lower in ports])
-    _disable_scouting(config)
-    # Gossip would introduce this session to machines that another local session knows.
-    _put(config, "scouting/gossip/enabled", False)
-    return config
-
-
-def meets_locally(settings: SessionSettings) -> bool:
-    """Whether neither settings nor file name a partner, so that sessions on this machine are found.
-
-    Raises:
-        SessionFailure: the configuration file cannot be read.
-    """
-    if settings.reach is Reach.NETWORK:
-        return False
-    config = base_configuration(settings)
-    is_set = connected(config) or _is_set(config, "listen/endpoints")
-    return not is_set and not _scouts(config) and mode_of(config) != "router"
-
-
-def configuration(settings: SessionSettings) -> zenoh.Config:
-    """The configuration of a session with endpoints, from settings or file, or on the local network.
-
-    Raises:
-        SessionFailure: the configuration file cannot be read.
-    """
-    config = base_configuration(settings)
-    connect, mode = connected(config), mode_of(config)
-    if connect and mode == "client":
-        _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
-    if settings.listen_endpoints:
-        _put(config, "listen/exit_on_failure", True)
-    if settings.reach is Reach.NETWORK:
-        return config
-    if not _is_set(config, "listen/endpoints"):
-        _put(config, "listen/endpoints", _default_listen(connect, mode))
-    _disable_scouting(config)
-    # A router introduces its peers to each other by gossip. A session that only listens needs no
-    # introduction, and an attacker could introduce it to any address.
-    if not connect and not _is_set(config, "scouting/gossip/autoconnect"):
-        _put(config, "scouting/gossip/autoconnect", {"router": [], "peer": []})
-    named = (*connect, *_endpoints(config, "listen/endpoints"))
-    if any(is_secure(endpoint) for endpoint in named) and not _is_set(config, "transport/link/protocols"):
-        # No plain-text link to a peer that is introduced over an encrypted one.
-        _put(config, "transport/link/protocols", sorted({name.partition("/")[0] for name in named}))
-    return config
-
-
-def _disable_scouting(config: zenoh.Config) -> None:
-    """Opens no scouting socket unless the file asks for one.
-
-    A session with a scouting socket connects to the address in a forged HELLO, and sends there all it
-    publishes. zenoh binds that socket to all interfaces, whatever `scouting/multicast/interface` says.
-    """
-    if not _scouts(config):
-        _put(config, "scouting/multicast/enabled", False)
-
-
-def _scouts(config: zenoh.Config) -> bool:
-    """Whether the configuration file enables multicast scouting; zenoh's own default does not count."""
-    return bool(json.loads(config.get_json("scouting/multicast/enabled")))
-
-
-def _default_listen(connect: tuple[str, ...], mode: str) -> list[str]:
-    """Endpoints to listen on by default: none in plain text next to an encrypted link.
-
-    A router introduces peers and does not forward records between them: each must be reachable.
-    """
-    if mode == "client" or any(is_secure(endpoint) for endpoint in connect):
-        return []
-    if mode == "router":
-        return ["tcp/127.0.0.1:7447"]
-    is_remote = any(not is_local(endpoint) for endpoint in connect)
-    return ["tcp/[::]:0" if is_remote else "tcp/127.0.0.1:0"]
-
-
 def base_configuration(settings: SessionSettings) -> zenoh.Config:
     """The configuration file, or zenoh's defaults, with what streamkit always sets.
 
@@ -199,42 +112,108 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
             f"zenoh configuration {settings.config}: {error_line(error)}; "
             "give a JSON5 file as zenoh documents it"
         ) from None
-    named = {"connect/endpoints": settings.connect_endpoints, "listen/endpoints": settings.listen_endpoints}
-    for key, given in named.items():
-        if given:
-            _put(config, key, list(given))
+    if settings.connect_endpoints:
+        _put(config, CONNECT, list(settings.connect_endpoints))
+    if settings.listen_endpoints:
+        _put(config, LISTEN, list(settings.listen_endpoints))
     if settings.mode is not SessionMode.AUTO or not _is_set(config, "mode"):
         _put(config, "mode", "client" if settings.is_client(connected(config)) else "peer")
-    for key, value in ALWAYS.items():
-        _put(config, key, value)
     if not _is_set(config, "adminspace/enabled"):
         # It shows configuration and partners to any session.
         _put(config, "adminspace/enabled", False)
     cut_off_us = round(settings.cut_off_s * 1e6)
     _put(config, "transport/link/tx/queue/congestion_control/block/wait_before_close", cut_off_us)
+    for key, value in ALWAYS.items():
+        _put(config, key, value)
     return config
+
+
+def meets_locally(settings: SessionSettings) -> bool:
+    """Whether neither settings nor file name a partner, so that sessions on this machine are found."""
+    config = base_configuration(settings)
+    is_set = connected(config) or _is_set(config, LISTEN) or _get(config, SCOUTING)
+    return settings.reach is Reach.LOCAL and not is_set and mode_of(config) != "router"
+
+
+def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Config:
+    """The configuration of a session on this machine that listens on a meeting port, or on any for None."""
+    config = base_configuration(settings)
+    if mode_of(config) == "client":
+        _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
+    else:
+        _put(config, LISTEN, [f"tcp/127.0.0.1:{port or 0}"])
+        _put(config, "listen/exit_on_failure", True)
+    ports = MEETING_PORTS if port is None else range(MEETING_PORTS.start, port)
+    _put(config, CONNECT, [f"tcp/127.0.0.1:{lower}" for lower in ports])
+    _put(config, SCOUTING, False)
+    # Gossip would introduce this session to machines that another local session knows.
+    _put(config, "scouting/gossip/enabled", False)
+    return config
+
+
+def configuration(settings: SessionSettings) -> zenoh.Config:
+    """The configuration of a session with endpoints, from settings or file, or on the local network."""
+    config = base_configuration(settings)
+    connect, mode = connected(config), mode_of(config)
+    if connect and mode == "client":
+        _put(config, "connect/timeout_ms", CLIENT_CONNECT_LIMIT_MS)
+    if settings.listen_endpoints:
+        _put(config, "listen/exit_on_failure", True)
+    if settings.reach is Reach.NETWORK:
+        return config
+    if not _is_set(config, LISTEN):
+        _put(config, LISTEN, _default_listen(connect, mode))
+    if not _get(config, SCOUTING):
+        # A session with a scouting socket connects to the address in a forged HELLO, and sends there all it
+        # publishes. zenoh binds that socket to all interfaces, whatever `scouting/multicast/interface` says.
+        _put(config, SCOUTING, False)
+    # A router introduces its peers to each other by gossip. A session that only listens needs no
+    # introduction, and an attacker could introduce it to any address.
+    if not connect and not _is_set(config, "scouting/gossip/autoconnect"):
+        _put(config, "scouting/gossip/autoconnect", {"router": [], "peer": []})
+    named = (*connect, *_endpoints(config, LISTEN))
+    if any(is_secure(endpoint) for endpoint in named) and not _is_set(config, "transport/link/protocols"):
+        # No plain-text link to a peer that is introduced over an encrypted one.
+        _put(config, "transport/link/protocols", sorted({name.partition("/")[0] for name in named}))
+    return config
+
+
+def _default_listen(connect: tuple[str, ...], mode: str) -> list[str]:
+    """Endpoints to listen on by default: none in plain text next to an encrypted link.
+
+    A router introduces peers and does not forward records between them: each must be reachable.
+    """
+    if mode == "client" or any(is_secure(endpoint) for endpoint in connect):
+        return []
+    if mode == "router":
+        return ["tcp/127.0.0.1:7447"]
+    return ["tcp/127.0.0.1:0" if all(map(is_local, connect)) else "tcp/[::]:0"]
 
 
 def connected(config: zenoh.Config) -> tuple[str, ...]:
     """The endpoints that a session connects to."""
-    return _endpoints(config, "connect/endpoints")
-
-
-def _endpoints(config: zenoh.Config, key: str) -> tuple[str, ...]:
-    found = json.loads(config.get_json(key))
-    if isinstance(found, dict):
-        found = [endpoint for named in found.values() for endpoint in named]
-    return tuple(str(endpoint) for endpoint in found or ())
+    return _endpoints(config, CONNECT)
 
 
 def mode_of(config: zenoh.Config) -> str:
     """Role of a session with this configuration: peer, client or router."""
-    return str(json.loads(config.get_json("mode")) or "peer")
+    return str(_get(config, "mode") or "peer")
+
+
+def _endpoints(config: zenoh.Config, key: str) -> tuple[str, ...]:
+    found = _get(config, key) or ()
+    if isinstance(found, dict):
+        found = [endpoint for named in found.values() for endpoint in named]
+    return tuple(map(str, found))
+
+
+def _get(config: zenoh.Config, key: str) -> Any:
+    return json.loads(config.get_json(key))
 
 
 def _is_set(config: zenoh.Config, key: str) -> bool:
     """Whether the configuration differs from zenoh's default."""
-    return str(config.get_json(key)) != str(zenoh.Config().get_json(key))
+    return bool(_get(config, key) != _get(zenoh.Config(), key))
 
 
 def _put(config: zenoh.Config, key: str, value: object) -> None:

@@ -33,9 +33,7 @@ def records_key(key: str) -> str:
         InvalidKey: zenoh does not accept it.
     """
     words = key.split("/")
-    if len(words) > 2 and words[-2] == TRACK:
-        return _checked(key, key)
-    return stream_key(key, TRACKS)
+    return _checked(key, key) if len(words) > 2 and words[-2] == TRACK else stream_key(key, TRACKS)
 
 
 def stream_key(key: str, stream: str) -> str:
@@ -46,7 +44,7 @@ def stream_key(key: str, stream: str) -> str:
     Raises:
         InvalidKey: zenoh does not accept it.
     """
-    return _checked(key if key == stream or key.endswith(f"/{stream}") else f"{key}/{stream}", key)
+    return _checked(key if key.rpartition("/")[2] == stream else f"{key}/{stream}", key)
 
 
 def _checked(expression: str, key: str) -> str:
@@ -87,14 +85,9 @@ def alive_key(expression: str) -> str:
     return f"{root}/{ALIVE}" if root else ALIVE
 
 
-def receiver_name(session: str, records: str) -> str:
-    """A receiver's name: the id of its session, and its key expression escaped into one word."""
-    return f"{session}/{quote(records, safe='')}"
-
-
 def listening_key(session: str, records: str) -> str:
-    """Key of a receiver's liveliness token, which ends in its name."""
-    return f"{LISTENING}/{receiver_name(session, records)}"
+    """Key of a receiver's liveliness token: the id of its session, its key expression escaped into a word."""
+    return f"{LISTENING}/{session}/{quote(records, safe='')}"
 
 
 def listens_to(token: str, records: str) -> bool:

@@ -20,11 +20,8 @@ class LivelinessWatch:
     A session reports tokens it knew before in a thread of its own, possibly after such a token's end. A token
     that is reported after its end is therefore queried, and counts again only if it replies.
 
-    Args:
-        session: an open session.
-        expression: which tokens.
-        changed: called from zenoh's thread with the number of live tokens, after each change.
-        appeared: called from zenoh's thread with each live token, before it is counted.
+    `changed` is called from zenoh's thread with the number of live tokens, after each change; `appeared` with
+    each live token, before it is counted.
     """
 
     def __init__(
@@ -92,12 +89,9 @@ class LivelinessWatch:
 
 
 def declare_receiver(session: zenoh.Session, records: str) -> list[Callable[[], object]]:
-    """Shows that records of this key expression are received; declare the subscriber first.
+    """Shows that records of this key expression are received; returns the calls that undeclare it.
 
-    Publishers may then ask whether everything they have sent was received: see `wait_until_delivered`.
-
-    Returns:
-        The calls that undeclare it.
+    Declare the subscriber first. Publishers may then ask whether all was received, as `wait_until_delivered`.
     """
     key = listening_key(str(session.info.zid()), records)
 
@@ -117,13 +111,10 @@ def wait_until_delivered(
     limit_s: float,
     cancelled: threading.Event,
 ) -> bool:
-    """Waits until receivers with a token, and a router in between, have received what was sent.
+    """Waits until receivers with a token, and a router in between, have received all; whether they have.
 
     A query of the lowest priority follows everything sent before. Without it the end of a session overtakes
     records under way, which are then lost.
-
-    Returns:
-        Whether all have replied, or there was none to ask.
     """
     tokens = [token for token in receivers.tokens() if listens_to(token, records)]
     # No queryable has this key; a router in between ends the query once it has come to it.
@@ -155,13 +146,10 @@ def wait_for_receivers(
     limit_s: float,
     cancelled: threading.Event,
 ) -> bool:
-    """Waits until records reach `wanted` receivers.
+    """Waits until records reach `wanted` receivers; False at the time limit or when cancelled.
 
     zenoh reports whether a publisher has any subscriber, not how many. For one receiver any subscriber
     counts; for more, those with a receiver token are counted.
-
-    Returns:
-        Whether they are there; False at the time limit or when cancelled.
     """
     records, deadline_s = str(publisher.key_expr), time.monotonic() + limit_s
     while not cancelled.is_set():
@@ -176,6 +164,9 @@ def wait_for_receivers(
 
 
 def is_matching(publisher: zenoh.Publisher) -> bool:
-    """Whether a publisher has a subscriber."""
-    # zenoh's stub declares a bool; the library returns an object that is always true.
-    return bool(getattr(publisher.matching_status, "matching", False))
+    """Whether a publisher has a subscriber; False once its session is closed."""
+    try:
+        # zenoh's stub declares a bool; the library returns an object that is always true.
+        return bool(getattr(publisher.matching_status, "matching", False))
+    except zenoh.ZError:
+        return False

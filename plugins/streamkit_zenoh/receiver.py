@@ -9,9 +9,9 @@ import msgspec
 import zenoh
 
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_zenoh.keys import RECEIVER, STATUS, alive_key, receiver_name, root_of
+from streamkit_zenoh.keys import LISTENING, RECEIVER, STATUS, alive_key, listening_key, root_of
 from streamkit_zenoh.presence import LivelinessWatch, declare_receiver
-from streamkit_zenoh.wire.encodings import BadPayload, Decoder
+from streamkit_zenoh.wire.encodings import BadPayload, decode_message
 from streamkit_zenoh.wire.numbering import (
     ATTACHMENT_LIMIT_BYTES,
     LossTracker,
@@ -79,8 +79,7 @@ class MessageReceiver:
     Args:
         session: an open session.
         expression: which keys, with wildcards and several publishers if need be.
-        capacity: most messages in the queue.
-        max_bytes: most bytes in the queue.
+        capacity, max_bytes: most messages and bytes in the queue.
         newest: whether a full queue drops the oldest message; else the publisher waits.
         limit_bytes: larger messages are bad.
         ask_last: whether to query the last message of each publisher.
@@ -100,8 +99,8 @@ class MessageReceiver:
         max_bytes: int,
         newest: bool,
         limit_bytes: int,
-        ask_last: bool = True,
-        ends_with_publisher: bool = True,
+        ask_last: bool,
+        ends_with_publisher: bool,
     ) -> None:
         self.queue: BoundedQueue[ReceivedMessage] = BoundedQueue(capacity, max_bytes)
         self._wait_s = 0.0 if newest else None
@@ -113,33 +112,29 @@ class MessageReceiver:
         self._losses = LossTracker()
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
-        self._publishers = 0
         self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
         self._latest_run = 0
-        self._status_decoder = Decoder(StatusRecord, STATUS_SCHEMA)
-        # Called in zenoh's own thread, so that no messages wait but those in the queue.
-        direct = zenoh.handlers.Callback
-        self._status_key = f"{root_of(expression)}/{STATUS}"
-        name = receiver_name(str(session.info.zid()), expression)
-        self._status_selector = f"{self._status_key}?{RECEIVER}={name}"
+        status_key = f"{root_of(expression)}/{STATUS}"
+        name = listening_key(str(session.info.zid()), expression).removeprefix(f"{LISTENING}/")
+        self._status_selector = f"{status_key}?{RECEIVER}={name}"
         # First: a publisher that has a subscriber for its records has one for its last status, too.
-        status = session.declare_subscriber(self._status_key, direct(self._status_published, indirect=False))
-        subscriber = session.declare_subscriber(expression, direct(self._published, indirect=False))
+        status = self._subscribe(status_key, self._status_published)
+        subscriber = self._subscribe(expression, self._published)
         # Right after the subscription: from here on publishers count what they send to this receiver.
         presence = declare_receiver(session, expression)
         alive = LivelinessWatch(session, alive_key(expression), self._alive_changed)
         self.undeclare: list[Callable[[], object]] = [
-            *presence,
-            alive.close,
-            status.undeclare,
-            subscriber.undeclare,
-        ]
+            *presence, alive.close, status.undeclare, subscriber.undeclare,
+        ]  # fmt: skip
+
+    def _subscribe(self, key: str, take: Callable[[zenoh.Sample], None]) -> zenoh.Subscriber[None]:
+        # Called in zenoh's own thread, so that no messages wait but those in the queue.
+        return self._session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
 
     def counts(self) -> Counts:
         """What became of the messages so far."""
         with self._lock:
-            counts = {name: self._counts[name] for name in Counts.__struct_fields__}
-            return Counts(**counts | {"publishers": self._publishers})
+            return Counts(**{name: self._counts[name] for name in Counts.__struct_fields__})
 
     @property
     def has_vanished(self) -> bool:
@@ -150,7 +145,7 @@ class MessageReceiver:
         with self._lock:
             states = self._running.values()
             has_status = not states or any(run >= self._latest_run for run, _ in states)
-            return not self._publishers and (not has_status or any(runs for _, runs in states))
+            return not self._counts["publishers"] and (not has_status or any(runs for _, runs in states))
 
     def warnings(self) -> list[str]:
         """What a user must know about the numbers so far."""
@@ -198,8 +193,8 @@ class MessageReceiver:
 
     def _alive_changed(self, count: int) -> None:
         with self._lock:
-            has_appeared = count > self._publishers
-            self._publishers = count
+            has_appeared = count > self._counts["publishers"]
+            self._counts["publishers"] = count
         if has_appeared:
             # The status first: it shows which records are published to this receiver.
             self._query(self._status_selector, self._status_published)
@@ -228,7 +223,8 @@ class MessageReceiver:
         if sample.kind == zenoh.SampleKind.DELETE or len(sample.payload) > STATUS_LIMIT_BYTES:
             return
         try:
-            status = self._status_decoder.decode(str(sample.encoding), sample.payload.to_bytes())
+            data, encoding = sample.payload.to_bytes(), str(sample.encoding)
+            status = decode_message(StatusRecord, STATUS_SCHEMA, encoding, data)
         except BadPayload:
             return
         name = self._expression.rsplit("/", 1)[-1]

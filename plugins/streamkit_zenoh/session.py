@@ -1,5 +1,8 @@
 """Opens and closes a zenoh session within time limits; by default it stays on this machine."""
 
+import json
+import socket
+import ssl
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -9,7 +12,6 @@ from typing import TypeVar
 import zenoh
 
 from streamkit import mask_secrets
-from streamkit_zenoh.certificates import certificate_fault
 from streamkit_zenoh.configuration import (
     MEETING_PORTS,
     SessionFailure,
@@ -22,8 +24,11 @@ from streamkit_zenoh.configuration import (
     meets_locally,
     mode_of,
 )
+from streamkit_zenoh.endpoints import ENDPOINT
 
 OPEN_LIMIT_S = 10.0
+HANDSHAKE_LIMIT_S = 2.0
+ANSWER_LIMIT_S = 0.2
 Result = TypeVar("Result")
 
 
@@ -136,3 +141,44 @@ def _open(config: zenoh.Config, settings: SessionSettings, limit_s: float) -> ze
 def _close_late(opened: Future[zenoh.Session]) -> None:
     if opened.exception() is None:
         opened.result().close()  # type: ignore[no-untyped-call]
+
+
+def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
+    """What is wrong with a certificate of a `tls/` link; None if nothing is, or the endpoint does not answer.
+
+    Tries the handshake that zenoh would do: its own error seldom names the reason.
+    """
+    match = ENDPOINT.fullmatch(endpoint)
+    if match is None or match["protocol"] != "tls":
+        return None
+    settings = json.loads(config.get_json("transport/link/tls")) or {}
+    try:
+        context = ssl.create_default_context(cafile=settings.get("root_ca_certificate"))
+        context.check_hostname = settings.get("verify_name_on_connect") is not False
+        certificate, key = settings.get("connect_certificate"), settings.get("connect_private_key")
+        if certificate and key and settings.get("enable_mtls"):
+            context.load_cert_chain(certificate, key)
+    except (OSError, ValueError) as error:
+        return f"the certificates of the configuration cannot be used: {error}"
+    return _handshake(context, match["host"].strip("[]"), int(match["port"]))
+
+
+def _handshake(context: ssl.SSLContext, host: str, port: int) -> str | None:
+    began_s = time.monotonic()
+    try:
+        with (
+            socket.create_connection((host, port), HANDSHAKE_LIMIT_S) as connection,
+            context.wrap_socket(connection, server_hostname=host) as link,
+        ):
+            # With TLS 1.3 the server checks the client's certificate one round trip after the handshake.
+            link.settimeout(max(ANSWER_LIMIT_S, 3 * (time.monotonic() - began_s)))
+            link.recv(1)
+    except ssl.SSLCertVerificationError as error:
+        return f"its certificate is not trusted: {error.verify_message}"
+    except TimeoutError:
+        return None
+    except ssl.SSLError as error:
+        return f"TLS is refused: {error.reason or error}"
+    except OSError:
+        return None
+    return None

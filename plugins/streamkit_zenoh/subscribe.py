@@ -17,7 +17,7 @@ from streamkit import write_remedy
 
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
-    from streamkit_zenoh.subscriber import TrackSubscriber, Update
+    from streamkit_zenoh.subscriber import TrackSubscriber
 
 LOOK_EVERY_S = 0.2
 RETURN_LIMIT_S = 2.0  # a link that was cut is back within it, as after this process was suspended
@@ -106,28 +106,27 @@ def _print_all(
     stopped: Callable[[], bool],
 ) -> tuple[int, str]:
     """Exit code and error."""
-    printed, last_s = 0, time.monotonic()
-    gone_s: float | None = None
+    printed, last_s, gone_s = 0, time.monotonic(), float("inf")
     while not stopped() and (count is None or printed < count):
-        update: Update | None = subscriber.update(LOOK_EVERY_S)
+        update = subscriber.update(LOOK_EVERY_S)
         printer.refresh()
-        if update is None and subscriber.is_over:
+        now_s = time.monotonic()
+        if update is not None:
+            last_s, gone_s = now_s, float("inf")
+            if update.record is not None:
+                printed += 1
+                printer.show(update.record)
+        elif subscriber.is_over:
             if not subscriber.has_vanished:
                 return 0, ""
-            gone_s = gone_s or time.monotonic()
-            if time.monotonic() - gone_s > RETURN_LIMIT_S:
+            gone_s = min(gone_s, now_s)
+            if now_s - gone_s > RETURN_LIMIT_S:
                 return 1, VANISHED
             time.sleep(LOOK_EVERY_S)
-            continue
-        gone_s = None
-        if update is None:
-            if timeout_s is not None and time.monotonic() - last_s > timeout_s:
+        else:
+            gone_s = float("inf")
+            if timeout_s is not None and now_s - last_s > timeout_s:
                 return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
-            continue
-        last_s = time.monotonic()
-        if update.record is not None:
-            printed += 1
-            printer.show(update.record)
     return 0, ""
 
 

@@ -12,7 +12,8 @@ from typing_extensions import override
 from streamkit import TrackRecord, TrackState, encode_record
 
 if TYPE_CHECKING:
-    from rich.live import Live
+    from collections.abc import Callable
+
     from rich.table import Table
 
     from streamkit_zenoh.subscriber import TrackSubscriber
@@ -20,68 +21,51 @@ if TYPE_CHECKING:
 REDRAW_EVERY_S = 0.1
 # Ages kept for the totals at the end: an hour at 30 records a second.
 AGE_LIMIT = 108_000
-HIDDEN = (TrackState.TENTATIVE,)
+TOTALS = ("received", "lost", "overwritten", "bad", "restarts", "interleaved", "jumps")
 
 
 class Printer:
-    """Prints records as lines of text; gaps and totals to stderr.
+    """Prints records as lines, and to stderr warnings, with `gaps` losses, with `age` the ages on arrival.
 
-    Args:
-        subscriber: for its counts.
-        gaps: report lost records.
-        age: report the age of records on arrival.
+    `line` makes the line of a record and its age on arrival, ms or None.
     """
 
-    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
-        self.gaps = gaps
-        self.age = age
-        self._subscriber = subscriber
+    def __init__(
+        self,
+        subscriber: TrackSubscriber,
+        line: Callable[[TrackRecord, float | None], str],
+        gaps: bool,
+        age: bool,
+    ) -> None:
+        self._subscriber, self._line = subscriber, line
+        self._gaps, self._age = gaps, age
         self._missed = 0
         self._warned: set[str] = set()
         self._ages_ms: list[float] = []
 
     def show(self, record: TrackRecord) -> None:
         """Prints a record that was just received."""
-        age_ms = self._store_age(record)
-        sys.stdout.write(self.line(record, age_ms if self.age else None) + "\n")
+        sys.stdout.write(self._line(record, self._note_age(record)) + "\n")
         sys.stdout.flush()
-
-    def _store_age(self, record: TrackRecord) -> float | None:
-        age_ms = arrival_age_ms(record, time.time_ns())
-        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
-            self._ages_ms.append(age_ms)
-        return age_ms
-
-    def line(self, record: TrackRecord, age_ms: float | None) -> str:
-        """A record as one line."""
-        return as_text(record, age_ms)
 
     def refresh(self) -> None:
         """Reports records lost since the last call, and once that numbers jump."""
         self._warn()
-        missed = self.missed()
-        if self.gaps and missed > self._missed:
-            _report(f"gap: {missed - self._missed} records missed, {missed} in all")
-        self._missed = missed
+        before, self._missed = self._missed, missed(self._subscriber)
+        if self._gaps and self._missed > before:
+            _report(f"gap: {self._missed - before} records missed, {self._missed} in all")
 
     def _warn(self) -> None:
         for text in set(self._subscriber.warnings()) - self._warned:
             self._warned.add(text)
             _report(f"warning: {text}")
 
-    def missed(self) -> int:
-        """Number of records lost, or dropped here."""
-        counts = self._subscriber.counts
-        return counts.lost + counts.overwritten
-
-    def _report_totals(self) -> None:
-        if self.gaps:
-            names = ("received", "lost", "overwritten", "bad", "restarts", "interleaved", "jumps")
-            counts = self._subscriber.counts
-            _report(", ".join(f"{name} {getattr(counts, name)}" for name in names))
-        if self.age and len(self._ages_ms) > 1:
-            last = quantiles(self._ages_ms, n=100)[98]
-            _report(f"age on arrival: median {median(self._ages_ms):.1f} ms, 99th percentile {last:.1f} ms")
+    def _note_age(self, record: TrackRecord) -> float | None:
+        """The age on arrival, if it is to be reported."""
+        age_ms = arrival_age_ms(record, time.time_ns()) if self._age else None
+        if age_ms is not None and len(self._ages_ms) < AGE_LIMIT:
+            self._ages_ms.append(age_ms)
+        return age_ms
 
     def __enter__(self) -> Self:
         return self
@@ -90,59 +74,67 @@ class Printer:
         self.refresh()
         self._report_totals()
 
-
-class JsonPrinter(Printer):
-    """Prints records as lines of JSON; with `age`, one more field, `arrival_age_ms`."""
-
-    @override
-    def line(self, record: TrackRecord, age_ms: float | None) -> str:
-        text = encode_record(record).decode()
-        return text if age_ms is None else f'{text[:-1]},"arrival_age_ms":{age_ms:.3f}}}'
+    def _report_totals(self) -> None:
+        if self._gaps:
+            counts = self._subscriber.counts
+            _report(", ".join(f"{name} {getattr(counts, name)}" for name in TOTALS))
+        if len(self._ages_ms) > 1:
+            last = quantiles(self._ages_ms, n=100)[98]
+            _report(f"age on arrival: median {median(self._ages_ms):.1f} ms, 99th percentile {last:.1f} ms")
 
 
 class TablePrinter(Printer):
     """A live table with a row per target."""
 
     def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
-        super().__init__(subscriber, gaps, age)
-        self._live: Live | None = None
-        self._record: TrackRecord | None = None
+        from rich.live import Live
+
+        super().__init__(subscriber, as_text, gaps, age)
+        self._live = Live(auto_refresh=False)
+        self._shown: tuple[TrackRecord, float | None] | None = None
         self._drawn_s = 0.0
 
     @override
     def show(self, record: TrackRecord) -> None:
-        self._record = record
-        self._store_age(record)
+        self._shown = record, self._note_age(record)
 
     @override
     def refresh(self) -> None:
-        if self._live is not None and time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
+        if time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
             self._drawn_s = time.monotonic()
-            drawn = self._waiting() if self._record is None else self._table(self._record)
-            self._live.update(drawn, refresh=True)
+            self._draw()
 
-    def _waiting(self) -> str:
-        there = self._subscriber.counts.publishers
-        return "waiting for a record: " + ("a publisher is there" if there else "no publisher is there yet")
+    def _draw(self) -> None:
+        if self._shown is None:
+            there = (
+                "a publisher is there" if self._subscriber.counts.publishers else "no publisher is there yet"
+            )
+            self._live.update(f"waiting for a record: {there}", refresh=True)
+        else:
+            lost = missed(self._subscriber) if self._gaps else None
+            self._live.update(as_table(*self._shown, lost), refresh=True)
 
-    def _table(self, record: TrackRecord) -> Table:
-        age_ms = self._ages_ms[-1] if self.age and self._ages_ms else None
-        return as_table(record, age_ms, self.missed() if self.gaps else None)
-
+    @override
     def __enter__(self) -> Self:
-        from rich.live import Live
-
-        self._live = Live(auto_refresh=False)
         self._live.start()
         return self
 
+    @override
     def __exit__(self, *error: object) -> None:
-        if self._live is not None:
-            if self._record is not None:
-                self._live.update(self._table(self._record), refresh=True)
-            self._live.stop()
-            self._warn()
+        if self._shown is not None:
+            self._draw()
+        self._live.stop()
+        self._warn()
         self._report_totals()
+
+
+def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -> Printer:
+    """The printer of a format: `jsonl`, or `text`, which is the table on a terminal."""
+    if form == "jsonl":
+        return Printer(subscriber, as_json, gaps, age)
+    if sys.stdout.isatty():
+        return TablePrinter(subscriber, gaps, age)
+    return Printer(subscriber, as_text, gaps, age)
 
 
 def _report(text: str) -> None:
@@ -150,11 +142,9 @@ def _report(text: str) -> None:
     sys.stderr.flush()
 
 
-def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -> Printer:
-    """The printer of a format: `jsonl`, or `text`, which is the table on a terminal."""
-    if form == "jsonl":
-        return JsonPrinter(subscriber, gaps, age)
-    return (TablePrinter if sys.stdout.isatty() else Printer)(subscriber, gaps, age)
+def missed(subscriber: TrackSubscriber) -> int:
+    """Number of records lost, or dropped here."""
+    return subscriber.counts.lost + subscriber.counts.overwritten
 
 
 def arrival_age_ms(record: TrackRecord, now_ns: int) -> float | None:
@@ -163,13 +153,19 @@ def arrival_age_ms(record: TrackRecord, now_ns: int) -> float | None:
     return None if began_ns is None else (now_ns - began_ns) / 1e6
 
 
+def as_json(record: TrackRecord, age_ms: float | None = None) -> str:
+    """A record as a line of JSON, its age on arrival as one more field, `arrival_age_ms`."""
+    text = encode_record(record).decode()
+    return text if age_ms is None else f'{text[:-1]},"arrival_age_ms":{age_ms:.3f}}}'
+
+
 def as_text(record: TrackRecord, age_ms: float | None = None) -> str:
     """A record as a line of text, without tentative targets."""
     time_s = f"{record.pts_ns / 1e9:8.3f} s" if record.pts_ns is not None else "       ? s"
     rows = [
         f"#{track.id} {track.state} ({track.x:.1f}, {track.y:.1f}) {track.length:.0f}x{track.width:.0f} px"
         for track in record.tracks
-        if track.state not in HIDDEN
+        if track.state is not TrackState.TENTATIVE
     ]
     age = "" if age_ms is None else f"  age {age_ms:.1f} ms"
     return f"{record.source} seq {record.seq} {time_s}{age}  {len(rows)} tracks  {'  '.join(rows)}".rstrip()
@@ -179,8 +175,7 @@ def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | Non
     """A record as a table of 80 columns with a row per target, without tentative targets: px, px/s, s."""
     from rich.table import Table
 
-    shown = [track for track in record.tracks if track.state not in HIDDEN]
-
+    shown = [track for track in record.tracks if track.state is not TrackState.TENTATIVE]
     title = f"{record.source}  seq {record.seq}"
     title += "" if record.pts_ns is None else f"  {record.pts_ns / 1e9:.3f} s"
     title += "" if age_ms is None else f"  age {age_ms:.1f} ms"

@@ -10,7 +10,7 @@ from streamkit_zenoh.configuration import Reach, SessionMode, SessionSettings
 from streamkit_zenoh.keys import records_key
 from streamkit_zenoh.receiver import Counts, MessageReceiver
 from streamkit_zenoh.session import close_session, open_session
-from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Decoder
+from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, decode_message
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 
 LOOK_EVERY_S = 0.2
@@ -68,7 +68,6 @@ class TrackSubscriber:
         ask_last: bool = True,
         ends_with_publisher: bool = False,
     ) -> None:
-        self._decoder = Decoder(TrackRecord, TRACKS_SCHEMA)
         self._closing = threading.Lock()
         expression = records_key(key)
         self._session = open_session(
@@ -131,7 +130,7 @@ class TrackSubscriber:
             if message.is_deleted:
                 return Update(message.key, None, message.stamp.run)
             try:
-                record = self._decoder.decode(message.content_type, message.payload)
+                record = decode_message(TrackRecord, TRACKS_SCHEMA, message.content_type, message.payload)
                 return Update(message.key, record, message.stamp.run)
             except BadPayload:
                 self._receiver.count_bad()

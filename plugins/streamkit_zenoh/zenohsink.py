@@ -146,7 +146,6 @@ class ZenohSink(SessionElement, Sink):
                 f"wait-subscribers={self.wait_subscribers}: not there at {stream.key} within "
                 f"{self.wait_timeout_s:g} s; start them first, or give both sides the same endpoint"
             )
-        stream.has_subscriber = True
         self._has_waited = True
 
     def _element_statuses(self) -> tuple[ElementStatus, ...]:

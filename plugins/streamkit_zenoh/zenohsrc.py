@@ -12,7 +12,7 @@ from streamkit_zenoh.connection import SessionElement
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
 from streamkit_zenoh.session import close_session
-from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Decoder, Encoding, encoding_of
+from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_message, encoding_of
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
 from streamkit_zenoh.wire.numbering import RecentDict
@@ -70,7 +70,6 @@ class ZenohSrc(SessionElement, Source):
         self._epoch_base = self._last_epoch = 0
         self._first: tuple[int, int] | None = None
         self._runs: RecentDict[str, int] = RecentDict()
-        self._decoder = Decoder(TrackRecord, TRACKS_SCHEMA)
         self._counted: dict[str, int] = {}
         self._warned: set[str] = set()
         is_frame = self.receive is Content.FRAME
@@ -129,14 +128,13 @@ class ZenohSrc(SessionElement, Source):
     @override
     def stop(self) -> None:
         session, receiver = self._session, self._receiver
-        self._session = None
+        self._session = self._receiver = None
         if receiver is not None:
             receiver.queue.close()
-        if session is not None:
-            undeclare = () if receiver is None else receiver.undeclare
-            if not close_session(session, STOP_LIMIT_S, undeclare=undeclare):
-                self.post_warning("zenoh has not closed in time; it ends in the background")
-        if session is not None and receiver is not None:
+        undeclare = () if receiver is None else receiver.undeclare
+        if session is not None and not close_session(session, STOP_LIMIT_S, undeclare=undeclare):
+            self.post_warning("zenoh has not closed in time; it ends in the background")
+        if receiver is not None:
             self._count_drops(receiver)
 
     def _count_drops(self, receiver: MessageReceiver) -> None:
@@ -158,14 +156,13 @@ class ZenohSrc(SessionElement, Source):
             self._epoch_base = self._last_epoch + 1
         self._runs[message.key] = run
         try:
-            frame = self._decoded(message)
+            frame = self._in_order(self._decoded(message))
         except ValueError as error:
             if not self.drops["not a record"]:
                 self.post_warning(f"data at {message.key} is skipped: {error}")
             receiver.count_bad()
             self._count_drops(receiver)
             return None
-        frame = self._in_order(frame)
         self._last_epoch = frame.epoch
         return frame
 
@@ -182,7 +179,7 @@ class ZenohSrc(SessionElement, Source):
     def _decoded(self, message: ReceivedMessage) -> Frame:
         payload, now_ns = message.payload, self.clock_ns()
         if self.receive is Content.TRACKS:
-            record = self._decoder.decode(message.content_type, payload)
+            record = decode_message(TrackRecord, TRACKS_SCHEMA, message.content_type, payload)
             if encoding_of(message.content_type) is not Encoding.JSON:
                 payload = encode_record(record)
             return record_frame(record, payload, now_ns, self._epoch_base)

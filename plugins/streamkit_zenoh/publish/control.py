@@ -25,15 +25,7 @@ CAPACITY = 32
 
 
 class Control:
-    """Answers queries at KEY/control in a thread of its own.
-
-    Args:
-        publisher: whose pipeline it is.
-        elements: gives the elements of the pipeline.
-
-    Attributes:
-        executor: the thread.
-    """
+    """Answers queries at KEY/control about the pipeline's elements in a thread of its own, `executor`."""
 
     def __init__(self, publisher: Publisher, elements: Callable[[], Sequence[Element]]) -> None:
         self._key = f"{publisher.root}/{CONTROL}"

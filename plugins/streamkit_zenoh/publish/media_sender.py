@@ -24,10 +24,6 @@ class FrameSender(Sender):
     """Publishes the newest frame as an image, by the frames' own clock at the rate of the settings.
 
     A mosaic is published whole, and only when its pixels have changed.
-
-    Args:
-        publisher: whose sender it is.
-        name: of the stream, frame or mosaic.
     """
 
     drop_reason = "replaced by a newer one"

@@ -54,24 +54,12 @@ class ReceiverCutOff(TimeoutError):
 
 
 class NumberedStream:
-    """Publishes messages at a key, each with its stamp.
-
-    Args:
-        publisher: whose stream it is.
-        name: of the stream; its key is ROOT/NAME.
-        content_type: encoding and schema of the messages.
-
-    Attributes:
-        name: of the stream.
-        key: where it publishes.
-        has_subscriber: whether there is a subscriber.
-    """
+    """Publishes messages of one encoding and schema at `key`, ROOT/NAME, each with its stamp."""
 
     def __init__(self, publisher: Publisher, name: str, content_type: str) -> None:
         self.name = name
         self.key = f"{publisher.root}/{name}"
         self.encoding = zenoh.Encoding(content_type)
-        self.has_subscriber = False
         self._owner = publisher
         self._drops: Counter[str] = Counter()
         self._next_number = self._settled_number = 0
@@ -85,16 +73,11 @@ class NumberedStream:
             reliability=zenoh.Reliability.RELIABLE,
             **publisher.settings.qos()[name]._asdict(),
         )
-        # Reading the matching status at every frame takes longer than publishing.
-        handler = zenoh.handlers.Callback(self._matching_changed, indirect=False)
-        self._listener = self.publisher.declare_matching_listener(handler)
-        self.refresh()
 
     @property
-    def is_matching(self) -> bool:
+    def has_subscriber(self) -> bool:
         """Whether zenoh knows of a subscriber now; False after `close`."""
-        # zenoh may call the listener while another thread closes, and does not undeclare a publisher that
-        # is in use.
+        # zenoh does not undeclare a publisher that another thread is using.
         with self._lock:
             return not self._closed and is_matching(self.publisher)
 
@@ -128,10 +111,6 @@ class NumberedStream:
                 f"a receiver of {self.key} has taken nothing for {limit_s:g} s and was cut off"
             )
 
-    def refresh(self) -> None:
-        """Reads the matching status: the listener hears of a new subscriber a little late."""
-        self.has_subscriber = self.has_subscriber or self.is_matching
-
     def count_drop(self, reason: str, count: int) -> None:
         """Counts stamped messages that were not sent."""
         with self._lock:
@@ -139,8 +118,7 @@ class NumberedStream:
         self._owner.dropped(f"{self.name}: {reason}", count)
 
     def add_receiver(self, name: str) -> None:
-        """Stores the first number that a receiver is sent, whose subscription is known from now on."""
-        self.refresh()
+        """Stores the first number that a receiver is sent, whose subscription is known now."""
         if name not in self._first_numbers:
             self._first_numbers[name] = self._next_number
 
@@ -172,9 +150,4 @@ class NumberedStream:
         """Undeclares the publisher."""
         with self._lock:
             self._closed = True
-        self._listener.undeclare()  # type: ignore[no-untyped-call]
         self.publisher.undeclare()  # type: ignore[no-untyped-call]
-
-    def _matching_changed(self, status: zenoh.MatchingStatus) -> None:
-        # When one subscriber leaves, another may have come whose notification follows.
-        self.has_subscriber = status.matching or self.is_matching

@@ -25,16 +25,15 @@ JOIN_LIMIT_S = 1.0
 
 
 class Publication:
-    """The streams of one publisher.
+    """The streams of one publisher; `close` closes its session, too.
 
     Args:
-        publisher: who publishes; its session is closed by `close`.
+        publisher: who publishes.
         media: which of `frame`, `mosaic` and `video` to publish.
         elements: gives the elements that can be controlled.
         statuses: gives what the elements have done so far.
 
     Attributes:
-        session: of the publisher.
         records: takes frames for their records.
         media: takes frames for their images, and coded packets, by stream.
         receivers: watches the tokens of receivers.
@@ -54,14 +53,16 @@ class Publication:
     ) -> None:
         session, root, settings = publisher.session, publisher.root, publisher.settings
         settings.qos()
-        self._codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
+        self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
         if settings.claim == EXCLUSIVE:
             refuse_rivals(session, root, publisher.cancelled)
         self.session = session
         self._publisher, self._settings, self._statuses = publisher, settings, statuses
         self._began_s = time.monotonic()
         self._has_ended = False
-        status = NumberedStream(publisher, STATUS, self._codec.content_type) if settings.status else None
+        status = (
+            NumberedStream(publisher, STATUS, self._status_codec.content_type) if settings.status else None
+        )
         self._status = status
         self.records = RecordSender(publisher, self._publish_status)
         self.media: dict[str, Sender] = {
@@ -140,8 +141,7 @@ class Publication:
     def _status_reply(self, asked: zenoh.KeyExpr, receiver: str | None) -> Iterable[Reply]:
         if self._status is not None and asked.intersects(self._status.key):
             # The asking receiver has subscribed: from the next number on, it is sent everything.
-            self.records.stream.refresh()
-            payload = self._codec.encode(self._status_record(receiver))
+            payload = self._status_codec.encode(self._status_record(receiver))
             yield Reply(self._status.key, payload, self._status.encoding)
 
     def _publish_end(self) -> None:
@@ -150,11 +150,8 @@ class Publication:
             self._publish_status()
 
     def _publish_status(self) -> None:
-        if self._status is None:
-            return
-        self._status.refresh()
-        if self._status.has_subscriber:
-            payload = self._codec.encode(self._status_record())
+        if self._status is not None and self._status.has_subscriber:
+            payload = self._status_codec.encode(self._status_record())
             self._status.put(payload, self._status.stamp().attachment())
 
     def _status_record(self, receiver: str | None = None) -> StatusRecord:

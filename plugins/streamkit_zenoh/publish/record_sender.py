@@ -16,11 +16,7 @@ from streamkit_zenoh.wire.records import TRACKS_SCHEMA, without_pixels
 
 
 class RecordSender(Sender):
-    """Makes and publishes the records of frames.
-
-    Args:
-        publisher: whose sender it is.
-        publish_status: called in the thread once a second, and before the first record.
+    """Makes and publishes the records of frames, and the status once a second and before the first record.
 
     Attributes:
         age_ms: from capture to publishing, of the last record sent.
@@ -44,19 +40,21 @@ class RecordSender(Sender):
         self._track_key = f"{publisher.root}/{TRACK}"
         self._track_qos = settings.qos()[TRACK]
         self._shown: set[int] = set()
-        self._has_track_subscriber = False
         stream = NumberedStream(publisher, TRACKS, self._codec.content_type)
         super().__init__(publisher, stream, settings.max_queue, periodic=publish_status)
-        if settings.track:
-            self._track_publisher = session.declare_publisher(f"{self._track_key}/*")
-            handler = zenoh.handlers.Callback(self._matching_changed, indirect=False)
-            self._listener = self._track_publisher.declare_matching_listener(handler)
-            self._has_track_subscriber |= is_matching(self._track_publisher)
+        # Targets are published by the session: this only shows whether anyone wants them.
+        key = f"{self._track_key}/*"
+        self._track_publisher = session.declare_publisher(key) if settings.track else None
 
     @property
     @override
     def has_subscriber(self) -> bool:
-        return self.stream.has_subscriber or self._has_track_subscriber
+        return self.stream.has_subscriber or self.has_track_subscriber
+
+    @property
+    def has_track_subscriber(self) -> bool:
+        """Whether anyone receives single targets."""
+        return self._track_publisher is not None and is_matching(self._track_publisher)
 
     @override
     def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
@@ -121,7 +119,7 @@ class RecordSender(Sender):
             self._publish_status()
         if self.publisher.settings.tracks and self.stream.has_subscriber:
             self.stream.put(payload, attachment)
-        if self._has_track_subscriber:
+        if self.has_track_subscriber:
             self._send_tracks(record, attachment)
         self.settle(item)
         self.age_ms, self.targets = record.age_ms, len(record.tracks)
@@ -164,6 +162,3 @@ class RecordSender(Sender):
         if frame.caps.name == TRACKS_CAPS.name and self._codec.encoding is Encoding.JSON:
             return record_line(frame)
         return self._codec.encode(record)
-
-    def _matching_changed(self, status: zenoh.MatchingStatus) -> None:
-        self._has_track_subscriber = status.matching

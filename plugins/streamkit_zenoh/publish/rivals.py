@@ -90,13 +90,8 @@ def _others(session: zenoh.Session, root: str) -> list[Claimant]:
 class RivalWatch:
     """Shows this publisher to others, and notices one that takes its key over or should not be there.
 
-    Of two exclusive publishers that could not see each other at the start, the later one ends.
-
-    Args:
-        session: an open session; its close ends the token.
-        root: the key.
-        own: this publisher.
-        found: called from zenoh's thread with why this publisher must end.
+    Of two exclusive publishers that could not see each other at the start, the later one ends. `found` is
+    called from zenoh's thread with why this publisher must end.
     """
 
     def __init__(

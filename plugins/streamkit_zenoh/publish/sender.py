@@ -1,19 +1,15 @@
 """Sender: base of the senders of records, images and packets, each with a thread of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+import zenoh
+
+from streamkit import Frame
 from streamkit.handoff.background_executor import BackgroundExecutor
-
-if TYPE_CHECKING:
-    import zenoh
-
-    from streamkit import Frame
-    from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
-    from streamkit_zenoh.wire.numbering import Stamp
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
+from streamkit_zenoh.wire.numbering import Stamp
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,13 +24,8 @@ class Outgoing:
 class Sender:
     """Numbers frames, and makes and publishes their messages in a thread; a full queue drops the oldest.
 
-    A message without subscriber is made only when a query asks for it.
-
-    Args:
-        publisher: whose sender it is.
-        stream: numbers the messages.
-        capacity: how many frames may wait.
-        periodic: called in the thread once a second.
+    A message without subscriber is made only when a query asks for it. At most `capacity` frames wait;
+    `periodic` is called in the thread once a second.
 
     Attributes:
         last: the last frame whose message was sent, or had no subscriber.

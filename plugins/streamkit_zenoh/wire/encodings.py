@@ -39,12 +39,7 @@ Record = TypeVar("Record", bound=msgspec.Struct)
 
 
 class Codec(Generic[Record]):
-    """Encodes and decodes records of one type.
-
-    Args:
-        kind: the record's type.
-        schema: name of its schema, `streamkit.tracks/1`.
-        encoding: the serialisation format.
+    """Encodes and decodes records of one type, whose schema has this name, `streamkit.tracks/1`.
 
     Attributes:
         content_type: encoding and schema as zenoh's encoding holds them.
@@ -58,16 +53,15 @@ class Codec(Generic[Record]):
         self.content_type = f"application/{encoding};{schema}"
         self._schema = schema
         self.encode: Callable[[Record], bytes] = msgspec.json.encode
-        self._decode: Callable[[bytes], Record] = msgspec.json.Decoder(kind).decode
+        self._decode: Callable[[bytes], Record] = functools.partial(msgspec.json.decode, type=kind)
         if encoding is not Encoding.JSON:
             try:
-                dumps, loads = _serialiser(encoding, kind.__name__)
+                self.encode, loads = _serialiser(encoding, kind.__name__)
             except ImportError:
                 raise MissingLibrary(
                     f"encoding={encoding} needs the library {LIBRARIES[encoding]}, which is not installed; "
                     "install it with: pip install 'streamkit[encodings]'"
                 ) from None
-            self.encode = lambda record: dumps(msgspec.to_builtins(record))
             self._decode = lambda data: _checked(msgspec.convert(loads(data), kind), data)
 
     def decode(self, data: bytes) -> Record:
@@ -87,26 +81,25 @@ class Codec(Generic[Record]):
             raise BadPayload(f"no {self._schema} in {self.encoding}: {reason} [{len(data)} bytes]") from None
 
 
-class Decoder(Generic[Record]):
-    """Decodes records of one type, with the schema of this name, in the encoding that each message names."""
+@functools.cache
+def _codec(kind: type[Record], schema: str, encoding: Encoding) -> Codec[Record]:
+    return Codec(kind, schema, encoding)
 
-    def __init__(self, kind: type[Record], schema: str) -> None:
-        self._codec = functools.cache(lambda encoding: Codec(kind, schema, encoding))
 
-    def decode(self, content_type: str, data: bytes) -> Record:
-        """Decodes and validates a record.
+def decode_message(kind: type[Record], schema: str, content_type: str, data: bytes) -> Record:
+    """Decodes and validates a record in the encoding that its zenoh encoding names.
 
-        Raises:
-            BadPayload: it is none, or its encoding is unknown or its library not installed.
-        """
-        encoding = encoding_of(content_type)
-        if encoding is None:
-            raise BadPayload(f"{content_type[:80]!r} is no encoding of records")
-        try:
-            codec: Codec[Record] = self._codec(encoding)
-        except MissingLibrary as error:
-            raise BadPayload(str(error)) from None
-        return codec.decode(data)
+    Raises:
+        BadPayload: it is none, or its encoding is unknown or its library not installed.
+    """
+    encoding = encoding_of(content_type)
+    if encoding is None:
+        raise BadPayload(f"{content_type[:80]!r} is no encoding of records")
+    try:
+        codec: Codec[Record] = _codec(kind, schema, encoding)
+    except MissingLibrary as error:
+        raise BadPayload(str(error)) from None
+    return codec.decode(data)
 
 
 def encoding_of(content_type: str) -> Encoding | None:
@@ -118,18 +111,19 @@ def encoding_of(content_type: str) -> Encoding | None:
 
 
 def _serialiser(encoding: Encoding, message: str) -> tuple[Callable[[Any], bytes], Callable[[bytes], Any]]:
-    """The functions that write and read the fields of a message in another encoding than JSON."""
+    """The functions that write a record, and read its fields, in another encoding than JSON."""
     if encoding is Encoding.MSGPACK:
         return msgspec.msgpack.encode, msgspec.msgpack.decode
     if encoding is Encoding.CBOR:
         import cbor2
 
         # With strict errors cbor2 5.9 leaks the exception about invalid text, and the stack it refers to.
-        return cbor2.dumps, functools.partial(cbor2.loads, str_errors="replace")
+        loads = functools.partial(cbor2.loads, str_errors="replace")
+        return lambda record: cbor2.dumps(msgspec.to_builtins(record)), loads
     from streamkit_zenoh.wire.protobuf import ProtobufMessage
 
     fields = ProtobufMessage(message)
-    return fields.encode, fields.decode
+    return lambda record: fields.encode(msgspec.to_builtins(record)), fields.decode
 
 
 def _checked(record: Record, data: bytes) -> Record:

@@ -110,16 +110,14 @@ def _is_whole_png(data: bytes) -> bool:
     """Whether all chunks are valid: with wrong lengths OpenCV takes seconds and gigabytes."""
     position = len(_PNG_MAGIC)
     while position + 12 <= len(data):
-        size, kind = int.from_bytes(data[position : position + 4], "big"), data[position + 4 : position + 8]
-        end = position + 8 + size
-        checksum = int.from_bytes(data[end : end + 4], "big")
-        if kind not in _PNG_CHUNKS or end + 4 > len(data):
-            return False
-        if zlib.crc32(data[position + 4 : end]) != checksum:
+        size, kind = struct.unpack_from(">I4s", data, position)
+        content, end = data[position + 4 : position + 8 + size], position + 12 + size
+        checksum = int.from_bytes(data[end - 4 : end], "big")
+        if kind not in _PNG_CHUNKS or end > len(data) or zlib.crc32(content) != checksum:
             return False
         if kind == b"IEND":
             return True
-        position = end + 4
+        position = end
     return False
 
 

@@ -40,13 +40,7 @@ def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: in
     """A frame that carries a record: its JSON, its times, and Tracks and Registration as metadata.
 
     Unknown velocities and covariances are NaN, and so is the homography to the previous frame, which records
-    do not hold.
-
-    Args:
-        record: the record.
-        payload: the same as JSON.
-        arrival_ns: monotonic clock.
-        epoch: added to the record's own.
+    do not hold. `payload` is the record as JSON; `epoch` is added to the record's own.
     """
     frame = Frame(
         payload, _caps(record.width, record.height), pts=record.pts_ns, epoch=epoch + record.epoch,

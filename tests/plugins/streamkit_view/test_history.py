@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from streamkit_view import history as module
 from streamkit_view.history import HISTORY_S, History, replay
-from streamkit_view.messages import TRACKS, VIDEO, PageMessage
+from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
 
 
 def packet(number: int, *, is_keyframe: bool = False) -> PageMessage:
@@ -76,3 +76,18 @@ def test_messages_come_at_their_distances_and_new_ones_follow(monkeypatch: pytes
     for (at_s, _), (next_s, _) in itertools.pairwise(taken[:20]):
         assert next_s - at_s == pytest.approx(0.1)
     assert taken[-1][0] > 4.5
+
+
+def test_a_new_page_begins_at_the_newest_keyframe() -> None:
+    """After the last images, before the last record; without a keyframe there is no video."""
+    history = filled(History(), 35, 0.1)
+    for kind in (MOSAIC, TRACKS, MOSAIC, FRAME):
+        history.note(PageMessage(kind, 0, f"{kind} {len(history.latest())}"), 4.0)
+    history.note(packet(35), 4.1)
+    found = history.latest()
+    assert [message.kind for message in found] == [MOSAIC, FRAME, *[VIDEO] * 6, TRACKS]
+    assert [message.data for message in found[2:-1]] == [packet(number).data for number in range(30, 36)]
+    assert found[0].data == "mosaic 7"
+    without = History()
+    without.note(packet(1), 0.0)
+    assert without.latest() == []

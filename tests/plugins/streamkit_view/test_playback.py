@@ -22,7 +22,7 @@ sys.exit("error: threads did not end")
 def playback(seconds: float) -> PlayedPipeline:
     """A pipeline that compiles, and fails after a time."""
     script = SCRIPT.format(seconds=seconds)
-    return PlayedPipeline("rtsp://user:secret@drone/live", "view/1", (sys.executable, "-c", script))
+    return PlayedPipeline("rtsp://user:secret@drone/live", "view/1", command=(sys.executable, "-c", script))
 
 
 def test_the_element_that_compiles_is_named(

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from streamkit import Pipeline
-from streamkit_view.answers import InvalidAnswer, read_answer
+from streamkit_view.messages import InvalidAnswer, read_answer
 from streamkit_view.server import page_files
 
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))

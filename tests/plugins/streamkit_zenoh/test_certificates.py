@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from streamkit_zenoh.certificates import certificate_fault
+from streamkit_zenoh.session import certificate_fault
 
 
 def _config(**tls: object) -> zenoh.Config:

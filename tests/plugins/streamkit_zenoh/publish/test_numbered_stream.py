@@ -1,11 +1,10 @@
-"""A publisher knows its receivers and their first numbers, and its listener has no effect after `close`."""
+"""A publisher knows its receivers and their first numbers, also while they leave and it closes."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import zenoh
 
@@ -23,14 +22,14 @@ def _publisher(session: zenoh.Session, key: str) -> NumberedStream:
     return NumberedStream(publisher, "tracks", "application/json")
 
 
-def test_a_late_notification_has_no_effect(open_test_session: Opener, key: str) -> None:
-    """Zenoh may call the listener shortly after the publisher is undeclared."""
-    publisher = _publisher(open_test_session(), key)
-    publisher.close()
-    publisher._matching_changed(SimpleNamespace(matching=False))  # type: ignore[arg-type]
-    publisher.refresh()
-    assert not publisher.is_matching
-    assert not publisher.has_subscriber
+def test_after_its_close_a_stream_has_no_subscriber(open_test_session: Opener, key: str) -> None:
+    """Nor when the session is closed first."""
+    session = open_test_session()
+    closed, left = _publisher(session, key), _publisher(session, key)
+    closed.close()
+    assert not closed.has_subscriber
+    session.close()
+    assert not left.has_subscriber
 
 
 def test_a_receiver_has_a_first_number(open_test_session: Opener, key: str) -> None:
