@@ -21,8 +21,7 @@ import scipy.optimize
 import scipy.sparse
 
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
-from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
-from streamkit_stitcher.bundle_adjustment.projection import projected
+from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected
 
 FloatArray = npt.NDArray[np.float64]
 WIDTH, HEIGHT = 1280, 720

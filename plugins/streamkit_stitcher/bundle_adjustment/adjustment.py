@@ -2,25 +2,33 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import scipy
 
-from streamkit.geometry.homography import FloatArray
+from streamkit.geometry.homography import FloatArray, project
 from streamkit.settings import setting
-from streamkit_stitcher.bundle_adjustment.normal_equations import NormalEquations, form, point_steps, solve
-from streamkit_stitcher.bundle_adjustment.problem import BASES, IndexArray, PlaneProblem, layout
-from streamkit_stitcher.bundle_adjustment.projection import (
-    ProjectedObservations,
-    projected,
-    robust_cost,
-    view,
-)
+from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected, robust_cost
 from streamkit_stitcher.registration.motion_models import MotionModel
 
 _FIRST_DAMPING: Final = 1e-5
 _LARGEST_DAMPING: Final = 1e6
-_LEAST_DEPTH: Final = 1e-3
+_MIN_DEPTH: Final = 1e-3
+_MIN_PIVOT: Final = 1e-12
+# Columns turn a camera's free parameters into the elements h11 h12 h13 h21 h22 h23 h31 h32.
+_BASES: Final[dict[MotionModel, FloatArray]] = {
+    MotionModel.HOMOGRAPHY: np.eye(8),
+    MotionModel.AFFINE: np.eye(8)[:, :6],
+    MotionModel.SIMILARITY: np.array(
+        [
+            [1.0, 0, 0, 0, 1, 0, 0, 0],
+            [0, -1, 0, 1, 0, 0, 0, 0],
+            [0, 0, 1, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, 0, 1, 0, 0],
+        ]
+    ).T,
+}
 
 
 @dataclass(frozen=True)
@@ -70,177 +78,222 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
     """
     settings = settings or AdjustmentSettings()
     problem.check()
-    if not len(problem.observed) or problem.fixed.all():
-        return _unchanged(problem, settings.huber)
-    # Frames and points without observations are left out: a window of a long flight costs what its own frames
-    # cost.
-    cameras, camera_index = _compact(problem.camera_index, len(problem.cameras))
-    points, point_index = _compact(problem.point_index, len(problem.points))
-    if problem.fixed[cameras].all():
-        return _unchanged(problem, settings.huber)
-    part = PlaneProblem(
-        problem.cameras[cameras],
-        problem.points[points],
-        camera_index,
-        point_index,
-        problem.observed,
-        problem.fixed[cameras],
-        problem.lens,
+    # Without the frames and points that were not observed.
+    cameras, camera_index = np.unique(problem.camera_index, return_inverse=True)
+    points, point_index = np.unique(problem.point_index, return_inverse=True)
+    free = ~problem.fixed[cameras]
+    if not free.any():
+        seen, _ = projected(problem.cameras[problem.camera_index], problem.points[problem.point_index])
+        residuals = problem.observed - seen
+        rmse = math.sqrt(float((residuals**2).sum()) / max(1, len(seen)))
+        cost, _ = robust_cost(residuals, settings.huber)
+        return Adjustment(problem.cameras, problem.points, cost, rmse, 0)
+    part = replace(
+        problem,
+        cameras=problem.cameras[cameras],
+        points=problem.points[points],
+        camera_index=camera_index,
+        point_index=point_index,
+        fixed=~free,
     )
-    scaled = _Scaled(part)
-    descent = _Descent(scaled, settings)
+    # In normalised coordinates all parameters have similar weight.
+    image, plane = _to_unit(problem.observed), _to_unit(part.points)
+    unit = 1 / float(image[0, 0])
+    descent = _Descent(_changed(part, image, plane), replace(settings, huber=settings.huber / unit), unit)
     iterations = descent.run()
-    adjusted, places = scaled.restored(descent.cameras, descent.points)
-    free = ~part.fixed
-    whole, everywhere = problem.cameras.copy(), problem.points.copy()
-    whole[cameras[free]] = adjusted[free]
-    everywhere[points] = places
-    cost, squares = descent.cost * scaled.unit**2, descent.squares * scaled.unit**2
-    return Adjustment(whole, everywhere, cost, float(np.sqrt(squares / len(problem.observed))), iterations)
+    adjusted, places = problem.cameras.copy(), problem.points.copy()
+    back = _changed(descent.problem, np.linalg.inv(image), np.linalg.inv(plane))
+    adjusted[cameras[free]], places[points] = back.cameras[free], back.points
+    rmse = unit * math.sqrt(float((descent.view.residuals**2).sum()) / len(problem.observed))
+    return Adjustment(adjusted, places, descent.view.cost * unit**2, rmse, iterations)
 
 
-def _unchanged(problem: PlaneProblem, huber: float) -> Adjustment:
-    """The result of a problem in which nothing can move."""
-    seen, _ = projected(problem.cameras[problem.camera_index], problem.points[problem.point_index])
-    residuals = (problem.observed - seen).T
-    squares = float((residuals**2).sum()) / max(1, len(seen))
-    return Adjustment(problem.cameras, problem.points, robust_cost(residuals, huber)[0], squares**0.5, 0)
+def _to_unit(points: FloatArray) -> FloatArray:
+    """The similarity that centres points float64[n, 2] and scales them to at most 1, float64[3, 3]."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = 2 / max(1e-9, float((high - low).max()))
+    x, y = (-scale * (low + high) / 2).tolist()
+    return np.array([[scale, 0, x], [0, scale, y], [0, 0, 1]])
 
 
-def _compact(index: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
-    """The numbers below `count` that occur, ascending, and the position of each index among them."""
-    occurs = np.zeros(count, dtype=np.bool_)
-    occurs[index] = True
-    return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[index]
-
-
-class _Scaled:
-    """A problem in normalised coordinates, so that all parameters have similar weight."""
-
-    def __init__(self, problem: PlaneProblem) -> None:
-        self.problem = problem
-        low, high = problem.observed.min(axis=0), problem.observed.max(axis=0)
-        self.unit = max(1.0, float((high - low).max()) / 2)
-        self._image, self._image_back = _similarity((high + low) / 2, self.unit)
-        self.lens = None if problem.lens is None else problem.lens.scaled(self.unit, (high + low) / 2)
-        low, high = problem.points.min(axis=0), problem.points.max(axis=0)
-        self._plane, self._plane_back = _similarity(
-            (high + low) / 2, max(1e-9, float((high - low).max()) / 2)
-        )
-        cameras = self._image @ problem.cameras @ self._plane_back
-        self.cameras = cameras / cameras[:, 2:, 2:]
-        self.points = _mapped(self._plane, problem.points.T)
-        self.observed = _mapped(self._image, problem.observed.T)
-
-    def restored(self, cameras: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """float64[n, 3, 3] and float64[m, 2] in the problem's own coordinates."""
-        matrices = self._image_back @ cameras @ self._plane
-        return matrices / matrices[:, 2:, 2:], _mapped(self._plane_back, points).T
-
-
-def _similarity(middle: FloatArray, unit: float) -> tuple[FloatArray, FloatArray]:
-    """The scaling to unit size about a centre, and its inverse."""
-    x, y = middle.tolist()
-    return (
-        np.array([[1 / unit, 0, -x / unit], [0, 1 / unit, -y / unit], [0, 0, 1]]),
-        np.array([[unit, 0, x], [0, unit, y], [0, 0, 1]]),
+def _changed(problem: PlaneProblem, image: FloatArray, plane: FloatArray) -> PlaneProblem:
+    """A problem in other coordinates of frames and plane; both similarities, float64[3, 3]."""
+    cameras = image @ problem.cameras @ np.linalg.inv(plane)
+    return replace(
+        problem,
+        cameras=cameras / cameras[:, 2:, 2:],
+        points=project(plane, problem.points),
+        observed=project(image, problem.observed),
+        lens=None if problem.lens is None else problem.lens.seen_through(image),
     )
 
 
-def _mapped(similarity: FloatArray, points: FloatArray) -> FloatArray:
-    """float64[2, k] scaled and shifted."""
-    return np.asarray(points * similarity[0, 0] + similarity[:2, 2:])
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What cameras see of the points.
+
+    Attributes:
+        projected: float64[k, 2].
+        depth: float64[k], the third homogeneous coordinate.
+        residuals: float64[k, 2], observed minus projected.
+        weights: float64[k], of the robust cost.
+        cost: of residuals and lens; infinite where a point lies behind a camera.
+    """
+
+    projected: FloatArray
+    depth: FloatArray
+    residuals: FloatArray
+    weights: FloatArray
+    cost: float
+
+    @property
+    def scale(self) -> FloatArray:
+        """float64[k, 1, 1], factor of the derivatives of the homogeneous coordinates."""
+        return (np.sqrt(self.weights) / self.depth)[:, np.newaxis, np.newaxis]
 
 
 class _Descent:
-    """The Levenberg-Marquardt iteration."""
+    """The Levenberg-Marquardt iteration.
 
-    def __init__(self, scaled: _Scaled, settings: AdjustmentSettings) -> None:
+    Args:
+        problem: in normalised coordinates.
+        settings: with Huber's bound in these.
+        unit: px of a frame per unit. Residuals of the lens, in standard deviations, count as if in px.
+    """
+
+    def __init__(self, problem: PlaneProblem, settings: AdjustmentSettings, unit: float) -> None:
+        self.problem = problem
         self._settings = settings
-        self._layout = layout(scaled.problem)
-        self._observed = np.ascontiguousarray(scaled.observed[:, self._layout.order])
-        self._huber = settings.huber / scaled.unit
-        self._basis = BASES[settings.model]
-        # Ties count by their residual; those of the lens by their standard deviations, as much as 1 px.
-        self._lens, self._lens_weight = scaled.lens, 1 / scaled.unit
-        self.cameras, self.points = scaled.cameras, scaled.points
-        self._views = self._view(self._elements(self.cameras), self.points)
-
-    @property
-    def cost(self) -> float:
-        """Half the sum of Huber's function of the residuals, and of the squares of the lens's."""
-        return self._cost(self.cameras, self._views)
-
-    @property
-    def squares(self) -> float:
-        """The sum of the squared residuals."""
-        return float(((self._observed - self._views.projected) ** 2).sum())
+        self._free = np.flatnonzero(~problem.fixed)
+        self._basis = _BASES[settings.model]
+        self._lens_weight = 1 / unit
+        self.view = self._view(problem)
 
     def run(self) -> int:
         """Runs to convergence; returns the iterations tried."""
         damping, growth = _FIRST_DAMPING, 2.0
         equations = None
-        iterations = 0
-        while iterations < self._settings.ba_iterations and damping < _LARGEST_DAMPING:
-            iterations += 1
-            if equations is None:
-                equations = self._with_lens(form(self._views, self._layout))
-            try:
-                step = solve(equations, self._layout, self._basis, damping)
-            except np.linalg.LinAlgError:
+        for iteration in range(1, self._settings.ba_iterations + 1):
+            equations = equations or self._linearised()
+            tried = self._stepped(*equations.step(damping))
+            view = self._view(tried)
+            gain, least = self.view.cost - view.cost, self._settings.tolerance * self.view.cost
+            if gain > 0:
+                self.problem, self.view, equations = tried, view, None
+                damping, growth = max(damping / 5, 1e-12), 2.0
+            else:
                 damping, growth = damping * growth, growth * 2
-                continue
-            cameras, points, views = self._tried(step)
-            cost, lowered = self.cost, self._cost(cameras, views)
-            if not lowered < cost:
-                if lowered <= cost * (1 + self._settings.tolerance):
-                    break
-                damping, growth = damping * growth, growth * 2
-                continue
-            self.cameras, self.points, self._views = cameras, points, views
-            damping, growth, equations = max(damping / 5, 1e-12), 2.0, None
-            if cost - lowered <= self._settings.tolerance * cost:
-                break
-        return iterations
+            if abs(gain) <= least or damping >= _LARGEST_DAMPING:
+                return iteration
+        return self._settings.ba_iterations
 
-    def _tried(
-        self, step: tuple[FloatArray, FloatArray]
-    ) -> tuple[FloatArray, FloatArray, ProjectedObservations]:
+    def _view(self, problem: PlaneProblem) -> _View:
+        seen, depth = projected(problem.cameras[problem.camera_index], problem.points[problem.point_index])
+        residuals = problem.observed - seen
+        cost, weights = robust_cost(residuals, self._settings.huber)
+        if problem.lens is not None:
+            violations = self._lens_weight * problem.lens.residuals(problem.cameras[self._free])
+            cost += 0.5 * float((violations**2).sum())
+        return _View(seen, depth, residuals, weights, cost if depth.min() > _MIN_DEPTH else math.inf)
+
+    def _stepped(self, camera_steps: FloatArray, point_steps: FloatArray) -> PlaneProblem:
         """Cameras and points after a step, and one more step of the points alone.
 
         Long strips have motions that hardly change the cost; the second step allows larger ones.
         """
-        cameras = self.cameras.copy()
-        cameras.reshape(-1, 9)[self._layout.free, :8] += step[0]
-        elements, points = self._elements(cameras), self.points + step[1]
-        points += point_steps(self._view(elements, points), self._layout)
-        return cameras, points, self._view(elements, points)
+        cameras = self.problem.cameras.copy()
+        cameras.reshape(-1, 9)[self._free, :8] += camera_steps @ self._basis.T
+        problem = replace(self.problem, cameras=cameras, points=self.problem.points + point_steps)
+        slopes, residuals = _by_points(problem, self._view(problem))
+        alone = _inverse(slopes.T @ slopes, 0.0) @ (slopes.T @ residuals)
+        return replace(problem, points=problem.points + alone.reshape(-1, 2))
 
-    def _cost(self, cameras: FloatArray, views: ProjectedObservations) -> float:
-        """The cost; infinite where a point lies behind a camera."""
-        if not views.depth.min() > _LEAST_DEPTH:
-            return math.inf
-        if self._lens is None:
-            return views.cost
-        residuals = self._lens_weight * self._lens.residuals(cameras[self._layout.free])
-        return views.cost + 0.5 * float((residuals**2).sum())
-
-    def _with_lens(self, equations: NormalEquations) -> NormalEquations:
-        """The normal equations with the residuals of the lens."""
-        if self._lens is None:
-            return equations
-        cameras = self.cameras[self._layout.free]
-        slopes = self._lens_weight * self._lens.slopes(cameras)
-        residuals = self._lens_weight * self._lens.residuals(cameras)
-        return replace(
-            equations,
-            camera_blocks=equations.camera_blocks + slopes.transpose(0, 2, 1) @ slopes,
-            camera_sides=equations.camera_sides - (residuals[:, np.newaxis] @ slopes)[:, 0],
+    def _linearised(self) -> "_NormalEquations":
+        problem, view = self.problem, self.view
+        place = np.column_stack([problem.points[problem.point_index], np.ones(len(view.weights))])
+        by_cameras = np.zeros((len(place), 2, 8))
+        by_cameras[:, 0, :3] = by_cameras[:, 1, 3:6] = place
+        by_cameras[:, :, 6:] = -view.projected[:, :, np.newaxis] * place[:, np.newaxis, :2]
+        by_cameras *= view.scale
+        moves = ~problem.fixed[problem.camera_index]
+        columns = np.searchsorted(self._free, problem.camera_index[moves])
+        rows = np.concatenate([[0], np.cumsum(moves)])
+        size = self._basis.shape[1]
+        sparse: Any = scipy.sparse
+        camera_slopes = sparse.bsr_array(
+            (by_cameras[moves] @ self._basis, columns, rows),
+            shape=(2 * len(moves), size * len(self._free)),
+        )
+        point_slopes, residuals = _by_points(problem, view)
+        blocks, sides = camera_slopes.T @ camera_slopes, camera_slopes.T @ residuals
+        if problem.lens is not None:
+            free = problem.cameras[self._free]
+            inside = np.arange(len(free) + 1)
+            slopes = sparse.bsr_array(
+                (self._lens_weight * problem.lens.slopes(free) @ self._basis, inside[:-1], inside)
+            )
+            blocks += slopes.T @ slopes
+            sides -= slopes.T @ (self._lens_weight * problem.lens.residuals(free)).ravel()
+        return _NormalEquations(
+            blocks,
+            sides,
+            point_slopes.T @ point_slopes,
+            point_slopes.T @ residuals,
+            camera_slopes.T @ point_slopes,
         )
 
-    def _elements(self, cameras: FloatArray) -> FloatArray:
-        """float64[3, 3, k], of each observation's camera."""
-        return np.ascontiguousarray(cameras.transpose(1, 2, 0)).take(self._layout.camera, axis=2)
 
-    def _view(self, elements: FloatArray, points: FloatArray) -> ProjectedObservations:
-        return view(elements, points.take(self._layout.point, axis=1), self._observed, self._huber)
+def _by_points(problem: PlaneProblem, view: _View) -> tuple[Any, FloatArray]:
+    """Derivatives of the weighted residuals by the points, [2 k, 2 m], and these, float64[2 k]."""
+    cameras = problem.cameras[problem.camera_index]
+    linear = cameras[:, :2, :2] - view.projected[:, :, np.newaxis] * cameras[:, 2:, :2]
+    slopes = scipy.sparse.bsr_array(
+        (view.scale * linear, problem.point_index, np.arange(len(linear) + 1)),
+        shape=(2 * len(linear), 2 * len(problem.points)),
+    )
+    return slopes, (np.sqrt(view.weights)[:, np.newaxis] * view.residuals).ravel()
+
+
+def _inverse(blocks: Any, damping: float) -> Any:
+    """The inverse of the points' blocks, their diagonal enlarged by the factor `damping`."""
+    inverse = blocks.copy()
+    inverse.data = np.linalg.inv(blocks.data * (1 + damping * np.eye(2)) + _MIN_PIVOT * np.eye(2))
+    return inverse
+
+
+@dataclass(frozen=True, eq=False)
+class _NormalEquations:
+    """The normal equations of one linearisation, as block-sparse matrices.
+
+    Attributes:
+        camera_blocks: U of the free cameras.
+        camera_sides: right-hand sides of these.
+        point_blocks: V of the points, block-diagonal.
+        point_sides: right-hand sides of these.
+        mixed: W, cameras by points.
+    """
+
+    camera_blocks: Any
+    camera_sides: FloatArray
+    point_blocks: Any
+    point_sides: FloatArray
+    mixed: Any
+
+    def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
+        """One damped step by the Schur complement: changes of cameras, then of points.
+
+        `damping` is the factor of the diagonal that is added to it.
+
+        Source: Lourakis and Argyros, SBA, ACM TOMS 36 (2009), section 3.
+        """
+        blocks = _inverse(self.point_blocks, damping)
+        weighted = self.mixed @ blocks
+        damped = self.camera_blocks + scipy.sparse.diags_array(damping * self.camera_blocks.diagonal())
+        reduced = scipy.sparse.csc_array(damped - weighted @ self.mixed.T)
+        sides = self.camera_sides - weighted @ self.point_sides
+        try:
+            cameras = scipy.sparse.linalg.splu(reduced, options={"SymmetricMode": True}).solve(sides)
+        except RuntimeError:  # singular: the cost is infinite, and more damping follows
+            cameras = np.full_like(sides, np.nan)
+        points = blocks @ (self.point_sides - self.mixed.T @ cameras)
+        return cameras.reshape(-1, self.mixed.blocksize[0]), points.reshape(-1, 2)

@@ -26,9 +26,10 @@ class Lens:
     focal_px: float
     middle: FloatArray
 
-    def scaled(self, unit: float, middle: FloatArray) -> "Lens":
-        """That of frames that are divided by `unit` about `middle`, float64[2]."""
-        return Lens(self.focal_px / unit, (self.middle - middle) / unit)
+    def seen_through(self, similarity: FloatArray) -> "Lens":
+        """That of frames that are scaled and shifted, float64[3, 3]."""
+        scale = float(similarity[0, 0])
+        return Lens(self.focal_px * scale, self.middle * scale + similarity[:2, 2])
 
     def rays(self, cameras: FloatArray) -> FloatArray:
         """Plane to directions of view, float64[n, 3, 3], by homographies from the plane to pixels."""

@@ -9,8 +9,7 @@ import pytest
 from streamkit.geometry.homography import normalised
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
 from streamkit_stitcher.bundle_adjustment.lens import Lens
-from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem
-from streamkit_stitcher.bundle_adjustment.projection import projected
+from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected
 
 WIDTH, HEIGHT, FOCAL = 1200.0, 900.0, 900.0
 LENS = Lens(FOCAL, np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]))
@@ -68,7 +67,7 @@ def test_a_camera_above_a_level_plane_agrees():
 
 def test_the_slopes_are_those_of_the_residuals():
     """Against central differences."""
-    matrix = LENS.scaled(600.0, LENS.middle).rays(np.eye(3)[np.newaxis]) + 0.1
+    matrix = LENS.seen_through(np.diag([1 / 600.0, 1 / 600.0, 1.0])).rays(np.eye(3)[np.newaxis]) + 0.1
     found = LENS.slopes(matrix)
     for element in range(8):
         step = np.zeros(9)
