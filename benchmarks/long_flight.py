@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from aerial_flights import Flight, FloatArray, PictureArray, camera, ground_picture
 
-from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.plane.frame_registration import depth_ratio
 from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
@@ -104,7 +104,7 @@ def main() -> None:
             tilt = max(tilt, depth_ratio(placement.to_reference, shape))
             if index:
                 steps.append(step_error(placement.to_previous, index, shape, step_px))
-        left, top, right, bottom = recorder.mosaic.canvas.box
+        left, top, right, bottom = recorder.mosaic.box
         print(
             f"| {first + len(times)} | {statistics.median(times) * 1e3:.1f} "
             f"| {statistics.fmean(times) * 1e3:.1f} | {processor / len(times) * 1e3:.1f} "

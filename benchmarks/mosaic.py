@@ -30,9 +30,9 @@ from aerial_flights import Flight, FloatArray, PictureArray, ground_picture, row
 
 from streamkit.geometry.homography import inverse, normalised, project
 from streamkit_stitcher.mosaic.composition import PlacedFrame, compose
-from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
 from streamkit_stitcher.mosaic.seams import SeamKind
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 

@@ -35,8 +35,8 @@ from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.ground_view import ground_view
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, focal_length
 from streamkit_stitcher.mosaic.georeference import local_metres
-from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
@@ -118,12 +118,12 @@ def survey(name: str, location: Path, seed: int | None = None, colmap: bool = Fa
     )
     if colmap:
         peer = colmap_cameras(paths, focal_px, placed[0][1])
-        fixes = [GeodeticPoint(pose.latitude, pose.longitude) for *_, pose in placed if pose is not None]
+        fixes = np.array([(pose.latitude, pose.longitude) for *_, pose in placed if pose is not None])
         matrices = [normalised(largest[one.key_index] @ one.to_key) for one, *_ in placed]
         ours = feet(matrices, [shape for _, shape, _ in placed], focal_px)
         known = np.isfinite(peer).all(axis=1)
         to_peer, _ = apart(ours[known] * [1, -1], peer[known])
-        to_gps, metre = apart(peer[known], local_metres(fixes, fixes[0])[known])
+        to_gps, metre = apart(peer[known], local_metres(fixes, GeodeticPoint(*fixes[0]))[known])
         print(
             f"| {name}, COLMAP | {known.sum()} of {len(paths)} | | | | {to_gps:.2f} "
             f"| our cameras are {to_peer * metre:.2f} m from its | |",
@@ -145,8 +145,8 @@ def misfit(placed: list[Placed], homographies: Mapping[int, FloatArray], focal_p
     Of the middles of the frames, and of the pixels below the cameras.
     """
     known = [one for one in placed if one[2] is not None and one[0].key_index in homographies]
-    fixes = [GeodeticPoint(pose.latitude, pose.longitude) for *_, pose in known if pose is not None]
-    metres = local_metres(fixes, fixes[0])
+    fixes = np.array([(pose.latitude, pose.longitude) for *_, pose in known if pose is not None])
+    metres = local_metres(fixes, GeodeticPoint(*fixes[0]))
     matrices = [normalised(homographies[one.key_index] @ one.to_key) for one, *_ in known]
     shapes = [shape for _, shape, _ in known]
     middles = [

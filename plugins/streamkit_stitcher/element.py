@@ -47,7 +47,7 @@ from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
 from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.image_file import SUFFIXES, check_location
-from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
@@ -138,9 +138,7 @@ class Stitch(Transform):
             raise ResourceError(f"{self.name}: {error}") from error
         recording = self.recording if location is None else self._protect_files(location)
         if location is not None or "mosaic" in self.pads:
-            self._mosaic = LiveMosaic(
-                self, recording, self.preview_interval, lambda: self._mosaic_pad, self.outcomes
-            )
+            self._mosaic = LiveMosaic(self, recording, self.preview_interval, lambda: self._mosaic_pad)
 
     def stream(self) -> None:
         """The body of the thread of the pad `mosaic`."""
@@ -192,9 +190,9 @@ class Stitch(Transform):
         shape = int(grey.shape[0]), int(grey.shape[1])
         view = ground_view(frame.get(Pose), shape, self.ground_altitude, self._view_across(shape), frame.pts)
         if self._mosaic is not None:
-            if self._mosaic.is_new_plane(registered):
+            if self._mosaic.recorder.is_new_plane(registered):
                 self._mosaic.end_plane(self._registrar.take_plane())
-                self._registrar.keep_planes(self._mosaic.has_room)
+                self._registrar.keep_planes(self._mosaic.recorder.has_room)
             self._mosaic.record(frame, registered, shape, view)
         frame = frame.attach(registration(registered))
         ground = self._ground.locate(registered, shape, view)

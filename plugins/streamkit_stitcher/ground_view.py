@@ -17,7 +17,6 @@ from streamkit.geometry.posed_camera import (
     place_std_m,
     posed_camera,
 )
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.georeference import GroundView
 
 _SENT_STD_M: Final = 5.0
@@ -63,42 +62,33 @@ def ground_view(
     if isinstance(shown, str):
         return shown
     places, std_m = shown
-    points = tuple(GeodeticPoint(latitude, longitude) for latitude, longitude in places)
     focal_px = _focal_px(pose, shape, field_of_view)
-    return GroundView(
-        _points(shape)[: len(points)],
-        points,
-        std_m,
-        None if pts is None else pts / 1e9,
-        focal_px,
-        GeodeticPoint(pose.latitude, pose.longitude) if focal_px else None,
-    )
+    camera = np.array([pose.latitude, pose.longitude]) if focal_px else None
+    time_s = None if pts is None else pts / 1e9
+    return GroundView(_points(shape)[: len(places)], places, std_m, time_s, focal_px, camera)
 
 
 def _ground_places(
     pose: _Pose, shape: tuple[int, int], ground_altitude: float | None, field_of_view: float
-) -> tuple[tuple[tuple[float, float], ...], float] | str:
-    """Latitude and longitude of centre and corners, deg, and their standard deviation, m."""
-    if pose.frame_centre is not None and len(pose.corners) == 4:
-        return (pose.frame_centre[:2], *pose.corners), _SENT_STD_M
+) -> tuple[FloatArray, float] | str:
+    """Latitude and longitude of centre and corners, float64[1 or 5, 2], and their standard deviation, m."""
     if pose.frame_centre is not None:
-        return (pose.frame_centre[:2],), _SENT_STD_M
-    position = (pose.latitude, pose.longitude)
+        corners = pose.corners if len(pose.corners) == 4 else ()
+        return np.array([pose.frame_centre[:2], *corners]), _SENT_STD_M
+    below = np.array([[pose.latitude, pose.longitude]]), POSITION_STD_M
     if pose.sensor_angles is None or not has_heading(pose):
-        return (position,), POSITION_STD_M
+        return below
     angle = lean(pose, shape)
     if angle is None:
         return "the camera looks at the horizon"
     camera = posed_camera(pose, shape, ground_altitude, field_of_view)
     if isinstance(camera, str):
-        if angle < _NADIR:
-            return (position,), POSITION_STD_M
-        return f"the camera looks {math.degrees(angle):.0f} deg aside and {camera}"
+        aside = f"the camera looks {math.degrees(angle):.0f} deg aside and {camera}"
+        return below if angle < _NADIR else aside
     places = ground_coordinates(camera, _points(shape))
     if not np.isfinite(places).all():
         places = places[:1]
-    std = float(place_std_m(camera, places[:1])[0])
-    return tuple((float(latitude), float(longitude)) for latitude, longitude in places), std
+    return places, float(place_std_m(camera, places[:1])[0])
 
 
 def _points(shape: tuple[int, int]) -> FloatArray:

@@ -9,12 +9,13 @@ import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
 from streamkit.geometry.registration_status import RegistrationStatus
+from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, georeferenced
 from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, local_metres
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 # The views of the last forty seconds: over longer times the plane drifts.
-_MOST_VIEWS: Final = 200
+_MAX_VIEWS: Final = 200
 _INTERVAL_S: Final = 0.2
 # Positions over which the velocity is taken: some are sent twice.
 _STEPS: Final = 5
@@ -26,7 +27,7 @@ class LiveGround:
     """Fits the current plane to the earth while the flight continues."""
 
     def __init__(self) -> None:
-        self._views: deque[FrameView] = deque(maxlen=_MOST_VIEWS)
+        self._views: deque[FrameView] = deque(maxlen=_MAX_VIEWS)
         self._geo: Georeference | None = None
         self._added, self._last_s = 0, -math.inf
         self._last: GroundView | None = None
@@ -50,7 +51,7 @@ class LiveGround:
                     replace(view, to_key=normalised(registered.reference_change @ view.to_key))
                     for view in self._views
                 ),
-                _MOST_VIEWS,
+                _MAX_VIEWS,
             )
             self._geo = None if self._geo is None else self._geo.seen_through(registered.reference_change)
         if registered.status is RegistrationStatus.LOST:
@@ -88,5 +89,5 @@ def _velocity(before: GroundView | None, view: GroundView) -> FloatArray:
     """Velocity over the ground of what the middle of the frame shows, m/s; 0 where it is unknown."""
     if before is None or before.time_s is None or view.time_s is None or view.time_s <= before.time_s:
         return np.zeros(2)
-    step = local_metres([view.places[0]], before.places[0])[0]
+    step = local_metres(view.places[:1], GeodeticPoint(*before.places[0].tolist()))[0]
     return np.asarray(step / (view.time_s - before.time_s))

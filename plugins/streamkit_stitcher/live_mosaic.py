@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import asdict
 from functools import partial
@@ -14,14 +14,15 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit import Caps, Frame, Pad, Registration, Transform, luma
+from streamkit import SECOND_NS, Caps, Frame, Pad, Registration, Transform, luma
 from streamkit.geometry.homography import inverse
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.mosaic.frame_views import Position
 from streamkit_stitcher.mosaic.image_file import is_tiff
-from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings, WrittenMosaic
-from streamkit_stitcher.mosaic.recorder import AdjustedPlanes, MosaicRecorder
+from streamkit_stitcher.mosaic.mosaic_frames import AdjustedPlanes, WrittenMosaic
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
@@ -31,7 +32,6 @@ PREVIEW_CAPS = Caps("video/x-raw, format={ BGR, I420, GRAY8 }, width=[ 16, 8192 
 _DEFAULT_SIZE = Caps("video/x-raw, width=1280, height=720")
 _TO_BGR = {"I420": cv2.COLOR_YUV2BGR_I420, "NV12": cv2.COLOR_YUV2BGR_NV12}
 _FROM_BGR = {"I420": cv2.COLOR_BGR2YUV_I420, "GRAY8": cv2.COLOR_BGR2GRAY}
-_NS = 1_000_000_000
 _MAX_QUEUED_BYTES: Final = 128_000_000
 _PROGRESS_LIMIT_S: Final = 120.0
 _CLOSE_LIMIT_S: Final = 5.0
@@ -47,8 +47,10 @@ class LiveMosaic:
         element: posts messages and has the pad `mosaic`.
         settings: how mosaics are made.
         interval_s: least time between two frames of the pad.
-        mosaic_pad: returns the sender of the pad.
-        counts: the frames so far by status, for the message `mosaic`.
+        mosaic_pad: returns the sender of the pad, of which each run has another.
+
+    Attributes:
+        recorder: selects the frames.
     """
 
     def __init__(
@@ -57,47 +59,34 @@ class LiveMosaic:
         settings: RecorderSettings,
         interval_s: float,
         mosaic_pad: Callable[[], MosaicPad],
-        counts: Mapping[str, int] | None = None,
     ) -> None:
         self._element = element
-        self._interval_ns = round(interval_s * _NS)
+        self._settings = settings
+        self._interval_ns = round(interval_s * SECOND_NS)
         self._mosaic_pad = mosaic_pad
-        self._counts = {} if counts is None else counts
         self._executor = BackgroundExecutor(
             f"{element.name} mosaic", self._failed, max_bytes=_MAX_QUEUED_BYTES
         )
-        self._recorder = MosaicRecorder(settings, self._executor, element.stopping)
-        self._adjusts = settings.final
+        self.recorder = MosaicRecorder(settings, self._run, self._executor.report_progress)
         self._failure: Exception | None = None
         self._writing: Future[None] | None = None
         self._largest: WrittenMosaic | None = None
-        self._save_interval_s = settings.save_interval
-        self._save_due_s = time.monotonic() + self._save_interval_s
+        self._save_due_s = time.monotonic() + settings.save_interval
         self._epoch: int | None = None
         self._preview_pts = 0
         self._has_changed = self._is_preview_queued = False
         self._caps: Caps | None = None
 
-    def is_new_plane(self, registered: FrameRegistration) -> bool:
-        """Whether a frame lies on another plane than the one before it: call `end_plane` first."""
-        return self._recorder.is_new_plane(registered)
-
-    @property
-    def has_room(self) -> bool:
-        """Whether planes that ended can be kept."""
-        return self._recorder.has_room
+    def _run(self, work: Callable[[], object], size: int = 0) -> None:
+        self._executor.submit_waiting(work, size, self._element.stopping)
 
     def end_plane(self, closed: KeyframeMap | None) -> None:
         """Writes the planes that ended for good; others wait until the end, as they may be joined."""
-        if closed is not None or not self._recorder.keeps_planes:
-            self.start_writing(closed)
+        if closed is not None or not self.recorder.keeps_planes:
+            self._write(closed).add_done_callback(self._plane_written)
 
     def record(
-        self,
-        frame: Frame,
-        registered: FrameRegistration,
-        shape: tuple[int, int],
-        position: Position,
+        self, frame: Frame, registered: FrameRegistration, shape: tuple[int, int], position: Position
     ) -> None:
         """Adds a keyframe or a frame that shows new ground; the background thread converts its pixels.
 
@@ -106,34 +95,36 @@ class LiveMosaic:
         """
         if self._failure is not None:
             raise self._failure
-        refused = self._recorder.refused
-        self._has_changed |= self._recorder.add(registered, shape, partial(mosaic_image, frame), position)
-        if self._recorder.refused and not refused:
+        refused = self.recorder.refused
+        self._has_changed |= self.recorder.add(registered, shape, partial(mosaic_image, frame), position)
+        if self.recorder.refused and not refused:
             self._element.post_warning(
                 f"{frame.describe()} does not fit into the mosaic and is left out, as others may be; check "
                 "the registration"
             )
-        if self._save_interval_s and time.monotonic() >= self._save_due_s:
+        if self._settings.save_interval and time.monotonic() >= self._save_due_s:
             self._save_due_s = math.inf
-            self._recorder.save()
-            self._executor.submit_waiting(self._saved)
+            self.recorder.save()
+            self._run(self._saved)
         pts = frame.pts or 0
         if frame.epoch != self._epoch:
             self._epoch, self._preview_pts = frame.epoch, min(pts, self._preview_pts)
         is_due = self._has_changed and pts - self._preview_pts >= self._interval_ns
         if is_due and not self._is_preview_queued and linked_pad(self._element) is not None:
             self._preview_pts, self._has_changed, self._is_preview_queued = pts, False, True
-            self._executor.submit_waiting(partial(self._show, frame.pts, self._element.flushes))
+            self._run(partial(self._show, frame.pts, self._element.flushes))
 
-    def start_writing(self, plane: KeyframeMap | None) -> None:
+    def _write(self, plane: KeyframeMap | None) -> Future[None]:
         """Writes the mosaics so far while the stream continues."""
-        writing = self._recorder.start_writing(partial(self._adjusted, plane), self._announce)
-        writing.add_done_callback(lambda done: self._plane_written(plane, done))
+        writing = self._executor.submit(self.recorder.writing(partial(self._adjusted, plane), self._announce))
+        if plane is not None:
+            writing.add_done_callback(lambda _: plane.close())
+        return writing
 
     def show_last(self) -> None:
         """Shows the mosaic in its last state."""
-        if not self._recorder.is_empty:
-            self._executor.submit_waiting(partial(self._show, None, self._element.flushes))
+        if not self.recorder.is_empty:
+            self._run(partial(self._show, None, self._element.flushes))
 
     def finish(self, plane: KeyframeMap | None, stopping: threading.Event | None = None) -> bool:
         """Writes the mosaic of the current plane, and waits for it; returns whether it is done.
@@ -145,9 +136,7 @@ class LiveMosaic:
             Exception: a failure of the background thread while the pipeline plays.
         """
         if self._writing is None:
-            self._writing = self._recorder.start_writing(partial(self._adjusted, plane), self._announce)
-            if plane is not None:
-                self._writing.add_done_callback(lambda _: plane.close())
+            self._writing = self._write(plane)
         if not self._executor.wait(self._writing, _PROGRESS_LIMIT_S, stopping):
             if stopping is not None and stopping.is_set():
                 return False
@@ -161,7 +150,7 @@ class LiveMosaic:
     def close(self) -> None:
         """Ends the background thread; queued work is dropped."""
         if self._executor.close(_CLOSE_LIMIT_S):
-            self._recorder.close()
+            self.recorder.close()
 
     @property
     def summary(self) -> dict[str, object]:
@@ -182,8 +171,8 @@ class LiveMosaic:
             return
         if self._caps is None:
             self._caps = (pad.peer_caps() & PREVIEW_CAPS).fixate(near=_DEFAULT_SIZE)
-        caps, frames = self._caps, self._recorder.frames
-        image, from_plane = frames.mosaic.canvas.preview(caps.integer("width"), caps.integer("height"))
+        caps, frames = self._caps, self.recorder.frames
+        image, from_plane = frames.mosaic.preview(caps.integer("width"), caps.integer("height"))
         registration = Registration(np.eye(3), inverse(from_plane), reference=frames.reference)
         frame = Frame(
             _in_format(image, str(caps["format"])), caps, pts=self._preview_pts if pts is None else pts
@@ -191,17 +180,15 @@ class LiveMosaic:
         self._mosaic_pad().put(frame.attach(registration))
 
     def _saved(self) -> None:
-        self._save_due_s = time.monotonic() + self._save_interval_s
+        self._save_due_s = time.monotonic() + self._settings.save_interval
 
     def _adjusted(self, plane: KeyframeMap | None, focal_px: float) -> AdjustedPlanes:
-        if plane is None or not self._adjusts:
+        if plane is None or not self._settings.final:
             return None, 0.0
         rmse = plane.finish(focal_px)
         return plane.planes, rmse
 
-    def _plane_written(self, plane: KeyframeMap | None, writing: Future[None]) -> None:
-        if plane is not None:
-            plane.close()
+    def _plane_written(self, writing: Future[None]) -> None:
         error = None if writing.cancelled() else writing.exception()
         if isinstance(error, Exception):
             self._failed(error)
@@ -218,12 +205,11 @@ class LiveMosaic:
             self._element.post_warning(f"{written.path} is not georeferenced: {written.geo_refused}")
         if self._largest is None or written.pictures >= self._largest.pictures:
             self._largest = written
-        fields = {**asdict(written), "path": str(written.path)}
-        weak, lost = (
-            self._counts.get(status, 0) for status in (RegistrationStatus.WEAK, RegistrationStatus.LOST)
-        )
-        placed = sum(self._counts.values()) - weak - lost
-        self._element.post_message("mosaic", **fields, placed=placed, weak=weak, lost=lost)
+        counts = self._element.outcomes
+        weak, lost = counts[RegistrationStatus.WEAK], counts[RegistrationStatus.LOST]
+        placed = counts.total() - weak - lost
+        fields = {**asdict(written), "path": str(written.path), "placed": placed, "weak": weak, "lost": lost}
+        self._element.post_message("mosaic", **fields)
 
 
 def linked_pad(element: Transform) -> Pad | None:

@@ -9,11 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit import Caps, Frame, IntRange, NotNegotiated, Pose, Property, ResourceError, Transform
-from streamkit_stitcher.flight_plan.rectification import STRAIGHT_DOWN, CameraIntrinsics, camera_tilt
-from streamkit_stitcher.flight_plan.rectifier import Rectifier, halved_maps, resampled
+from streamkit_stitcher.flight_plan.rectification import (
+    STRAIGHT_DOWN,
+    CameraIntrinsics,
+    Rectifier,
+    camera_tilt,
+    halved_maps,
+    resampled,
+)
 
 _SIDE = IntRange(2, 32766, 2)
-_DISTORTIONS = (4, 5)
 
 
 class Rectify(Transform):
@@ -53,7 +58,6 @@ class Rectify(Transform):
         Raises:
             ResourceError: neither focal length nor field of view is set, or a text is not numbers.
         """
-        self._rectifier: Rectifier | None = None
         self._warned: set[str] = set()
         if not (self.focal_px > 0 or self.field_of_view > 0):
             raise ResourceError(
@@ -79,8 +83,7 @@ class Rectify(Transform):
 
     def transform(self, frame: Frame) -> Frame:
         """Rectifies a frame."""
-        assert self._rectifier is not None
-        maps = self._rectifier.maps(*self._tilt(frame, self._rectifier))
+        maps = self._rectifier.maps(*self._tilt(frame))
         if not self._is_planar:
             return frame.replace(data=resampled(frame.data, maps), caps=self.src_caps)
         height, width = frame.data.shape[0] * 2 // 3, frame.data.shape[1]
@@ -90,7 +93,7 @@ class Rectify(Transform):
         whole: npt.NDArray[np.uint8] = np.concatenate([plane.ravel() for plane in planes])
         return frame.replace(data=whole.reshape(-1, self._rectifier.size[0]), caps=self.src_caps)
 
-    def _tilt(self, frame: Frame, rectifier: Rectifier) -> tuple[float, float]:
+    def _tilt(self, frame: Frame) -> tuple[float, float]:
         """Roll and pitch to remove; missing or excessive tilt is reported once."""
         if not self.level:
             return 0.0, 0.0
@@ -99,7 +102,7 @@ class Rectify(Transform):
             self._warn_once("without attitude", "has no pose with its tilt and is not levelled")
             return 0.0, 0.0
         tilt = camera_tilt(pose.pitch or 0.0, pose.roll or 0.0, pose.sensor_angles or STRAIGHT_DOWN)
-        if not rectifier.can_level(*tilt):
+        if not self._rectifier.can_level(*tilt):
             degrees = math.degrees(math.hypot(*tilt))
             self._warn_once("tilted", f"is tilted by {degrees:.1f} degrees and levelled up to max-tilt only")
         return tilt
@@ -120,7 +123,7 @@ class Rectify(Transform):
     def _camera(self, shape: tuple[int, int]) -> CameraIntrinsics:
         focal = self.focal_px or shape[1] / (2 * math.tan(math.radians(self.field_of_view) / 2))
         principal = self._numbers("principal", self.principal, (2,))
-        distortion = self._numbers("distortion", self.distortion, _DISTORTIONS)
+        distortion = self._numbers("distortion", self.distortion, (4, 5))
         return CameraIntrinsics(
             focal, (principal[0], principal[1]) if principal else None, distortion or (0.0,) * 5
         )

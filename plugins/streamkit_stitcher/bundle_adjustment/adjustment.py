@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from streamkit.geometry.homography import FloatArray, project
+from streamkit.geometry.homography import FloatArray, inverse, project
 from streamkit.settings import setting
 from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected, robust_cost
 from streamkit_stitcher.registration.motion_models import MotionModel
@@ -102,7 +102,7 @@ def adjust(problem: PlaneProblem, settings: AdjustmentSettings | None = None) ->
     descent = _Descent(_changed(part, image, plane), replace(settings, huber=settings.huber / unit), unit)
     iterations = descent.run()
     adjusted, places = problem.cameras.copy(), problem.points.copy()
-    back = _changed(descent.problem, np.linalg.inv(image), np.linalg.inv(plane))
+    back = _changed(descent.problem, inverse(image), inverse(plane))
     adjusted[cameras[free]], places[points] = back.cameras[free], back.points
     rmse = unit * math.sqrt(float((descent.view.residuals**2).sum()) / len(problem.observed))
     return Adjustment(adjusted, places, descent.view.cost * unit**2, rmse, iterations)

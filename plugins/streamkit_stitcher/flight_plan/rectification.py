@@ -1,19 +1,23 @@
-"""Removal of lens distortion and camera tilt from frames, by the attitude of aircraft and gimbal."""
+"""Frames of a camera undistorted, levelled by the attitude of aircraft and gimbal, and cropped alike."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project, translation
+from streamkit.geometry.homography import FloatArray, centre, corners, normalised, project, translation
 
-MapArray = npt.NDArray[np.float32]
+Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+PixelArray = npt.NDArray[np.uint8]
 
-_BORDER_STEPS: Final = 64
-_LARGEST_TILT: Final = math.radians(45)
+# Points on each side of a frame's border: about one per px.
+_BORDER_STEPS: Final = 2048
+_MAX_TILT: Final = math.radians(45)
+# Directions of the largest tilt at which the crop is measured.
+_DIRECTIONS: Final = 8
 STRAIGHT_DOWN = (0.0, -math.pi / 2, 0.0)
 """Azimuth, elevation and roll of a sensor that looks straight down."""
 
@@ -30,11 +34,11 @@ class CameraIntrinsics:
 
     focal_px: float
     principal: tuple[float, float] | None = None
-    distortion: tuple[float, ...] = field(default=(0.0, 0.0, 0.0, 0.0, 0.0))
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def matrix(self, shape: tuple[int, int]) -> FloatArray:
         """The camera matrix for frames of `shape` (height, width), float64[3, 3]."""
-        x, y = self.principal or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+        x, y = self.principal or centre(shape)
         return np.array([[self.focal_px, 0, x], [0, self.focal_px, y], [0, 0, 1.0]])
 
 
@@ -80,7 +84,7 @@ def levelling(camera: CameraIntrinsics, shape: tuple[int, int], roll: float, pit
     Raises:
         ValueError: the tilt exceeds 45 degrees, where the horizon may be in view.
     """
-    if not math.hypot(roll, pitch) <= _LARGEST_TILT:
+    if not math.hypot(roll, pitch) <= _MAX_TILT:
         raise ValueError(
             f"a frame can be levelled up to 45 degrees, got roll {math.degrees(roll):.1f} and pitch "
             f"{math.degrees(pitch):.1f} degrees"
@@ -91,13 +95,68 @@ def levelling(camera: CameraIntrinsics, shape: tuple[int, int], roll: float, pit
     return normalised(inner @ np.asarray(about_y @ about_x) @ np.linalg.inv(inner))
 
 
+class Rectifier:
+    """Rectifies frames up to a maximal tilt; all have the same size.
+
+    Args:
+        camera: intrinsic parameters of the camera.
+        shape: (height, width) of its frames, px.
+        aspect: width over height of the crop.
+        max_tilt: tilt up to which the crop is filled, rad.
+
+    Attributes:
+        size: width and height of the rectified frames, px, both even.
+
+    Raises:
+        ValueError: nothing can be cropped, or the tilt exceeds 45 degrees.
+    """
+
+    def __init__(
+        self, camera: CameraIntrinsics, shape: tuple[int, int], aspect: float, max_tilt: float
+    ) -> None:
+        self._camera, self._shape, self._aspect, self._max_tilt = camera, shape, aspect, max_tilt
+        turns = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
+        tilts = [(0.0, 0.0), *((max_tilt * math.cos(turn), max_tilt * math.sin(turn)) for turn in turns)]
+        width = min(self._crop(levelling(camera, shape, *tilt))[2] for tilt in tilts)
+        sides = (width, width / aspect) if math.isfinite(width) else (0.0, 0.0)
+        self.size: tuple[int, int] = 2 * int(sides[0] / 2), 2 * int(sides[1] / 2)
+        if min(self.size) < 2:
+            raise ValueError(
+                f"nothing can be cut out of {shape[1]} x {shape[0]} px at a tilt of "
+                f"{math.degrees(max_tilt):.1f} degrees: check the camera's focal length and distortion"
+            )
+        self._tilt: tuple[float, float] | None = None
+
+    def can_level(self, roll: float, pitch: float) -> bool:
+        """Whether a tilt, rad, is within the maximum."""
+        return math.hypot(roll, pitch) <= self._max_tilt + 1e-9
+
+    def maps(self, roll: float, pitch: float) -> Maps:
+        """Source position of each pixel of the rectified frame, float32[h, w] columns and rows.
+
+        Roll and pitch are as in `levelling`, rad, limited to the maximal tilt.
+        """
+        share = min(1.0, self._max_tilt / max(1e-12, math.hypot(roll, pitch)))
+        tilt = (share * roll, share * pitch)
+        if tilt != self._tilt:
+            to_level = levelling(self._camera, self._shape, *tilt)
+            left, top, width, height = self._crop(to_level)
+            shift = np.array([left + (width - self.size[0]) / 2, top + (height - self.size[1]) / 2])
+            self._maps = rectification_maps(self._camera, self._shape, to_level, self.size, shift)
+            self._tilt = tilt
+        return self._maps
+
+    def _crop(self, to_level: FloatArray) -> tuple[float, float, float, float]:
+        return inscribed_rectangle(rectified_border(self._camera, self._shape, to_level), self._aspect)
+
+
 def rectification_maps(
     camera: CameraIntrinsics,
     shape: tuple[int, int],
     to_level: FloatArray,
     size: tuple[int, int],
     shift: FloatArray,
-) -> tuple[MapArray, MapArray]:
+) -> Maps:
     """Source position of each pixel of the rectified frame, float32[h, w] columns and rows for `cv2.remap`.
 
     Args:
@@ -128,25 +187,26 @@ def rectified_border(camera: CameraIntrinsics, shape: tuple[int, int], to_level:
 
 
 def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float, float, float]:
-    """The largest upright rectangle inside a border, about its centre: left, top, width and height.
+    """The largest upright rectangle that no point of a dense border lies in: left, top, width and height.
 
-    `border` is star-shaped about its centre; `aspect` is width over height.
+    It has the border's centre; `aspect` is width over height.
     """
     middle = (border.max(axis=0) + border.min(axis=0)) / 2
-    arms = border - middle
-    after = np.roll(arms, -1, axis=0)
-    half_height = math.inf
-    for across, down in ((aspect, 1.0), (aspect, -1.0), (-aspect, 1.0), (-aspect, -1.0)):
-        # Intersection of the diagonal towards this corner with the border.
-        side = after - arms
-        determinant = across * -side[:, 1] + down * side[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reach = (arms[:, 0] * -side[:, 1] + arms[:, 1] * side[:, 0]) / determinant
-            share = (across * arms[:, 1] - down * arms[:, 0]) / determinant
-        crossed = (reach > 0) & (share >= -1e-9) & (share <= 1 + 1e-9)
-        half_height = min(half_height, float(reach[crossed].min(initial=math.inf)))
-    # A side may cross the border while the corners are inside.
-    bulging = np.maximum(np.abs(arms[:, 0]) / aspect, np.abs(arms[:, 1]))
-    half_height = min(half_height, float(bulging.min()))
-    half_width = half_height * aspect
-    return middle[0] - half_width, middle[1] - half_height, 2 * half_width, 2 * half_height
+    half = np.array([aspect, 1.0]) * (np.abs(border - middle) / [aspect, 1.0]).max(axis=1).min()
+    left, top, width, height = *(middle - half).tolist(), *(2 * half).tolist()
+    return left, top, width, height
+
+
+def resampled(plane: PixelArray, maps: Maps) -> PixelArray:
+    """Resamples uint8[h, w] or uint8[h, w, 3] by `Rectifier.maps`."""
+    warped = cv2.remap(plane, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(warped, dtype=np.uint8)
+
+
+def halved_maps(maps: Maps) -> Maps:
+    """The maps for planes of half the width and height, as the chroma of I420."""
+    height, width = maps[0].shape
+    columns, rows = (
+        (cv2.resize(one, (width // 2, height // 2), interpolation=cv2.INTER_AREA) - 0.5) / 2 for one in maps
+    )
+    return np.asarray(columns, dtype=np.float32), np.asarray(rows, dtype=np.float32)

@@ -5,8 +5,7 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, corners, inverse, normalised, project
-from streamkit_stitcher.mosaic.canvas import LONGEST_SIDE
-from streamkit_stitcher.mosaic.mosaic import is_paintable
+from streamkit_stitcher.mosaic.frame_drawing import MAX_DISTANCE, is_paintable
 
 # Rows and columns of the points of a frame that are looked up.
 _GRID = 18, 32
@@ -37,7 +36,7 @@ class Coverage:
         if not is_paintable(matrix, shape):
             return False
         outline = project(matrix, corners(shape))
-        if float(np.abs(outline).max()) > LONGEST_SIDE:
+        if float(np.abs(outline).max()) > MAX_DISTANCE:
             return False
         area = float(cv2.contourArea(outline.astype(np.float32)))
         self.covered_px += area * self.uncovered(shape, to_plane)

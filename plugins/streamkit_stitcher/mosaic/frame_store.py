@@ -8,11 +8,9 @@ import numpy as np
 
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
-_THUMBNAIL_WIDTH: Final = 96
+# As many as homographies of keyframes are kept.
+MAX_FRAMES: Final = 20_000
 _JPEG_QUALITY: Final = 95
-
-
-_Slot = tuple[int, int]  # offset and size in the file
 
 
 class FrameStore:
@@ -24,10 +22,9 @@ class FrameStore:
     """
 
     def __init__(self, memory_bytes: int = 256_000_000, file_bytes: int = 8_000_000_000) -> None:
-        self._memory, self._most = memory_bytes, file_bytes
-        self._kept: list[ImageArray | _Slot] = []
-        self._in_memory = 0
-        self._written = 0
+        self._memory, self._max_bytes = memory_bytes, file_bytes
+        self._kept: list[ImageArray | tuple[int, int]] = []  # the frame, or its offset and size in the file
+        self._in_memory = self._written = 0
         self._file: IO[bytes] | None = None
         self._last: tuple[int, ImageArray] | None = None
 
@@ -40,13 +37,15 @@ class FrameStore:
         Raises:
             OSError: the temporary file cannot be written.
         """
+        if len(self._kept) >= MAX_FRAMES:
+            return None
         if self._in_memory + frame.nbytes <= self._memory:
             # A copy: the buffer behind the frame may be reused.
             self._kept.append(frame.copy())
             self._in_memory += frame.nbytes
             return len(self._kept) - 1
         done, encoded = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        if not done or self._written + len(encoded) > self._most:
+        if not done or self._written + len(encoded) > self._max_bytes:
             return None
         if self._file is None:
             self._file = tempfile.TemporaryFile(prefix="streamkit-frames-")  # noqa: SIM115  see close()
@@ -85,11 +84,3 @@ class FrameStore:
         if self._file is not None:
             self._file.close()
             self._file = None
-
-
-def thumbnail_factor(width: int) -> int:
-    """Reduction of a frame of `width` px for the planning of seams and exposure."""
-    factor = 1
-    while width // (2 * factor) >= _THUMBNAIL_WIDTH:
-        factor *= 2
-    return factor

@@ -14,9 +14,9 @@ from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 
-_FEWEST: Final = 3
+_MIN_VIEWS: Final = 3
 _ITERATIONS: Final = 20
-_LEAST_SPREAD_M: Final = 1.0
+_MIN_SPREAD_M: Final = 1.0
 # A model with more freedom must explain the positions better by this factor, and by a metre.
 _BETTER: Final = 0.8
 # Root mean square of distances in a plane by their median, of a normal distribution.
@@ -24,8 +24,8 @@ _RMS_OF_MEDIAN: Final = 1.2011
 _STEPS: Final = 5
 # Largest perspective element of a mosaic that is turned only: 100 000 px of it are off by a hundredth.
 _NO_PERSPECTIVE: Final = 1e-9
-_LONGEST_STEP_S: Final = 1.0
-_LONGEST_LEAD_S: Final = 0.5
+_MAX_STEP_S: Final = 1.0
+_MAX_LEAD_S: Final = 0.5
 _Fit = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
@@ -35,19 +35,19 @@ class GroundView:
 
     Attributes:
         pixels: float64[n, 2], px of the frame; the first is the one that the fit is judged by.
-        places: their positions.
+        places: float64[n, 2], their latitude and longitude, deg.
         std_m: standard deviation of a position, errors common to all frames included.
         time_s: of the frame; None where successive frames have nothing to do with each other.
         focal_px: focal length of a camera that looks about straight down; 0 if unknown.
-        camera: the place of such a camera.
+        camera: float64[2], latitude and longitude of such a camera.
     """
 
     pixels: FloatArray
-    places: Sequence[GeodeticPoint]
+    places: FloatArray
     std_m: float = 0.0
     time_s: float | None = None
     focal_px: float = 0.0
-    camera: GeodeticPoint | None = None
+    camera: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,22 +103,16 @@ class Georeference:
         return float(np.abs(self.to_local[2, :2]).max()) < _NO_PERSPECTIVE
 
 
-def local_metres(fixes: Sequence[GeodeticPoint], origin: GeodeticPoint) -> FloatArray:
-    """float64[n, 2], metres east and north of `origin`, to a few centimetres within ten kilometres."""
-    north_m, east_m = metres_per_degree(origin.latitude)
-    return np.array(
-        [
-            [(fix.longitude - origin.longitude) * east_m, (fix.latitude - origin.latitude) * north_m]
-            for fix in fixes
-        ]
-    )
+def local_metres(places: FloatArray, origin: GeodeticPoint) -> FloatArray:
+    """Metres east and north of `origin`, float64[n, 2], to a few centimetres within ten kilometres.
+
+    `places` are float64[n, 2], latitude and longitude, deg.
+    """
+    offsets = (places - [origin.latitude, origin.longitude]) * metres_per_degree(origin.latitude)
+    return np.asarray(offsets[:, ::-1])
 
 
-def georeference(
-    to_mosaic: Sequence[FloatArray],
-    shapes: Sequence[tuple[int, int]],
-    fixes: Sequence[GeodeticPoint | GroundView],
-) -> Georeference | None:
+def georeference(to_mosaic: Sequence[FloatArray], views: Sequence[GroundView]) -> Georeference | None:
     """Fits a mosaic to the earth, robust against wrong positions.
 
     A similarity, or a homography where frames have several positions and these ask for it, as those of an
@@ -126,27 +120,19 @@ def georeference(
 
     Args:
         to_mosaic: float64[3, 3] of each frame.
-        shapes: height and width of each.
-        fixes: what each frame shows; a single position is that of its middle.
+        views: what each shows.
 
     Source: iteratively reweighted least squares with Cauchy weights; Umeyama's similarity, PAMI 1991.
     """
-    if len(fixes) < _FEWEST:
+    if len(views) < _MIN_VIEWS:
         return None
-    views = [
-        fix if isinstance(fix, GroundView) else GroundView(centre(shape)[np.newaxis], [fix])
-        for fix, shape in zip(fixes, shapes, strict=True)
-    ]
-    places = [place for view in views for place in view.places]
-    origin = GeodeticPoint(
-        float(np.median([place.latitude for place in places])),
-        float(np.median([place.longitude for place in places])),
-    )
+    places = np.concatenate([view.places for view in views])
+    origin = GeodeticPoint(*np.median(places, axis=0).tolist())
     pixels = np.concatenate(
         [project(matrix, view.pixels) for matrix, view in zip(to_mosaic, views, strict=True)]
     )
     metres = local_metres(places, origin)
-    if float(np.ptp(metres, axis=0).max()) < _LEAST_SPREAD_M or float(np.ptp(pixels, axis=0).max()) < 1:
+    if float(np.ptp(metres, axis=0).max()) < _MIN_SPREAD_M or float(np.ptp(pixels, axis=0).max()) < 1:
         return None
     first = np.cumsum([0, *(len(view.places) for view in views[:-1])])
     speeds = _speeds(views, metres, first)
@@ -174,7 +160,7 @@ def _lead_std_s(distances: FloatArray, speeds: FloatArray) -> float:
     """Standard deviation of the lead of positions that are so far off, m, and move so, float64[n, 2], m/s."""
     power = float(((speeds - speeds.mean(axis=0)) ** 2).sum())
     spread = _RMS_OF_MEDIAN * float(np.median(distances))
-    return min(_LONGEST_LEAD_S, spread / math.sqrt(power)) if power > 0 else _LONGEST_LEAD_S
+    return min(_MAX_LEAD_S, spread / math.sqrt(power)) if power > 0 else _MAX_LEAD_S
 
 
 def _speeds(views: Sequence[GroundView], metres: FloatArray, first: npt.NDArray[np.int64]) -> FloatArray:
@@ -184,7 +170,7 @@ def _speeds(views: Sequence[GroundView], metres: FloatArray, first: npt.NDArray[
         count = len(after.places)
         if before.time_s is None or after.time_s is None or count != len(before.places):
             continue
-        if 0 < (step := after.time_s - before.time_s) < _LONGEST_STEP_S:
+        if 0 < (step := after.time_s - before.time_s) < _MAX_STEP_S:
             speeds[end : end + count] = (metres[end : end + count] - metres[start : start + count]) / step
     return speeds
 
@@ -207,7 +193,7 @@ def _robust(
         power = float((weights * (speeds**2).sum(axis=1)).sum())
         if power > 0:
             lead_s += float((weights * (residuals * speeds).sum(axis=1)).sum()) / power
-            lead_s = min(max(lead_s, -_LONGEST_LEAD_S), _LONGEST_LEAD_S)
+            lead_s = min(max(lead_s, -_MAX_LEAD_S), _MAX_LEAD_S)
             shifted = metres - lead_s * speeds
     return matrix, distances, lead_s
 

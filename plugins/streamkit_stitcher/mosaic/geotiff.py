@@ -56,7 +56,7 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
     # Meridian convergence and scale of the grid, by finite differences.
     x0, y0 = projection.transform(longitude, latitude - step)
     x1, y1 = projection.transform(longitude, latitude + step)
-    metres = float(local_metres([GeodeticPoint(latitude + step, longitude)], geo.origin)[0, 1]) * 2
+    metres = float(local_metres(np.array([[latitude + step, longitude]]), geo.origin)[0, 1]) * 2
     scale, angle = math.hypot(x1 - x0, y1 - y0) / metres, math.atan2(x1 - x0, y1 - y0)
     cos, sin = scale * math.cos(angle), scale * math.sin(angle)
     return np.array([[cos, sin, east], [-sin, cos, north], [0, 0, 1.0]]) @ geo.to_local, code

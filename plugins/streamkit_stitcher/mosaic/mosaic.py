@@ -1,55 +1,89 @@
 """A mosaic that is painted incrementally, frame by frame."""
 
-from functools import lru_cache
+import math
 from typing import Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, corners, normalised, project, scale_change, translation
-from streamkit_stitcher.mosaic.canvas import MosaicCanvas
-from streamkit_stitcher.mosaic.tiles import ImageArray
-from streamkit_stitcher.plane.frame_registration import depth_ratio
-from streamkit_stitcher.registration.patches import halved
+from streamkit.geometry.homography import (
+    IDENTITY,
+    FloatArray,
+    corners,
+    inverse,
+    normalised,
+    project,
+    translation,
+)
+from streamkit_stitcher.mosaic.frame_drawing import (
+    MAX_DISTANCE,
+    depth_inside,
+    is_paintable,
+    reduced_for,
+    with_channels,
+)
+from streamkit_stitcher.mosaic.tiles import TILE, ImageArray, Key, TileStore, tile_parts
 
-_SCALE_RANGE: Final = (0.25, 4.0)
-# Largest depth ratio; the frame is stretched by its square.
-_MAX_DEPTH_RATIO: Final = 2.0
+CellArray = npt.NDArray[np.int64]
+
 _SEAM_DEPTH: Final = 12
+_MIN_SCALE: Final = 1 / 16
+_FILES: Final = 16
 
 
 class Mosaic:
     """Frames of one plane, joined where they are equally deep inside their borders.
 
     Each pixel shows the frame in which it is deepest, with a short cross-fade along the seams. The canvas
-    grows with the flight, from memory into a file, and is halved when full: a long flight loses resolution,
-    not ground.
+    grows with the flight, from memory into files, and is halved when full: a long flight loses resolution,
+    not ground. Canvas pixel c shows the plane at (c + 0.5) / scale - 0.5, so that halving averages whole
+    blocks.
 
     Args:
-        max_px: most pixels in memory.
+        max_px: most pixels in memory; 16 times as many go to files before the scale is halved.
+
+    Attributes:
+        frames: number of frames added.
+        scale: canvas pixels per px of the first plane, 1 or a power of a half.
+        channels: 1 for grey, 3 for colour; 0 while empty.
     """
 
     def __init__(self, max_px: int) -> None:
-        self.canvas = MosaicCanvas(max_px)
-        self._frames = 0
+        self._memory_px = max_px
+        self.frames = self.channels = 0
+        self.scale = 1.0
+        self._tiles = TileStore(0, max_px)
+        self._low: CellArray = np.zeros(2, dtype=np.int64)
+        self._high: CellArray = np.zeros(2, dtype=np.int64)
+        self._from_current = IDENTITY
+        self._shrunk: dict[Key, ImageArray] = {}
+        self._shrunk_by = 1
 
     @property
-    def frames(self) -> int:
-        """Number of frames added."""
-        return self._frames
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom of the canvas, px, the last two exclusive."""
+        (left, top), (right, bottom) = self._low.tolist(), self._high.tolist()
+        return left, top, right, bottom
 
     @property
-    def scale(self) -> float:
-        """Mosaic pixels per px of the reference plane, 1 or a power of a half."""
-        return self.canvas.scale
+    def from_plane(self) -> FloatArray:
+        """float64[3, 3] from the present plane to canvas px."""
+        offset = 0.5 * self.scale - 0.5
+        scaling = np.array([[self.scale, 0, offset], [0, self.scale, offset], [0, 0, 1]])
+        return normalised(scaling @ self._from_current)
+
+    def move_plane(self, change: FloatArray) -> None:
+        """Follows a change of the plane, float64[3, 3] old to new; painted pixels do not move."""
+        self._from_current = normalised(self._from_current @ inverse(change))
 
     def image(self) -> ImageArray | None:
         """The mosaic so far: uint8[h, w] or uint8[h, w, 3] BGR, black where there is no frame, or None."""
-        if self.canvas.is_empty:
+        if not self.channels:
             return None
-        left, top, right, bottom = self.canvas.box
-        pixels, _ = self.canvas.read(left, top, right - left, bottom - top)
-        return pixels[:, :, 0] if self.canvas.channels == 1 else pixels
+        left, top, right, bottom = self.box
+        pixels, _ = self.read(left, top, right - left, bottom - top)
+        return pixels[:, :, 0] if self.channels == 1 else pixels
 
     def add(self, frame: ImageArray, to_reference: FloatArray, fills_gaps: bool = False) -> bool:
         """Paints a frame, converted to the format of the first one.
@@ -62,31 +96,30 @@ class Mosaic:
             reference by more than four, or the frame is out of the canvas's reach.
 
         Raises:
-            OSError: the temporary file is full.
+            OSError: there is no room for a temporary file.
         """
         shape = (frame.shape[0], frame.shape[1])
-        if not is_paintable(self.canvas.from_frame(to_reference), shape):
+        to_first = np.asarray(self._from_current @ to_reference)
+        if not is_paintable(to_first, shape):
             return False
-        footprint = self.canvas.at_scale_one(project(to_reference, corners(shape)))
-        if not self.canvas.make_room(footprint, 1 if frame.ndim == 2 else 3):
+        if not self.make_room(project(to_first, corners(shape)), 1 if frame.ndim == 2 else 3):
             return False
-        self._paint(
-            with_channels(frame, self.canvas.channels), to_reference, 1 + _SEAM_DEPTH if fills_gaps else 255
-        )
-        self._frames += 1
+        deepest = 1 + _SEAM_DEPTH if fills_gaps else 255
+        self._paint(with_channels(frame, self.channels), to_reference, deepest)
+        self.frames += 1
         return True
 
     def _paint(self, frame: ImageArray, to_reference: FloatArray, deepest: int) -> None:
-        to_canvas = normalised(self.canvas.from_plane @ to_reference)
-        frame, to_canvas = reduced_for(frame, to_canvas)
-        footprint = project(to_canvas, corners((frame.shape[0], frame.shape[1])))
+        frame, to_canvas = reduced_for(frame, normalised(self.from_plane @ to_reference))
+        shape = (frame.shape[0], frame.shape[1])
+        footprint = project(to_canvas, corners(shape))
         left, top = np.floor(footprint.min(axis=0)).astype(int).tolist()
         right, bottom = (np.ceil(footprint.max(axis=0)).astype(int) + 1).tolist()
-        pixels, depth = self.canvas.read(left, top, right - left, bottom - top)
-        to_box = normalised(translation(-np.array([left, top])) @ to_canvas)
         size = (right - left, bottom - top)
+        pixels, depth = self.read(left, top, *size)
+        to_box = normalised(translation(-np.array([left, top])) @ to_canvas)
         warped = cv2.warpPerspective(frame, to_box, size, borderMode=cv2.BORDER_REPLICATE)
-        flat = np.minimum(depth_inside((frame.shape[0], frame.shape[1])), np.uint8(deepest))
+        flat = np.minimum(depth_inside(shape), np.uint8(deepest))
         deep = np.asarray(cv2.warpPerspective(flat, to_box, size, borderMode=cv2.BORDER_CONSTANT), np.uint8)
         share = cv2.addWeighted(deep, 0.5 / _SEAM_DEPTH, depth, -0.5 / _SEAM_DEPTH, 0.5, dtype=cv2.CV_32F)
         share[depth == 0] = 1
@@ -94,46 +127,116 @@ class Mosaic:
         share = np.clip(share, 0, 1)
         blended = cv2.blendLinear(warped, pixels.reshape(warped.shape), share, 1 - share)
         painted = np.asarray(blended, dtype=np.uint8).reshape(pixels.shape)
-        self.canvas.write(left, top, painted, np.maximum(depth, deep))
+        self.write(left, top, painted, np.maximum(depth, deep))
 
+    def make_room(self, points: FloatArray, channels: int) -> bool:
+        """Extends the canvas to points in px at scale 1, at a lower scale if necessary.
 
-def is_paintable(to_reference: FloatArray, shape: tuple[int, int]) -> bool:
-    """Whether the footprint of a frame of `shape` is neither huge, nor tiny, nor stretched.
+        Only the first call decides the channels. False, with nothing changed, where a sixteenth of the
+        resolution would not be enough.
+        """
+        if float(np.abs(points).max()) > MAX_DISTANCE:
+            return False
+        scale, low, high = self.scale, self._low, self._high
+        while True:
+            cells = (points + 0.5) * scale - 0.5
+            need_low = np.floor(cells.min(axis=0)).astype(np.int64)
+            need_high = np.ceil(cells.max(axis=0)).astype(np.int64) + 1
+            if self.channels:
+                need_low, need_high = np.minimum(need_low, low), np.maximum(need_high, high)
+            if int(np.prod(need_high - need_low)) <= _FILES * self._memory_px:
+                break
+            scale, low, high = scale / 2, low // 2, -(-high // 2)
+            if scale < _MIN_SCALE:
+                return False
+        while self.scale > scale:
+            self._halve()
+        if not self.channels:
+            self.channels = channels
+            self._tiles = TileStore(channels + 1, self._memory_px)
+        self._low, self._high = need_low, need_high
+        return True
 
-    Perspective errors accumulate along a strip: one frame could cover as much of the canvas as all others.
-    """
-    if not np.isfinite(to_reference).all():
-        return False
-    if not depth_ratio(to_reference, shape) < _MAX_DEPTH_RATIO:
-        return False
-    return _SCALE_RANGE[0] < scale_change(to_reference, shape) < _SCALE_RANGE[1]
+    def read(self, left: int, top: int, width: int, height: int) -> tuple[ImageArray, ImageArray]:
+        """Copies a part: uint8[height, width, c] and its depth, uint8[height, width], 0 where not painted."""
+        pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
+        depth = np.zeros((height, width), dtype=np.uint8)
+        for key, there, here in tile_parts(left, top, width, height):
+            tile = self._tiles.get(key)
+            if tile is not None:
+                pixels[here], depth[here] = tile[there][:, :, :-1], tile[there][:, :, -1]
+        return pixels, depth
 
+    def write(self, left: int, top: int, pixels: ImageArray, depth: ImageArray) -> None:
+        """Replaces a part by uint8[h, w, c] pixels and uint8[h, w] depths.
 
-def reduced_for(frame: ImageArray, matrix: FloatArray) -> tuple[ImageArray, FloatArray]:
-    """Halves a frame while `matrix`, float64[3, 3] from its pixels, reduces it anyway."""
-    while scale_change(matrix, (frame.shape[0], frame.shape[1])) < 0.6 and min(frame.shape[:2]) > 32:
-        frame = halved(frame)
-        matrix = normalised(matrix @ np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]]))
-    return frame, matrix
+        Raises:
+            OSError: there is no room for a temporary file.
+        """
+        for key, there, here in tile_parts(left, top, depth.shape[1], depth.shape[0]):
+            if depth[here].any():
+                part = self._tiles.make(key)[there]
+                part[:, :, :-1], part[:, :, -1] = pixels[here], depth[here]
+                self._shrunk.pop(key, None)
 
+    def preview(self, width: int, height: int) -> tuple[ImageArray, FloatArray]:
+        """The whole canvas fitted into `width` x `height`, with black borders.
 
-@lru_cache(maxsize=8)
-def depth_inside(shape: tuple[int, int]) -> ImageArray:
-    """Depth of each pixel inside a frame, uint8 from 1 at the border to 255 in the middle."""
-    height, width = shape
-    across = np.minimum(np.arange(width), np.arange(width)[::-1])
-    down = np.minimum(np.arange(height), np.arange(height)[::-1])
-    # The geometric mean of both distances: the smaller one alone is equal for two frames of a straight flight
-    # over half of their overlap, which would show both.
-    inward = np.sqrt(across[np.newaxis, :] * down[:, np.newaxis].astype(np.float64))
-    depth = np.asarray(1 + inward * (254 / max(1.0, float(inward.max()))), dtype=np.uint8)
-    depth.setflags(write=False)
-    return depth
+        Returns:
+            uint8[height, width, c], and float64[3, 3] from the present plane to its pixels.
+        """
+        box = np.array(self.box)
+        share = min(*(np.array([width, height]) / np.maximum(1, box[2:] - box[:2])), 1.0)
+        step = min(TILE, 2 ** int(math.log2(1 / share)))
+        first, last = box[:2] // step, np.maximum(box[:2] // step + 1, -(-box[2:] // step))
+        whole = (last - first) * step
+        share = min(*(np.array([width, height]) / whole), 1.0)
+        size = np.maximum(1, np.rint(whole * share)).astype(int)
+        cells = self._read_shrunk(first, last, step)
+        shown = cv2.resize(cells, size.tolist(), interpolation=cv2.INTER_AREA)
+        result = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
+        x, y = (np.array([width, height]) - size) // 2
+        result[y : y + size[1], x : x + size[0]] = shown.reshape(size[1], size[0], -1)
+        across, down = size / whole
+        left, top = first * step
+        fit = np.array(
+            [[across, 0, x + (0.5 - left) * across - 0.5], [0, down, y + (0.5 - top) * down - 0.5], [0, 0, 1]]
+        )
+        return result, normalised(fit @ self.from_plane)
 
+    def close(self) -> None:
+        """Releases the tiles."""
+        self._tiles.close()
 
-def with_channels(frame: ImageArray, channels: int) -> ImageArray:
-    """Converts a frame to grey for one channel and to BGR for three."""
-    if (frame.ndim == 2) == (channels == 1):
-        return frame
-    code = cv2.COLOR_GRAY2BGR if frame.ndim == 2 else cv2.COLOR_BGR2GRAY
-    return np.asarray(cv2.cvtColor(frame, code), dtype=np.uint8)
+    def _read_shrunk(self, first: CellArray, last: CellArray, step: int) -> ImageArray:
+        """Copies a part of the canvas reduced by `step`, in px of that; reduced tiles are kept."""
+        (left, top), (width, height) = first.tolist(), (last - first).tolist()
+        if step != self._shrunk_by:
+            self._shrunk_by = step
+            self._shrunk.clear()
+        side = TILE // step
+        pixels = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
+        for key, there, here in tile_parts(left, top, width, height, side):
+            tile = self._tiles.get(key)
+            if tile is None:
+                continue
+            if key not in self._shrunk:
+                small = cv2.resize(tile, (side, side), interpolation=cv2.INTER_AREA)
+                self._shrunk[key] = np.asarray(small, dtype=np.uint8)[:, :, :-1]
+            pixels[here] = self._shrunk[key][there]
+        return pixels
+
+    def _halve(self) -> None:
+        self.scale /= 2
+        self._low, self._high = self._low // 2, -(-self._high // 2)
+        old, self._tiles = self._tiles, TileStore(self.channels + 1, self._memory_px)
+        self._shrunk.clear()
+        half = TILE // 2
+        for column, row in old.keys:
+            tile = old.make((column, row))
+            small = np.asarray(cv2.resize(tile, (half, half), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+            # Partly painted blocks would mix with black: they count as not painted.
+            depth = tile[:, :, -1].reshape(half, 2, half, 2).min(axis=(1, 3))
+            small[depth == 0] = 0
+            self.write(column * half, row * half, small[:, :, :-1], depth)
+        old.close()

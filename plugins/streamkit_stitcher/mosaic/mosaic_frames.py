@@ -3,12 +3,10 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised, translation
-from streamkit.settings import setting
 from streamkit_stitcher.mosaic.composition import Composition, PlacedFrame, compose
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.frame_store import FrameStore
@@ -18,12 +16,12 @@ from streamkit_stitcher.mosaic.geotiff import north_up
 from streamkit_stitcher.mosaic.graphics import OverlaidGraphics
 from streamkit_stitcher.mosaic.image_file import is_numbered, is_tiff, location_of, write_image
 from streamkit_stitcher.mosaic.mosaic import Mosaic
-from streamkit_stitcher.mosaic.seams import SeamKind
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
-# As many as homographies of keyframes are kept.
-_MAX_STORED: Final = 20_000
+# Homographies of the keyframes of each plane, None for the incremental mosaic, and the rmse of the ties, px.
+AdjustedPlanes = tuple[Mapping[int, Mapping[int, FloatArray]] | None, float]
 
 
 @dataclass(frozen=True)
@@ -51,51 +49,12 @@ class WrittenMosaic:
     height: int
     scale: float
     pictures: int
-    final: bool = False
-    rmse_px: float | None = None
-    position_misfit_m: float | None = None
-    geo_error_m: float | None = None
-    ground_resolution_m: float | None = None
-    geo_refused: str = ""
-
-
-@dataclass(frozen=True)
-class RecorderSettings:
-    """How mosaics are made; without a location there is only a preview.
-
-    Attributes:
-        first_number: added to the numbers of planes in the names of files.
-    """
-
-    location: str | None = setting(
-        None, file="write", doc="Path of the mosaic, .png, .jpg or .tif; %d in it gives each plane a file."
-    )
-    final: bool = setting(
-        True, doc="Adjust and blend all keyframes at the end; else write the mosaic as it was painted."
-    )
-    seam: SeamKind = setting(
-        SeamKind.GRAPHCUT,
-        doc="Seams of the final mosaic: half-way between frames, or from there moved around cars and trees.",
-    )
-    max_canvas_mpx: float = setting(
-        64.0, min=1.0, max=1024.0, unit="Mpx", doc="Mosaic kept in memory; the rest goes to a temporary file."
-    )
-
-    first_number: int = 0
-    max_geo_error_m: float = setting(
-        30.0, min=0.0, unit="m", doc="Expected error above which a mosaic is not georeferenced."
-    )
-    save_interval: float = setting(
-        30.0,
-        min=0.0,
-        unit="s",
-        doc="Time between two saves of the mosaic as it was painted so far; 0 is at the end only.",
-    )
-
-    @property
-    def memory_px(self) -> int:
-        """`max_canvas_mpx` in px."""
-        return round(self.max_canvas_mpx * 1e6)
+    final: bool
+    rmse_px: float | None
+    position_misfit_m: float | None
+    geo_error_m: float | None
+    ground_resolution_m: float | None
+    geo_refused: str
 
 
 class MosaicFrames:
@@ -117,7 +76,6 @@ class MosaicFrames:
     ) -> None:
         self._settings = settings
         self._report_progress = report_progress
-        self._is_stored = settings.final and settings.location is not None
         self._largest_px = 0.0
         self._mosaic: Mosaic | None = None
         self._graphics = OverlaidGraphics()
@@ -127,7 +85,10 @@ class MosaicFrames:
     def mosaic(self) -> Mosaic:
         """The incremental mosaic of the current plane; painted from the first use on."""
         if self._mosaic is None:
-            self._mosaic = self._painted()
+            self._mosaic = Mosaic(self._settings.memory_px)
+            for placed, _ in self._frames[self._first_of_plane :]:
+                self._mosaic.add(self._load(placed.number), placed.to_plane, placed.fills_gaps)
+            self._mosaic.move_plane(inverse(self._to_first))
         return self._mosaic
 
     def clear(self, reference: int) -> None:
@@ -140,8 +101,10 @@ class MosaicFrames:
     def begin_plane(self, reference: int) -> None:
         """Starts another plane, of that number; the frames of earlier ones are kept."""
         if self._mosaic is not None:
-            self._mosaic.canvas.close()
-        self._mosaic = None if self._is_stored else Mosaic(self._settings.memory_px)
+            self._mosaic.close()
+        self._mosaic = None
+        # Until the store is full: the first frame that it refuses is the last one that is noted.
+        self._is_stored = self._settings.is_stored
         self._first_of_plane = len(self._frames)
         self.reference = reference
         self._to_first = IDENTITY
@@ -151,70 +114,61 @@ class MosaicFrames:
         self.reference = reference
         self._to_first = normalised(self._to_first @ inverse(change))
         if self._mosaic is not None:
-            self._mosaic.canvas.move_plane(change)
+            self._mosaic.move_plane(change)
 
     def add(
-        self,
-        registered: FrameRegistration,
-        shape: tuple[int, int],
-        load: Callable[[], ImageArray],
+        self, registered: FrameRegistration, shape: tuple[int, int], load: Callable[[], ImageArray]
     ) -> None:
         """Adds a frame, whose pixels `load` returns; all but keyframes only fill gaps.
 
         Raises:
-            OSError: a temporary file is full.
+            OSError: there is no room for a temporary file.
         """
         self._report_progress()
         pixels, fills_gaps = load(), not registered.keyframe
-        if self._is_stored and len(self._frames) <= _MAX_STORED:
-            number = self._store.add(pixels) if len(self._frames) < _MAX_STORED else None
-            if number is None:
-                # Frames that do not fit in the store can only be painted, on top of the earlier ones.
-                _ = self.mosaic
+        number = self._store.add(pixels) if self._is_stored else None
+        # Frames that are not stored can only be painted, on top of the earlier ones.
+        mosaic = self.mosaic if number is None else self._mosaic
+        if self._is_stored:
             matrix = normalised(self._to_first @ registered.to_reference)
             placed = PlacedFrame(-1 if number is None else number, shape, matrix, fills_gaps)
             self._frames.append((placed, registered))
-        if self._mosaic is not None:
-            self._mosaic.add(pixels, registered.to_reference, fills_gaps)
+            self._is_stored = number is not None
+        if mosaic is not None:
+            mosaic.add(pixels, registered.to_reference, fills_gaps)
 
     def look_for_graphics(self, load: Callable[[], ImageArray]) -> None:
         """Compares a frame with the last that was given here, which showed the ground elsewhere."""
         self._graphics.add(load())
 
     def write(
-        self,
-        covered_px: float,
-        planes: Mapping[int, Mapping[int, FloatArray]] | None,
-        rmse: float,
-        views: Sequence[FrameView] = (),
+        self, covered_px: float, planes: AdjustedPlanes, views: Sequence[FrameView] = ()
     ) -> Iterator[WrittenMosaic]:
         """Writes the mosaics of all planes with frames; of planes that share one file the largest only.
 
         Args:
             covered_px: area of the current plane that its frames cover.
-            planes: homographies of the keyframes after adjustment by plane; None for the incremental mosaic.
-            rmse: of the tie points of the adjustment.
+            planes: the planes after adjustment.
             views: what frames show of the earth.
 
         Raises:
             OSError: one could not be written.
         """
-        location = self._settings.location
+        location, (adjusted, rmse) = self._settings.location, planes
         if location is None:
             return
-        adjusted = {number: self._adjusted(own) for number, own in (planes or {}).items()}
-        areas = {number: self._covered_px(placed) for number, placed in adjusted.items() if placed}
+        placed = {number: self._adjusted(own) for number, own in (adjusted or {}).items()}
+        areas = {number: _covered_px(own) for number, own in placed.items() if own}
         if not areas:
-            adjusted, areas = {self.reference: []}, {self.reference: covered_px}
+            placed, areas = {self.reference: []}, {self.reference: covered_px}
         if not is_numbered(location):
-            areas = {number: area for number, area in areas.items() if area > self._largest_px}
-            areas = dict(sorted(areas.items(), key=lambda item: -item[1])[:1])
+            largest = max(areas, key=lambda number: areas[number])
+            areas = {largest: areas[largest]} if areas[largest] > self._largest_px else {}
         for number, area in areas.items():
             self._largest_px = max(self._largest_px, area)
-            found = georeferenced(
-                (planes or {}).get(number, {}), views, self._settings.max_geo_error_m, focal_length(views)
-            )
-            written = self._written(location, number, adjusted[number], rmse, *found)
+            own = (adjusted or {}).get(number, {})
+            found = georeferenced(own, views, self._settings.max_geo_error_m, focal_length(views))
+            written = self._written(location, number, placed[number], rmse, *found)
             if written is not None:
                 yield written
 
@@ -227,13 +181,14 @@ class MosaicFrames:
         geo: Georeference | None,
         refused: str,
     ) -> WrittenMosaic | None:
-        whole = self._composed(location, placed, None if refused else geo)
+        misfit = None if geo is None else geo.median_error_m
+        geo = None if refused else geo
+        whole = self._composed(placed, north_up(geo) if geo is not None and is_tiff(location) else IDENTITY)
         final = whole is not None
         whole = whole or _incremental(self.mosaic)
         if whole is None:
             return None
-        misfit = None if geo is None else geo.median_error_m
-        geo = None if geo is None or refused else geo.seen_through(whole.from_plane)
+        geo = None if geo is None else geo.seen_through(whole.from_plane)
         if geo is not None and is_tiff(location) and not geo.is_affine:
             geo, refused = None, "the camera looks aside, and only the final mosaic can follow that"
         path = location_of(location, number + self._settings.first_number)
@@ -264,28 +219,18 @@ class MosaicFrames:
         location = self._settings.location
         if location is None or (not is_numbered(location) and covered_px <= self._largest_px):
             return
-        if (whole := _incremental(self.mosaic)) is not None:
-            number = self.reference + self._settings.first_number
-            write_image(whole.image, location_of(location, number))
+        if (image := self.mosaic.image()) is not None:
+            write_image(image, location_of(location, self.reference + self._settings.first_number))
 
     def close(self) -> None:
         """Releases everything that was not written."""
         if self._mosaic is not None:
-            self._mosaic.canvas.close()
+            self._mosaic.close()
         self._store.close()
 
     def _load(self, number: int) -> ImageArray:
         self._report_progress()
         return self._store.get(number)
-
-    def _painted(self) -> Mosaic:
-        """The frames stored so far, painted as they came."""
-        mosaic = Mosaic(self._settings.memory_px)
-        for placed, _ in self._frames[self._first_of_plane :]:
-            if placed.number >= 0:
-                mosaic.add(self._load(placed.number), placed.to_plane, placed.fills_gaps)
-        mosaic.canvas.move_plane(inverse(self._to_first))
-        return mosaic
 
     def _adjusted(self, homographies: Mapping[int, FloatArray]) -> list[PlacedFrame]:
         """The frames by the adjusted homographies of their keyframes."""
@@ -295,31 +240,26 @@ class MosaicFrames:
             if registered.key_index in homographies
         ]
 
-    @staticmethod
-    def _covered_px(placed: Sequence[PlacedFrame]) -> float:
-        coverage = Coverage()
-        for frame in placed:
-            coverage.add(frame.shape, frame.to_plane)
-        return coverage.covered_px
-
-    def _composed(
-        self, location: str, placed: Sequence[PlacedFrame], geo: Georeference | None
-    ) -> Composition | None:
-        """The final mosaic, a GeoTIFF with north up; None where a frame was not stored."""
-        if not placed or any(frame.number < 0 for frame in placed):
+    def _composed(self, placed: Sequence[PlacedFrame], turn: FloatArray) -> Composition | None:
+        """The final mosaic on a turned plane; None without frames, or where not all were stored."""
+        if any(frame.number < 0 for frame in placed):
             return None
-        turn = north_up(geo) if geo is not None and is_tiff(location) else IDENTITY
         turned = [replace(frame, to_plane=normalised(turn @ frame.to_plane)) for frame in placed]
-        whole = compose(
-            turned, self._load, self._settings.seam, self._settings.memory_px, self._graphics.mask
-        )
+        seam, memory_px = self._settings.seam, self._settings.memory_px
+        whole = compose(turned, self._load, seam, memory_px, self._graphics.mask)
         return None if whole is None else replace(whole, from_plane=normalised(whole.from_plane @ turn))
+
+
+def _covered_px(placed: Sequence[PlacedFrame]) -> float:
+    coverage = Coverage()
+    for frame in placed:
+        coverage.add(frame.shape, frame.to_plane)
+    return coverage.covered_px
 
 
 def _incremental(mosaic: Mosaic) -> Composition | None:
     image = mosaic.image()
     if image is None:
         return None
-    left, top, _, _ = mosaic.canvas.box
-    from_plane = normalised(translation(-np.array([left, top])) @ mosaic.canvas.from_plane)
+    from_plane = normalised(translation(-np.array(mosaic.box[:2])) @ mosaic.from_plane)
     return Composition(image, from_plane, mosaic.scale, mosaic.frames)

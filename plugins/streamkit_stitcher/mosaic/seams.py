@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, MaskArray, corners, normalised, project, translation
-from streamkit_stitcher.mosaic.mosaic import depth_inside
+from streamkit_stitcher.mosaic.frame_drawing import depth_inside, with_channels
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
 LabelArray = npt.NDArray[np.int32]
 
-_MOST_CUT_CELLS: Final = 8_000_000
+_MAX_CUT_CELLS: Final = 8_000_000
 _BAND: Final = 1 / 8
 _PRECEDENCE: Final = 300
 # Depth of what is shown only where no frame has anything else: graphics over the ground.
@@ -40,7 +40,7 @@ class Footprint:
     Attributes:
         left: first column of its box.
         top: first row of its box.
-        thumbnail: uint8[h, w, c], the frame warped into its box.
+        thumbnail: uint8[h, w, 3], the frame warped into its box.
         depth: int32[h, w], depth of each cell inside the frame, 0 outside, LAST_RESORT under graphics.
         fills_gaps: whether every other frame has precedence.
     """
@@ -65,24 +65,25 @@ def footprint(
     fills_gaps: bool,
     graphics: MaskArray | None = None,
 ) -> Footprint:
-    """Warps a frame's thumbnail, uint8[h, w, c], onto the planning grid of (rows, columns).
+    """Warps a frame's thumbnail, uint8[h, w] or [h, w, 3], onto the planning grid of (rows, columns).
 
     `graphics` are the pixels of the frame that do not show the ground, bool of any size.
     """
-    outline = project(to_grid, corners((thumbnail.shape[0], thumbnail.shape[1])))
+    shape = (thumbnail.shape[0], thumbnail.shape[1])
+    outline = project(to_grid, corners(shape))
     left, top = np.clip(np.floor(outline.min(axis=0)).astype(int), 0, np.array(grid[::-1]) - 1).tolist()
     right, bottom = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 1, 1, grid[::-1]).tolist()
     size = max(1, right - left), max(1, bottom - top)
     to_box = normalised(translation(-np.array([left, top])) @ to_grid)
     warped = cv2.warpPerspective(thumbnail, to_box, size, borderMode=cv2.BORDER_REPLICATE)
-    flat = depth_inside((thumbnail.shape[0], thumbnail.shape[1]))
+    flat = depth_inside(shape)
     depth = cv2.warpPerspective(flat, to_box, size, flags=cv2.INTER_LINEAR).astype(np.int32)
     depth[depth > 0] += LAST_RESORT + (0 if fills_gaps else _PRECEDENCE)
     if graphics is not None:
         small = cv2.resize(graphics.astype(np.float32), flat.shape[::-1], interpolation=cv2.INTER_AREA)
         hidden = cv2.warpPerspective(small, to_box, size) > 0
         depth[hidden & (depth > 0)] = LAST_RESORT
-    return Footprint(left, top, np.asarray(warped, np.uint8).reshape(*size[::-1], -1), depth, fills_gaps)
+    return Footprint(left, top, with_channels(np.asarray(warped, np.uint8), 3), depth, fills_gaps)
 
 
 def voronoi_labels(footprints: Sequence[Footprint], grid: tuple[int, int]) -> LabelArray:
@@ -106,7 +107,7 @@ def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gai
     """Seams along lines where overlapping frames look alike, around cars and leaning houses.
 
     They stay near those of `voronoi_labels`, which are kept where there are too many frames for memory: each
-    part comes from a frame taken from nearly above, and only neighbours are compared. `gains` float64[n, c]
+    part comes from a frame taken from nearly above, and only neighbours are compared. `gains` float64[n, 3]
     equalise the exposure.
 
     Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
@@ -117,13 +118,12 @@ def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gai
         for number, own in enumerate(footprints)
         if (found := _candidate_mask(own, number, labels))
     ]
-    if len(candidates) < 2 or sum(mask.size for _, _, mask in candidates) > _MOST_CUT_CELLS:
+    if len(candidates) < 2 or sum(mask.size for _, _, mask in candidates) > _MAX_CUT_CELLS:
         return labels
     images, origins = [], []
-    for number, (rows, columns), mask in candidates:
+    for number, (rows, columns), _ in candidates:
         own = footprints[number]
-        part = np.broadcast_to(own.thumbnail[rows, columns] * gains[number], (*mask.shape, 3))
-        images.append(np.ascontiguousarray(part, dtype=np.float32))
+        images.append((own.thumbnail[rows, columns] * gains[number]).astype(np.float32))
         origins.append((own.left + columns.start, own.top + rows.start))
     on_device: Any = cv2.UMat  # the stubs lack arrays
     masks = [on_device(mask) for _, _, mask in candidates]

@@ -1,111 +1,85 @@
-"""Square tiles of an unbounded image: the latest in memory, the others in a temporary file."""
+"""Square tiles of an unbounded image: the first in memory, later ones in temporary files."""
 
+import os
 import tempfile
-from collections import OrderedDict
-from dataclasses import dataclass
-from typing import IO, Final
+from collections.abc import Iterator
+from typing import Final
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 ImageArray = npt.NDArray[np.uint8]
+Key = tuple[int, int]
 
 TILE: Final = 512
-REDUCTION: Final = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Tile:
-    """One tile.
-
-    Attributes:
-        pixels: uint8[512, 512, c].
-        depth: uint8[512, 512], depth of each pixel inside its frame, 0 where not painted.
-    """
-
-    pixels: ImageArray
-    depth: ImageArray
 
 
 class TileStore:
-    """Tiles by column and row.
+    """Tiles uint8[512, 512, channels] by column and row, which are written in place.
 
     Args:
-        channels: of the pixels.
-        max_px: most pixels in memory; the least recently used tiles go to the file.
+        channels: of a tile.
+        max_px: most pixels in memory; each file holds as many.
     """
 
     def __init__(self, channels: int, max_px: int) -> None:
-        self.channels = channels
-        self._most = max(4, max_px // TILE**2)
-        self._tiles: OrderedDict[tuple[int, int], Tile] = OrderedDict()
-        self._slots: dict[tuple[int, int], int] = {}
-        self._painted: set[tuple[int, int]] = set()
-        self._small: dict[tuple[int, int], ImageArray] = {}
-        self._file: IO[bytes] | None = None
+        self._shape = max(4, max_px // TILE**2), TILE, TILE, channels
+        self._pages: list[ImageArray] = []
+        self._numbers: dict[Key, int] = {}
 
     @property
-    def keys(self) -> tuple[tuple[int, int], ...]:
-        """Column and row of every tile, sorted."""
-        return tuple(sorted(self._painted))
+    def keys(self) -> list[Key]:
+        """Column and row of every tile, in the order made."""
+        return list(self._numbers)
 
-    def reduced(self, key: tuple[int, int]) -> ImageArray | None:
-        """uint8[128, 128, c], a cached tile at a quarter of its sides; None where not painted."""
-        found = self._small.get(key)
-        if found is None:
-            tile = self.get(key)
-            if tile is None:
-                return None
-            side = TILE // REDUCTION
-            small = cv2.resize(tile.pixels, (side, side), interpolation=cv2.INTER_AREA)
-            found = self._small[key] = np.asarray(small, dtype=np.uint8).reshape(side, side, -1)
-        return found
-
-    def get(self, key: tuple[int, int]) -> Tile | None:
-        """A tile, or None where not painted."""
-        tile = self._tiles.get(key)
-        if tile is not None:
-            self._tiles.move_to_end(key)
-            return tile
-        if key not in self._slots or self._file is None:
+    def get(self, key: Key) -> ImageArray | None:
+        """A tile, or None where there is none."""
+        number = self._numbers.get(key)
+        if number is None:
             return None
-        size = TILE * TILE * (self.channels + 1)
-        self._file.seek(self._slots[key] * size)
-        data = np.frombuffer(self._file.read(size), dtype=np.uint8).reshape(TILE, TILE, self.channels + 1)
-        tile = Tile(np.ascontiguousarray(data[:, :, :-1]), np.ascontiguousarray(data[:, :, -1]))
-        self._keep(key, tile)
-        return tile
+        page, place = divmod(number, self._shape[0])
+        return np.asarray(self._pages[page][place])
 
-    def put(self, key: tuple[int, int], tile: Tile) -> None:
-        """Stores a tile.
+    def make(self, key: Key) -> ImageArray:
+        """A tile; a new one is black.
 
         Raises:
-            OSError: the temporary file is full.
+            OSError: there is no room for a temporary file.
         """
-        self._small.pop(key, None)
-        self._painted.add(key)
-        self._keep(key, tile)
+        tile = self.get(key)
+        if tile is not None:
+            return tile
+        if len(self._numbers) == len(self._pages) * self._shape[0]:
+            page = file_array(self._shape) if self._pages else np.zeros(self._shape, dtype=np.uint8)
+            self._pages.append(page)
+        number = self._numbers[key] = len(self._numbers)
+        return np.asarray(self._pages[-1][number % self._shape[0]])
 
     def close(self) -> None:
-        """Releases all tiles and the file."""
-        self._tiles.clear()
-        self._slots.clear()
-        self._painted.clear()
-        self._small.clear()
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        """Releases all tiles."""
+        self._pages.clear()
+        self._numbers.clear()
 
-    def _keep(self, key: tuple[int, int], tile: Tile) -> None:
-        self._tiles[key] = tile
-        self._tiles.move_to_end(key)
-        while len(self._tiles) > self._most:
-            self._spill(*self._tiles.popitem(last=False))
 
-    def _spill(self, key: tuple[int, int], tile: Tile) -> None:
-        if self._file is None:
-            self._file = tempfile.TemporaryFile(prefix="streamkit-mosaic-")  # noqa: SIM115  closed by close()
-        slot = self._slots.setdefault(key, len(self._slots))
-        self._file.seek(slot * TILE * TILE * (self.channels + 1))
-        self._file.write(np.concatenate([tile.pixels, tile.depth[:, :, np.newaxis]], axis=2).tobytes())
+def file_array(shape: tuple[int, ...]) -> ImageArray:
+    """A black uint8 array in a temporary file, which goes with the array.
+
+    Raises:
+        OSError: there is no room for the file.
+    """
+    with tempfile.TemporaryFile(prefix="streamkit-mosaic-") as file:
+        # Without room now, a later write would end the process.
+        os.posix_fallocate(file.fileno(), 0, int(np.prod(shape)))
+        return np.memmap(file, dtype=np.uint8, mode="r+", shape=shape)
+
+
+def tile_parts(
+    left: int, top: int, width: int, height: int, side: int = TILE
+) -> Iterator[tuple[Key, tuple[slice, slice], tuple[slice, slice]]]:
+    """The tiles of a side under a box: key, the part of the tile, and the same part of the box."""
+    for row in range(top // side, (top + height - 1) // side + 1):
+        for column in range(left // side, (left + width - 1) // side + 1):
+            x0, x1 = max(left, column * side), min(left + width, (column + 1) * side)
+            y0, y1 = max(top, row * side), min(top + height, (row + 1) * side)
+            there = slice(y0 - row * side, y1 - row * side), slice(x0 - column * side, x1 - column * side)
+            yield (column, row), there, (slice(y0 - top, y1 - top), slice(x0 - left, x1 - left))

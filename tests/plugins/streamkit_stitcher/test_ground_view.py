@@ -26,8 +26,7 @@ def dji(**fields):
 
 def offset_m(view):
     """Metres north and east of the camera, float64[n, 2]."""
-    degrees = np.array([(place.latitude - 46.8, place.longitude + 92.1) for place in view.places])
-    return degrees * metres_per_degree(46.8)
+    return (view.places - [46.8, -92.1]) * metres_per_degree(46.8)
 
 
 def test_what_telemetry_sends_goes_first():
@@ -41,7 +40,7 @@ def test_what_telemetry_sends_goes_first():
         [639.5, 479.5],
         [-0.5, 479.5],
     ]
-    assert [(place.latitude, place.longitude) for place in view.places] == [(0.5, 2.5), *corners]
+    assert view.places.tolist() == [[0.5, 2.5], *map(list, corners)]
     assert view.time_s == 2.0
 
 

@@ -14,7 +14,6 @@ from streamkit.geometry.earth import metres_per_degree
 from streamkit.geometry.homography import project, translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.testing import Harness
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.mosaic.georeference import GroundView, local_metres
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
@@ -105,7 +104,7 @@ def test_telemetry_ahead_of_the_image_is_part_of_the_error():
         # It turns round every three seconds; positions are ahead by a fifth of a second.
         x, ahead = (100 * math.sin(2 * (time_s + lead)) for lead in (0.0, 0.2))
         north_m, east_m = metres_per_degree(0.0)
-        places = [GeodeticPoint(y / north_m, (ahead + z) / east_m) for z, y in ((0, 0), (-50, 0), (0, 50))]
+        places = np.array([(y / north_m, (ahead + z) / east_m) for z, y in ((0, 0), (-50, 0), (0, 50))])
         pixels = np.array([[320.0, 180], [270, 180], [320, 130]])
         registered = FrameRegistration(
             np.eye(3), translation(np.array([x, 0])), 0, RegistrationStatus.OK, measured=True
@@ -117,7 +116,7 @@ def test_telemetry_ahead_of_the_image_is_part_of_the_error():
     assert max(errors) > 30
     assert min(errors) > 2.0
     assert project(last[-1].to_local, np.array([[320.0, 180]]))[0] - local_metres(
-        [GeodeticPoint(0.0, x / east_m)], last[-1].origin
+        np.array([[0.0, x / east_m]]), last[-1].origin
     ) == pytest.approx(np.zeros((1, 2)), abs=4.0)
 
 
@@ -129,7 +128,7 @@ def test_what_is_unknown_of_the_lead_shows_when_the_camera_swings():
     for number in range(60):
         x = 2.0 * number if number < 50 else 98.0 + 40.0 * (number - 49)
         y = random.normal(0, 1.0)
-        places = [GeodeticPoint((y + z) / north_m, (x + w) / east_m) for w, z in ((0, 0), (0, 50), (50, 0))]
+        places = np.array([((y + z) / north_m, (x + w) / east_m) for w, z in ((0, 0), (0, 50), (50, 0))])
         pixels = np.array([[320.0, 180], [320, 130], [370, 180]])
         registered = FrameRegistration(
             np.eye(3), translation(np.array([x, 0])), 0, RegistrationStatus.OK, measured=True

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_stitcher.flight_plan.rectification import CameraIntrinsics
-from streamkit_stitcher.flight_plan.rectifier import Rectifier, halved_maps
+from streamkit_stitcher.flight_plan.rectification import CameraIntrinsics, Rectifier, halved_maps
 
 SHAPE = (480, 640)
 BENT = CameraIntrinsics(600.0, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))

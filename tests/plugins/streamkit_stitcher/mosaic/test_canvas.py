@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project, translation
-from streamkit_stitcher.mosaic.canvas import MosaicCanvas
+from streamkit_stitcher.mosaic.mosaic import Mosaic
 
 
 def paint(canvas, left, top, value, channels=1):
@@ -22,7 +22,7 @@ def value_at(canvas, x, y):
 
 def test_growing_keeps_what_is_painted():
     """Ground on all four sides of the first piece leaves the first piece where it was."""
-    canvas = MosaicCanvas(1_000_000)
+    canvas = Mosaic(1_000_000)
     for left, top, value in ((0, 0, 50), (-90, -70, 60), (530, 5, 70), (3, 660, 80)):
         paint(canvas, left, top, value)
     places = ((20, 15), (-70, -55), (550, 20), (23, 675))
@@ -33,20 +33,20 @@ def test_growing_keeps_what_is_painted():
 
 def test_tiles_beyond_the_limit_go_to_a_file_and_come_back():
     """Memory holds a bounded number of tiles; what was spilled is read back pixel by pixel."""
-    canvas = MosaicCanvas(2_000_000)
+    canvas = Mosaic(2_000_000)
     values = {600 * number: 10 + number for number in range(12)}
     for left, value in values.items():
         paint(canvas, left, 0, value)
-    store = canvas._store
-    assert len(store._tiles) <= 7
-    assert len(store._slots) > 0
+    pages = canvas._tiles._pages
+    assert [isinstance(page, np.memmap) for page in pages] == [False, True]
+    assert len(pages[0]) <= 7
     assert {left: value_at(canvas, left + 20, 15) for left in values} == values
     canvas.close()
 
 
 def test_at_the_last_limit_the_canvas_is_halved():
     """The box never has more pixels than allowed, and positions stay right to a canvas pixel."""
-    canvas = MosaicCanvas(10_000 // 16)
+    canvas = Mosaic(10_000 // 16)
     paint(canvas, 1, 3, 50)
     assert canvas.make_room(np.array([[300.0, 200.0]]), 1)
     assert canvas.scale == 0.25
@@ -57,7 +57,7 @@ def test_at_the_last_limit_the_canvas_is_halved():
 
 def test_a_place_out_of_reach_changes_nothing():
     """Beyond a sixteenth of the resolution the canvas refuses."""
-    canvas = MosaicCanvas(10_000)
+    canvas = Mosaic(10_000)
     paint(canvas, 0, 0, 50)
     assert not canvas.make_room(np.array([[1e6, 1e6]]), 1)
     assert canvas.scale == 1.0
@@ -66,7 +66,7 @@ def test_a_place_out_of_reach_changes_nothing():
 
 def test_halving_does_not_mix_in_the_unpainted():
     """Blocks that are painted in part become unpainted rather than dark."""
-    canvas = MosaicCanvas(1_000_000)
+    canvas = Mosaic(1_000_000)
     paint(canvas, 1, 1, 100)
     canvas._halve()
     pixels, depth = canvas.read(*canvas.box[:2], 25, 20)
@@ -77,7 +77,7 @@ def test_halving_does_not_mix_in_the_unpainted():
 @pytest.mark.parametrize("channels", [1, 3])
 def test_the_first_image_decides_the_colours(channels):
     """Grey stays grey and colour stays colour whatever comes later."""
-    canvas = MosaicCanvas(1_000_000)
+    canvas = Mosaic(1_000_000)
     paint(canvas, 0, 0, 50, channels)
     paint(canvas, 90, 0, 60, 4 - channels)
     assert canvas.channels == channels
@@ -86,7 +86,7 @@ def test_the_first_image_decides_the_colours(channels):
 
 def test_a_change_of_plane_leaves_the_painting_where_it_is():
     """After the plane moved by a shift, the same ground is at its shifted position."""
-    canvas = MosaicCanvas(1_000_000)
+    canvas = Mosaic(1_000_000)
     paint(canvas, 0, 0, 50)
     canvas.move_plane(translation(np.array([1000.0, -500.0])))
     assert value_at(canvas, 1020, -485) == 50
@@ -95,7 +95,7 @@ def test_a_change_of_plane_leaves_the_painting_where_it_is():
 @pytest.mark.parametrize("step", [200, 3000])
 def test_a_preview_shows_the_whole_in_any_size(step):
     """Small or large, the preview shows everything, in proportion, with its homography."""
-    canvas = MosaicCanvas(64_000_000)
+    canvas = Mosaic(64_000_000)
     for number in range(3):
         paint(canvas, step * number, step * number // 2, 100 + 50 * number)
     image, from_plane = canvas.preview(320, 240)
@@ -109,7 +109,7 @@ def test_a_preview_shows_the_whole_in_any_size(step):
 
 def test_a_preview_shows_what_was_painted_since_the_last():
     """Cached tiles are refreshed: new paint shows in a far larger canvas."""
-    canvas = MosaicCanvas(64_000_000)
+    canvas = Mosaic(64_000_000)
     paint(canvas, 0, 0, 100)
     paint(canvas, 4000, 1001, 100)
     before, _ = canvas.preview(320, 240)

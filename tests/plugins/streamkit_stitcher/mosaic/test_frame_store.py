@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_stitcher.mosaic.frame_store import FrameStore, thumbnail_factor
+from streamkit_stitcher.mosaic.frame_store import FrameStore
 
 
 def test_frames_come_back(ground):
@@ -32,9 +32,3 @@ def test_beyond_the_limit_frames_are_refused(ground):
     store = FrameStore(memory_bytes=0, file_bytes=1000)
     assert store.add(ground[:360, :640]) is None
     store.close()
-
-
-def test_thumbnails_are_about_a_hundred_pixels_wide():
-    """That is enough for planning."""
-    assert 1280 // thumbnail_factor(1280) in range(96, 192)
-    assert thumbnail_factor(64) == 1

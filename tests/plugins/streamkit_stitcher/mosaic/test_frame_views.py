@@ -8,7 +8,6 @@ import pytest
 
 from streamkit.geometry.earth import metres_per_degree
 from streamkit.geometry.homography import centre, inverse, normalised
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.frame_views import FrameView, focal_length, georeferenced
 from streamkit_stitcher.mosaic.georeference import GroundView
 
@@ -19,8 +18,8 @@ NORTH_M, EAST_M = metres_per_degree(46.0)
 
 def view(number, place_m, focal_px=FOCAL):
     """A frame whose middle is taken to lie below its camera."""
-    place = GeodeticPoint(46.0 + place_m[1] / NORTH_M, 8.0 + place_m[0] / EAST_M)
-    ground = GroundView(centre(SHAPE)[np.newaxis], [place], 3.0, None, focal_px, place)
+    place = np.array([46.0 + place_m[1] / NORTH_M, 8.0 + place_m[0] / EAST_M])
+    ground = GroundView(centre(SHAPE)[np.newaxis], place[np.newaxis], 3.0, None, focal_px, place)
     return FrameView(number, np.eye(3), SHAPE, ground)
 
 

@@ -7,7 +7,8 @@ import pytest
 from streamkit.geometry.homography import translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.mosaic.graphics import OverlaidGraphics
-from streamkit_stitcher.mosaic.recorder import MosaicRecorder, RecorderSettings
+from streamkit_stitcher.mosaic.recorder import MosaicRecorder
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 SHAPE = (360, 640)

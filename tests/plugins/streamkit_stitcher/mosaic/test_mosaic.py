@@ -14,8 +14,8 @@ SMALL = (360, 640)
 def difference_to_ground(mosaic, flight):
     """Median and 95th percentile of |mosaic - true ground| over the covered part, grey levels."""
     frame = mosaic.image()
-    left, top, _, _ = mosaic.canvas.box
-    from_reference = translation(np.array([-left, -top])) @ mosaic.canvas.from_plane
+    left, top, _, _ = mosaic.box
+    from_reference = translation(np.array([-left, -top])) @ mosaic.from_plane
     to_ground = flight.to_ground[0] @ inverse(from_reference)
     size = (frame.shape[1], frame.shape[0])
     truth = cv2.warpPerspective(flight.ground, to_ground, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
@@ -31,7 +31,7 @@ def test_a_mosaic_of_measured_homographies_shows_the_true_ground(ground, make_fl
     for frame in flight.frames():
         registered = registrar.register(frame)
         if registered.reference_change is not None:
-            mosaic.canvas.move_plane(registered.reference_change)
+            mosaic.move_plane(registered.reference_change)
         if registered.keyframe:
             assert mosaic.add(frame, registered.to_reference)
     median, high = difference_to_ground(mosaic, flight)
@@ -58,8 +58,8 @@ def test_a_long_flight_loses_resolution_and_not_ground(ground):
     assert mosaic.scale == 0.5
     assert frame.size <= 16 * 20_000
     assert 4 * np.count_nonzero(frame) == pytest.approx(360 * 1840, rel=0.04)
-    left, top, _, _ = mosaic.canvas.box
-    from_reference = translation(np.array([-left, -top])) @ mosaic.canvas.from_plane
+    left, top, _, _ = mosaic.box
+    from_reference = translation(np.array([-left, -top])) @ mosaic.from_plane
     truth = cv2.resize(ground[400:760, :1840], (920, 180), interpolation=cv2.INTER_AREA)
     column, row = project(from_reference, np.array([[0.5, 0.5]]))[0].round().astype(int)
     part = frame[row : row + 179, column : column + 919]
@@ -128,10 +128,10 @@ def test_a_frame_of_a_bent_plane_is_not_painted(ground, make_flight, sign):
     flight = make_flight(ground, 2, SMALL, cars=0, noise=0.0)
     mosaic = Mosaic(64_000_000)
     assert mosaic.add(flight.frame(0), np.eye(3))
-    box = mosaic.canvas.box
+    box = mosaic.box
     tilted = np.eye(3)
     tilted[2, 0] = sign * (0.6 if sign < 0 else 1.5) / SMALL[1]
     assert not mosaic.add(flight.frame(1), tilted)
-    assert (mosaic.frames, mosaic.canvas.box) == (1, box)
+    assert (mosaic.frames, mosaic.box) == (1, box)
     tilted[2, 0] = 0.3 / SMALL[1]
     assert mosaic.add(flight.frame(1), tilted)

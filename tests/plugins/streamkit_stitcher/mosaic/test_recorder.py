@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import translation
+from streamkit.geometry.homography import centre, translation
 from streamkit.geometry.registration_status import RegistrationStatus
-from streamkit_stitcher.flight_plan.plan import GeodeticPoint
 from streamkit_stitcher.mosaic.frame_store import FrameStore
-from streamkit_stitcher.mosaic.mosaic_frames import RecorderSettings
+from streamkit_stitcher.mosaic.georeference import GroundView
 from streamkit_stitcher.mosaic.recorder import MosaicRecorder
+from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 SMALL = (360, 640)
@@ -19,6 +19,11 @@ def registered(left=0.0, reference=0, **fields):
     """A placement shifted along x."""
     given = {"status": RegistrationStatus.OK, "measured": True} | fields
     return FrameRegistration(np.eye(3), translation(np.array([left, 0.0])), reference, **given)
+
+
+def at(latitude, longitude):
+    """What a frame shows whose middle has a position."""
+    return GroundView(centre(SMALL)[np.newaxis], np.array([[latitude, longitude]]))
 
 
 def add(recorder, where, frame, position=None):
@@ -148,7 +153,7 @@ def test_the_final_mosaic_uses_the_adjusted_homographies(ground, tmp_path):
     """Frames follow the keyframe they were measured against; the error to the positions is reported."""
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     # 0.1 m a pixel on the equator, flown east.
-    fixes = [GeodeticPoint(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
+    fixes = [at(0.0, left * 0.1 / 111_319.49) for left in (0, 300, 600)]
     for number, left in enumerate((0.0, 340.0, 560.0)):
         where = registered(left, keyframe=True, key_index=number)
         add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fixes[number])
@@ -181,7 +186,7 @@ def test_frames_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path,
             "streamkit_stitcher.mosaic.mosaic_frames.FrameStore", lambda: FrameStore(2 * 360 * 640, 0)
         )
     else:
-        monkeypatch.setattr("streamkit_stitcher.mosaic.mosaic_frames._MAX_STORED", 2)
+        monkeypatch.setattr("streamkit_stitcher.mosaic.frame_store.MAX_FRAMES", 2)
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.png")))
     for number in range(4):
         where = registered(300.0 * number, keyframe=True, key_index=number)
@@ -200,7 +205,7 @@ def test_a_geotiff_has_north_on_top(ground, tmp_path):
         recorder = MosaicRecorder(RecorderSettings(str(tmp_path / name)))
         for number in range(4):
             # Flown north, to the right of the plane: 0.1 m a pixel.
-            fix = GeodeticPoint(number * 30.0 / 110_574.0, 3.0)
+            fix = at(number * 30.0 / 110_574.0, 3.0)
             where = registered(300.0 * number, keyframe=True, key_index=number)
             add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fix)
         recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
