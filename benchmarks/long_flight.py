@@ -104,14 +104,14 @@ def main() -> None:
             tilt = max(tilt, depth_ratio(placement.to_reference, shape))
             if index:
                 steps.append(step_error(placement.to_previous, index, shape, step_px))
-        left, top, right, bottom = recorder.mosaic.box
+        left, top, right, bottom = recorder.frames.mosaic.box
         print(
             f"| {first + len(times)} | {statistics.median(times) * 1e3:.1f} "
             f"| {statistics.fmean(times) * 1e3:.1f} | {processor / len(times) * 1e3:.1f} "
             f"| {resident_mb():.0f} | {placed / len(times):.1%} "
             f"| {statistics.median(steps):.2f} | {max(steps):.1f} "
             f"| {placement.reference} | {tilt:.2f} | {recorder.refused} "
-            f"| {(right - left) * (bottom - top) / 1e6:.1f} | {recorder.mosaic.scale} |",
+            f"| {(right - left) * (bottom - top) / 1e6:.1f} | {recorder.frames.mosaic.scale} |",
             flush=True,
         )
     registrar.close()

@@ -54,7 +54,7 @@ def stitched(frames: Sequence[PictureArray], path: str) -> int:
         recorder.add(placement, SHAPE, lambda taken=frame: taken)
     plane = registrar.take_plane(current=True)
     rmse = plane.finish()
-    written = recorder.finish(dict(plane.homographies), rmse)
+    written = recorder.finish(plane.planes, rmse)
     plane.close()
     return 0 if written is None else written.pictures
 

@@ -102,7 +102,7 @@ def survey(name: str, location: Path, seed: int | None = None, colmap: bool = Fa
     keyframes = [number for number, (placement, *_) in enumerate(placed) if placement.keyframe]
     numbers = {placed[number][0].key_index: number for number in keyframes}
     ties = {(numbers[host], numbers[own]) for own in plane.homographies for host in plane.tied_to(own)}
-    written = recorder.finish_planes(plane.planes, rmse)
+    written = recorder.finish(plane.planes, rmse)
     largest = max(plane.planes.values(), key=len)
     plane.close()
     seconds = time.perf_counter() - began

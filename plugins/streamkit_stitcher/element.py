@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -57,6 +57,9 @@ from streamkit_telemetry_formats.dji_cameras import camera_view
 
 # BGR for frames of odd sizes, which have no subsampled colour planes.
 _COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, BGR, GRAY8 }")
+
+
+_REGISTRATION_FIELDS = [field.name for field in fields(Registration)]
 
 
 class Stitch(Transform):
@@ -128,16 +131,16 @@ class Stitch(Transform):
         self._mosaic: LiveMosaic | None = None
         self._ground = LiveGround()
         self._epoch: int | None = None
-        location = self.recording.location
+        recording = self.recording
         try:
             if self.strip is not None:
                 parse_strip(self.strip)
-            if location is not None:
-                check_location(location)
+            if recording.location is not None:
+                check_location(recording.location)
+                recording = self._protect_files(recording.location)
         except (OSError, ValueError) as error:
             raise ResourceError(f"{self.name}: {error}") from error
-        recording = self.recording if location is None else self._protect_files(location)
-        if location is not None or "mosaic" in self.pads:
+        if recording.location is not None or "mosaic" in self.pads:
             self._mosaic = LiveMosaic(self, recording, self.preview_interval, lambda: self._mosaic_pad)
 
     def stream(self) -> None:
@@ -167,8 +170,7 @@ class Stitch(Transform):
         if self.strip is None:
             return
         rate = sink_caps.get("framerate")
-        shape = sink_caps.integer("height"), sink_caps.integer("width")
-        plan = self._plan(self.strip, shape)
+        plan = self._plan(self.strip, (sink_caps.integer("height"), sink_caps.integer("width")))
         interval = round(plan.interval_s * rate) if isinstance(rate, Fraction) and rate > 0 else 0
         self._registrar.close()
         self._registrar = FrameRegistrar(
@@ -195,7 +197,7 @@ class Stitch(Transform):
                 self._registrar.keep_planes(self._mosaic.recorder.has_room)
             self._mosaic.record(frame, registered, shape, view)
         frame = frame.attach(registration(registered))
-        ground = self._ground.locate(registered, shape, view)
+        ground = self._ground.locate(registered, view)
         if ground is None:
             return frame
         reference = ground_reference(ground)
@@ -267,15 +269,12 @@ class Stitch(Transform):
     def _protect_files(self, location: str) -> RecorderSettings:
         """Checks `if-exists`; the settings with the number of the first file."""
         names = FileNames(location)
-        there = list(names.existing()) if names.is_several else []
-        is_there = bool(there) or (not names.is_several and Path(location).is_file())
-        if not is_there or self.if_exists is IfExists.REPLACE:
+        there = list(names.existing())
+        if not there or self.if_exists is IfExists.REPLACE:
             return self.recording
         if self.if_exists is IfExists.CONTINUE and names.has_number:
             return replace(self.recording, first_number=1 + max(number for _, number in there))
-        raise ResourceError(
-            f"{self.name}: {location} exists already; name another file, or set if-exists=replace"
-        )
+        raise FileExistsError(f"{location} exists already; name another file, or set if-exists=replace")
 
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
@@ -294,9 +293,8 @@ class Stitch(Transform):
 
     def _plan(self, strip: str, shape: tuple[int, int]) -> FlightPlan:
         try:
-            view = self._view_across(shape)
-            overlap = self.settings.keyframe_overlap
-            return plan_strip(parse_strip(strip), self.altitude, view, overlap, self.speed, shape)
+            ends, view, overlap = parse_strip(strip), self._view_across(shape), self.settings.keyframe_overlap
+            return plan_strip(ends, self.altitude, view, overlap, self.speed, shape)
         except (ValueError, ZeroDivisionError) as error:
             raise ResourceError(
                 f"{self.name}: strip needs altitude, field-of-view and speed above 0: {error}"
@@ -310,18 +308,7 @@ class Stitch(Transform):
 
 def registration(registered: FrameRegistration) -> Registration:
     """The tracker's result as frame metadata."""
-    return Registration(
-        registered.to_previous,
-        registered.to_reference,
-        reference=registered.reference,
-        reference_change=registered.reference_change,
-        status=registered.status,
-        keyframe=registered.keyframe,
-        matches=registered.matches,
-        inliers=registered.inliers,
-        rmse=registered.rmse,
-        corner_std=registered.corner_std,
-    )
+    return Registration(**{name: getattr(registered, name) for name in _REGISTRATION_FIELDS})
 
 
 def ground_reference(ground: Georeference) -> GroundReference:

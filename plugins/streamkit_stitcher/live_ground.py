@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, FloatArray, inverse, normalised
+from streamkit.geometry.homography import FloatArray, inverse, normalised
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
-from streamkit_stitcher.mosaic.frame_views import FrameView, Position, georeferenced
-from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, local_metres
+from streamkit_stitcher.mosaic.frame_views import Position
+from streamkit_stitcher.mosaic.georeference import Georeference, GroundView, georeference, local_metres
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
 # The views of the last forty seconds: over longer times the plane drifts.
@@ -27,61 +27,51 @@ class LiveGround:
     """Fits the current plane to the earth while the flight continues."""
 
     def __init__(self) -> None:
-        self._views: deque[FrameView] = deque(maxlen=_MAX_VIEWS)
+        self._velocities = deque[FloatArray](maxlen=_STEPS)
+        self._last: GroundView | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Begins another plane."""
+        self._views = deque[tuple[FloatArray, GroundView]](maxlen=_MAX_VIEWS)
         self._geo: Georeference | None = None
         self._added, self._last_s = 0, -math.inf
-        self._last: GroundView | None = None
-        self._velocities = deque[FloatArray](maxlen=_STEPS)
 
-    def locate(
-        self, registered: FrameRegistration, shape: tuple[int, int], position: Position
-    ) -> Georeference | None:
+    def locate(self, registered: FrameRegistration, position: Position) -> Georeference | None:
         """That of a frame's pixels, in the order of the stream; None if unknown.
 
         Args:
             registered: the frame's place on the plane.
-            shape: height and width, px.
             position: what telemetry tells of it, or why that is unknown.
         """
+        change = registered.reference_change
         if registered.status is RegistrationStatus.CUT:
             self._forget()
-        elif registered.reference_change is not None:
-            self._views = deque(
-                (
-                    replace(view, to_key=normalised(registered.reference_change @ view.to_key))
-                    for view in self._views
-                ),
-                _MAX_VIEWS,
-            )
-            self._geo = None if self._geo is None else self._geo.seen_through(registered.reference_change)
+        elif change is not None:
+            moved = [(normalised(change @ matrix), view) for matrix, view in self._views]
+            self._views = deque(moved, _MAX_VIEWS)
+            self._geo = None if self._geo is None else self._geo.seen_through(change)
         if registered.status is RegistrationStatus.LOST:
             return None
         if isinstance(position, GroundView):
             self._velocities.append(_velocity(self._last, position))
             self._last = position
             if registered.measured:
-                self._add(FrameView(0, registered.to_reference, shape, position))
+                self._add(registered.to_reference, position)
         if self._geo is None:
             return None
         error_m = math.hypot(self._geo.error_m, self._geo.lead_error_m(self._velocities))
         return replace(self._geo.seen_through(inverse(registered.to_reference)), error_m=error_m)
 
-    def _forget(self) -> None:
-        """Begins another plane."""
-        self._views.clear()
-        self._geo, self._added, self._last_s = None, 0, -math.inf
-
-    def _add(self, view: FrameView) -> None:
+    def _add(self, to_plane: FloatArray, view: GroundView) -> None:
         """Adds a view where the last one is old enough, and fits again once there are enough others."""
-        position = view.position
-        time_s = position.time_s if isinstance(position, GroundView) else None
-        if time_s is not None and 0 <= time_s - self._last_s < _INTERVAL_S:
+        if view.time_s is not None and 0 <= view.time_s - self._last_s < _INTERVAL_S:
             return
-        self._last_s = -math.inf if time_s is None else time_s
-        self._views.append(view)
+        self._last_s = -math.inf if view.time_s is None else view.time_s
+        self._views.append((to_plane, view))
         self._added += 1
         if self._geo is None or self._added > _GROWTH * len(self._views):
-            self._geo, _ = georeferenced({0: IDENTITY}, tuple(self._views), math.inf)
+            self._geo = georeference(*zip(*self._views, strict=True))
             self._added = 0
 
 

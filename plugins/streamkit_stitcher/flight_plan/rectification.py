@@ -193,7 +193,7 @@ def inscribed_rectangle(border: FloatArray, aspect: float) -> tuple[float, float
     """
     middle = (border.max(axis=0) + border.min(axis=0)) / 2
     half = np.array([aspect, 1.0]) * (np.abs(border - middle) / [aspect, 1.0]).max(axis=1).min()
-    left, top, width, height = *(middle - half).tolist(), *(2 * half).tolist()
+    (left, top), (width, height) = (middle - half).tolist(), (2 * half).tolist()
     return left, top, width, height
 
 

@@ -59,7 +59,6 @@ class Georeference:
         origin: of the metres.
         median_error_m: median distance between the positions and where the mosaic has them.
         error_m: expected error of a place in the mosaic, one standard deviation.
-        fixes: number of frames used.
         spread_m: root mean square distance of the positions from the origin.
         lead_s: time by which the positions are ahead of the frames, as telemetry often is.
         lead_std_s: its standard deviation, large where all positions move alike.
@@ -70,7 +69,6 @@ class Georeference:
     origin: GeodeticPoint
     median_error_m: float
     error_m: float
-    fixes: int
     spread_m: float
     lead_s: float = 0.0
     lead_std_s: float = 0.0
@@ -148,7 +146,6 @@ def georeference(to_mosaic: Sequence[FloatArray], views: Sequence[GroundView]) -
         origin,
         median,
         math.hypot(_RMS_OF_MEDIAN * median, std),
-        len(views),
         math.sqrt(float((metres**2).sum(axis=1).mean())),
         lead_s,
         _lead_std_s(distances[first], speeds[first]),
@@ -215,16 +212,11 @@ def _homography(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> 
 
 def _mirrored_similarity(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> FloatArray:
     """The weighted least-squares similarity from y-down pixels to y-up metres, float64[3, 3]."""
-    total = weights.sum()
-    flipped = pixels * [1, -1]
-    middle = (weights[:, np.newaxis] * flipped).sum(axis=0) / total
-    goal = (weights[:, np.newaxis] * metres).sum(axis=0) / total
-    inner, outer = flipped - middle, metres - goal
-    power = max(1e-12, float((weights * (inner**2).sum(axis=1)).sum()))
-    along = float((weights * (inner * outer).sum(axis=1)).sum()) / power
-    across = float((weights * (inner[:, 0] * outer[:, 1] - inner[:, 1] * outer[:, 0])).sum()) / power
-    turn = np.array([[along, -across], [across, along]])
-    matrix = np.eye(3)
-    matrix[:2, :2] = turn @ np.diag([1.0, -1.0])
-    matrix[:2, 2] = goal - turn @ middle
-    return matrix
+    flipped, goal = pixels @ [1, -1j], metres @ [1, 1j]
+    middle, goal_middle = (np.average(one, weights=weights) for one in (flipped, goal))
+    inner = flipped - middle
+    power = max(1e-12, float((weights * np.abs(inner) ** 2).sum()))
+    factor = (weights * inner.conj() * (goal - goal_middle)).sum() / power
+    shift = goal_middle - factor * middle
+    a, b = factor.real, factor.imag
+    return np.array([[a, b, shift.real], [b, -a, shift.imag], [0, 0, 1]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit.geometry.homography import FloatArray, inverse, normalised, project
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
-from streamkit_stitcher.mosaic.georeference import Georeference, local_metres
+from streamkit_stitcher.mosaic.georeference import Georeference
 from streamkit_stitcher.mosaic.tiles import ImageArray
 
 _MODEL_PIXEL_SCALE: Final = 33550
@@ -49,15 +49,9 @@ def to_utm(geo: Georeference) -> tuple[FloatArray, int]:
     import pyproj
 
     code = utm_code(geo.origin)
-    projection = pyproj.Transformer.from_crs(4326, code, always_xy=True)
-    step = 1e-4
-    longitude, latitude = geo.origin.longitude, geo.origin.latitude
-    east, north = projection.transform(longitude, latitude)
-    # Meridian convergence and scale of the grid, by finite differences.
-    x0, y0 = projection.transform(longitude, latitude - step)
-    x1, y1 = projection.transform(longitude, latitude + step)
-    metres = float(local_metres(np.array([[latitude + step, longitude]]), geo.origin)[0, 1]) * 2
-    scale, angle = math.hypot(x1 - x0, y1 - y0) / metres, math.atan2(x1 - x0, y1 - y0)
+    zone, place = pyproj.Proj(code), (geo.origin.longitude, geo.origin.latitude)
+    (east, north), factors = zone(*place), zone.get_factors(*place)
+    scale, angle = factors.meridional_scale, -math.radians(factors.meridian_convergence)
     cos, sin = scale * math.cos(angle), scale * math.sin(angle)
     return np.array([[cos, sin, east], [-sin, cos, north], [0, 0, 1.0]]) @ geo.to_local, code
 

@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, corners, project
 from streamkit_stitcher.mosaic.coverage import Coverage
 from streamkit_stitcher.mosaic.frame_views import FrameView, Position, focal_length
-from streamkit_stitcher.mosaic.mosaic import Mosaic
 from streamkit_stitcher.mosaic.mosaic_frames import AdjustedPlanes, MosaicFrames, WrittenMosaic
 from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
@@ -23,18 +22,6 @@ _MANY_FRAMES: Final = 10_000
 _MAX_VIEWS: Final = 4000
 
 
-class Run(Protocol):
-    """Runs tasks in order, now or later."""
-
-    def __call__(self, work: Callable[[], object], size: int = 0, /) -> None:
-        """Runs one; `size` is what it holds until then, bytes."""
-
-
-def run_now(work: Callable[[], object], _: int = 0, /) -> None:
-    """Runs a task in the caller's thread."""
-    work()
-
-
 class MosaicRecorder:
     """Selects the frames of mosaics, and writes these.
 
@@ -45,7 +32,7 @@ class MosaicRecorder:
 
     Args:
         settings: how mosaics are made.
-        run: runs what stores, paints and writes.
+        run: runs the tasks that store, paint and write, with the bytes that each holds until then.
         report_progress: called by long tasks from time to time; an exception of it ends them.
 
     Attributes:
@@ -57,7 +44,7 @@ class MosaicRecorder:
     def __init__(
         self,
         settings: RecorderSettings,
-        run: Run = run_now,
+        run: Callable[[Callable[[], object], int], None] = lambda task, _: task(),
         report_progress: Callable[[], None] = lambda: None,
     ) -> None:
         self._run = run
@@ -84,11 +71,6 @@ class MosaicRecorder:
         """Whether the current plane has no frame yet."""
         return self._coverage.is_empty
 
-    @property
-    def mosaic(self) -> Mosaic:
-        """The incremental mosaic of the current plane; painted from the first use on."""
-        return self.frames.mosaic
-
     def is_new_plane(self, registered: FrameRegistration) -> bool:
         """Whether a frame lies on a plane that needs another mosaic."""
         if registered.opens_plane:
@@ -112,10 +94,10 @@ class MosaicRecorder:
         """
         if self.is_new_plane(registered):
             self._coverage = Coverage()
-            self._run(partial(self.frames.begin_plane, registered.reference))
+            self._run(partial(self.frames.begin_plane, registered.reference), 0)
         elif registered.rebase is not None:
             self._coverage.move_plane(registered.rebase)
-            self._run(partial(self.frames.rebase, registered.rebase, registered.reference))
+            self._run(partial(self.frames.rebase, registered.rebase, registered.reference), 0)
         self._reference = registered.reference
         self._since_graphics = self._since_graphics @ registered.to_previous
         if not registered.measured:
@@ -159,7 +141,7 @@ class MosaicRecorder:
 
     def save(self) -> None:
         """Writes the current mosaic as painted so far, and keeps painting it; see `MosaicFrames.save`."""
-        self._run(partial(self.frames.save, self._coverage.covered_px))
+        self._run(partial(self.frames.save, self._coverage.covered_px), 0)
 
     def writing(
         self,
@@ -185,13 +167,7 @@ class MosaicRecorder:
         return write
 
     def finish(
-        self, homographies: Mapping[int, FloatArray] | None = None, rmse: float = 0.0
-    ) -> WrittenMosaic | None:
-        """Writes the mosaic of a single plane now; see `finish_planes`."""
-        return self.finish_planes(None if homographies is None else {self._reference: homographies}, rmse)
-
-    def finish_planes(
-        self, planes: Mapping[int, Mapping[int, FloatArray]] | None, rmse: float
+        self, planes: Mapping[int, Mapping[int, FloatArray]] | None = None, rmse: float = 0.0
     ) -> WrittenMosaic | None:
         """Writes the mosaics now, see `writing`; returns the last.
 

@@ -109,7 +109,7 @@ def test_telemetry_ahead_of_the_image_is_part_of_the_error():
         registered = FrameRegistration(
             np.eye(3), translation(np.array([x, 0])), 0, RegistrationStatus.OK, measured=True
         )
-        located.append(ground.locate(registered, SHAPE, GroundView(pixels, places, 2.0, time_s)))
+        located.append(ground.locate(registered, GroundView(pixels, places, 2.0, time_s)))
     last = located[-20:]
     assert all(geo.lead_s == pytest.approx(0.2, abs=0.03) for geo in last)
     errors = [geo.error_m for geo in last]
@@ -133,7 +133,7 @@ def test_what_is_unknown_of_the_lead_shows_when_the_camera_swings():
         registered = FrameRegistration(
             np.eye(3), translation(np.array([x, 0])), 0, RegistrationStatus.OK, measured=True
         )
-        geo = ground.locate(registered, SHAPE, GroundView(pixels, places, 2.0, number / 10))
+        geo = ground.locate(registered, GroundView(pixels, places, 2.0, number / 10))
         errors.append(math.nan if geo is None else geo.error_m)
     assert max(errors[30:50]) < 5.0
     assert errors[50] > 30.0

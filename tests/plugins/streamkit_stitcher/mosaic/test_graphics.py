@@ -80,7 +80,7 @@ def test_the_mosaic_shows_the_ground_under_a_logo(ground, tmp_path):
             measured=True,
         )
         recorder.add(registered, SHAPE, lambda frame=frame: frame)
-    recorder.finish(places)
+    recorder.finish({0: places})
     mosaic = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     apart = np.abs(mosaic[:, 130:1000].astype(int) - ground[:360, 130:1000])
     assert (apart > 40).mean() < 0.001

@@ -101,7 +101,7 @@ def test_with_a_number_each_plane_has_a_file(frame, tmp_path):
     recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m-%d.png")))
     for reference in (0, 1):
         add(recorder, registered(reference=reference, keyframe=True), frame)
-        recorder.finish({0: np.eye(3)})
+        recorder.finish({reference: {0: np.eye(3)}})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m-0.png", "m-1.png"]
 
 
@@ -157,7 +157,7 @@ def test_the_final_mosaic_uses_the_adjusted_homographies(ground, tmp_path):
     for number, left in enumerate((0.0, 340.0, 560.0)):
         where = registered(left, keyframe=True, key_index=number)
         add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fixes[number])
-    written = recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(3)}, 0.1)
+    written = recorder.finish({0: {n: translation(np.array([300.0 * n, 0.0])) for n in range(3)}}, 0.1)
     assert (written.width, written.final, written.rmse_px) == (1240, True, 0.1)
     assert written.position_misfit_m == pytest.approx(0.0, abs=0.01)
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE).astype(int)
@@ -173,9 +173,9 @@ def test_a_mosaic_is_painted_from_its_first_use_on(ground, tmp_path):
     moved = registered(-700.0, 1, keyframe=True, reference_change=step, rebase=step)
     add(recorder, moved, ground[:360, 300:940])
     assert not recorder.is_empty
-    assert np.abs(recorder.mosaic.image().astype(int) - ground[:360, :940]).max() <= 1
+    assert np.abs(recorder.frames.mosaic.image().astype(int) - ground[:360, :940]).max() <= 1
     add(recorder, registered(-400.0, 1, keyframe=True), ground[:360, 600:1240])
-    assert np.abs(recorder.mosaic.image().astype(int) - ground[:360, :1240]).max() <= 1
+    assert np.abs(recorder.frames.mosaic.image().astype(int) - ground[:360, :1240]).max() <= 1
 
 
 @pytest.mark.parametrize("limit", ["bytes", "number"])
@@ -191,7 +191,7 @@ def test_frames_that_are_not_kept_are_in_the_mosaic_as_it_grew(ground, tmp_path,
     for number in range(4):
         where = registered(300.0 * number, keyframe=True, key_index=number)
         add(recorder, where, ground[:360, 300 * number : 300 * number + 640])
-    written = recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
+    written = recorder.finish({0: {n: translation(np.array([300.0 * n, 0.0])) for n in range(4)}})
     assert (written.width, written.pictures, written.final) == (1540, 4, False)
     found = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE).astype(int)
     assert np.abs(found - ground[:360, :1540]).max() <= 1
@@ -208,7 +208,7 @@ def test_a_geotiff_has_north_on_top(ground, tmp_path):
             fix = at(number * 30.0 / 110_574.0, 3.0)
             where = registered(300.0 * number, keyframe=True, key_index=number)
             add(recorder, where, ground[:360, 300 * number : 300 * number + 640], fix)
-        recorder.finish({n: translation(np.array([300.0 * n, 0.0])) for n in range(4)})
+        recorder.finish({0: {n: translation(np.array([300.0 * n, 0.0])) for n in range(4)}})
     upright = tifffile.imread(tmp_path / "m.tif")
     assert upright.shape == pytest.approx((1540, 360), abs=2)
     flat = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_GRAYSCALE)
