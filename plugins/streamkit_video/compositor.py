@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections import defaultdict, deque
 from collections.abc import Iterator
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from streamkit import (
     PadTemplate,
     Presence,
     StreamError,
-    raw_video_caps,
 )
 
 ByteArray = NDArray[np.uint8]
@@ -115,34 +113,27 @@ class Compositor(Combine):
         waiting = self._held[main]
         while waiting and all(self._has_reached(pad, waiting[0][0]) for pad in others):
             time_ns, frame = waiting.popleft()
-            images = [
-                frame.data,
-                *(image for pad in others if (image := self._image(pad, time_ns)) is not None),
-            ]
+            images = [frame.data, *(image for pad in others for image in self._images(pad, time_ns))]
             self._changed.notify_all()
             data = side_by_side(images)
-            yield frame.replace(data=data, caps=self._row_caps(data, frame.caps))
+            height, width = data.shape[:2]
+            caps = frame.caps.with_fields(width=width, height=height)
+            if self._caps != caps:
+                self._caps = caps
+            yield frame.replace(data=data, caps=self._caps)
 
     def _has_reached(self, pad: Pad, time_ns: int) -> bool:
         held = self._held[pad]
         return pad.is_eos or bool(held and held[-1][0] >= time_ns)
 
-    def _image(self, pad: Pad, time_ns: int) -> ByteArray | None:
-        """What an input shows at a running time, ns; None for one that has ended before its first frame."""
+    def _images(self, pad: Pad, time_ns: int) -> list[ByteArray]:
+        """What an input shows at a running time, ns; nothing for one that ended before its first frame."""
         held = self._held[pad]
         while held and held[0][0] <= time_ns:
             self._shown[pad] = held.popleft()[1].data
         if pad in self._shown:
-            return self._shown[pad]
-        return np.zeros(held[0][1].data.shape, np.uint8) if held else None
-
-    def _row_caps(self, data: ByteArray, main: Caps) -> Caps:
-        rate = main.get("framerate")
-        height, width = data.shape[:2]
-        found = raw_video_caps("BGR", width, height, rate if isinstance(rate, Fraction) else None)
-        if self._caps is None or self._caps != found:
-            self._caps = found
-        return self._caps
+            return [self._shown[pad]]
+        return [np.zeros(held[0][1].data.shape, np.uint8)] if held else []
 
 
 def side_by_side(images: list[ByteArray]) -> ByteArray:

@@ -84,21 +84,19 @@ def paint(
         uint8[height, width, 3], BGR.
     """
     front, back = colours
-    solid = {Pattern.SOLID_COLOR: front, Pattern.BLINK: back if index % 2 else front, **SOLID_COLOURS}
-    if pattern in solid:
-        return _solid(width, height, solid[pattern])
+    plain = {Pattern.BLINK: back if index % 2 else front, Pattern.SOLID_COLOR: front, **SOLID_COLOURS}
+    image = np.full((height, width, 3), plain.get(pattern, back), np.uint8)
     if pattern in (Pattern.SMPTE, Pattern.SMPTE100, Pattern.SMPTE75):
-        return _bars(width, height)
-    if pattern is Pattern.BALL:
-        return _ball(width, height, index, front, back)
-    if pattern is Pattern.BAR:
-        image = _solid(width, height, back)
+        _paint_bars(image)
+    elif pattern is Pattern.BALL:
+        _paint_ball(image, index, front)
+    elif pattern is Pattern.BAR:
         image[:, :BAR_PX] = front
-        return image
-    if pattern is Pattern.COLORS:
-        return _colours(width, height)
-    levels = np.rint(_grey_levels(pattern, width, height, (seed, index))).astype(np.uint8)
-    return np.repeat(levels[:, :, None], 3, axis=2)
+    elif pattern is Pattern.COLORS:
+        _paint_chart(image)
+    elif pattern not in plain:
+        image[:] = np.rint(_grey_levels(pattern, width, height, (seed, index)))[:, :, None]
+    return image
 
 
 def _grey_levels(pattern: Pattern, width: int, height: int, seed: tuple[int, int]) -> NDArray[Any]:
@@ -121,36 +119,28 @@ def _grey_levels(pattern: Pattern, width: int, height: int, seed: tuple[int, int
     return np.where(np.sin(angle * SPOKES + turn) >= 0, 255, 0)
 
 
-def _solid(width: int, height: int, colour: Colour) -> ByteArray:
-    return np.full((height, width, 3), colour, np.uint8)
-
-
-def _colours(width: int, height: int) -> ByteArray:
+def _paint_chart(image: ByteArray) -> None:
     """A colour chart: red across, green down, blue in squares."""
+    height, width = image.shape[:2]
     across, down = np.arange(width), np.arange(height)[:, None]
-    image = np.empty((height, width, 3), np.uint8)
     image[:, :, 2] = across * 255 // max(1, width - 1)
     image[:, :, 1] = down * 255 // max(1, height - 1)
     image[:, :, 0] = (across // 16 + down // 16) * 32 % 256
-    return image
 
 
-def _bars(width: int, height: int) -> ByteArray:
+def _paint_bars(image: ByteArray) -> None:
     """Colour bars in three bands of 8, 1 and 3 twelfths of the height, after SMPTE EG 1."""
-    image = np.empty((height, width, 3), np.uint8)
-    bands = ((0, height * 8 // 12, BARS), (height * 8 // 12, height * 9 // 12, REVERSE_BARS))
-    for top, bottom, colours in (*bands, (height * 9 // 12, height, PLUGE_BARS)):
+    height, width = image.shape[:2]
+    for first, last, colours in ((0, 8, BARS), (8, 9, REVERSE_BARS), (9, 12, PLUGE_BARS)):
         stripes = np.arange(width) * len(colours) // width
-        image[top:bottom] = np.array(colours, np.uint8)[stripes]
-    return image
+        image[height * first // 12 : height * last // 12] = np.array(colours, np.uint8)[stripes]
 
 
-def _ball(width: int, height: int, index: int, front: Colour, back: Colour) -> ByteArray:
+def _paint_ball(image: ByteArray, index: int, colour: Colour) -> None:
     """A ball that oscillates through the image."""
-    image = _solid(width, height, back)
-    radius = max(1, min(20, width // 4, height // 4))
+    size = np.array(image.shape[1::-1])
+    radius = max(1, min(20, *(size // 4).tolist()))
     offsets = np.sin(2.0 * np.pi * index / np.array(BALL_PERIODS))
-    travel = np.array([width, height]) / 2.0 - radius
-    x, y = np.array([width - 1, height - 1]) / 2.0 + offsets * np.maximum(travel, 0.0)
+    x, y = (size - 1) / 2.0 + offsets * np.maximum(size / 2.0 - radius, 0.0)
     centre = (round(float(x) * 16), round(float(y) * 16))
-    return np.asarray(cv2.circle(image, centre, radius * 16, front, -1, cv2.LINE_AA, 4), np.uint8)
+    cv2.circle(image, centre, radius * 16, colour, -1, cv2.LINE_AA, 4)

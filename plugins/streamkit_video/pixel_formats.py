@@ -18,6 +18,7 @@ ByteArray = NDArray[np.uint8]
 
 PLANAR = ("I420", "NV12")
 FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
+ANY_FORMAT = f"video/x-raw, format={{ {', '.join(FORMATS)} }}"
 NEUTRAL_CHROMA = 128
 
 

@@ -15,8 +15,14 @@ from streamkit import SECOND_NS, Choice, Frame, Property, Transform
 ByteArray = NDArray[np.uint8]
 
 DEFAULT_SIZE = 18
-MOST_LINES, MOST_CHARACTERS = 20, 400  # of the text that is drawn, and of a line
-EDGE = [(-1, -1), (-1, 1), (1, -1), (1, 1)]
+MAX_LINES, MAX_CHARACTERS = 20, 400  # of the text that is drawn, and of a line
+STROKES = [
+    (-1, -1, 0),
+    (-1, 1, 0),
+    (1, -1, 0),
+    (1, 1, 0),
+    (0, 0, 255),
+]  # offsets and level: a dark edge first
 DARKER = 0.4  # the video behind the text, with `shaded-background`
 
 
@@ -76,26 +82,22 @@ class TextOverlay(Transform):
 
     @override
     def transform(self, frame: Frame) -> Frame:
-        lines = self.written(frame).split("\n")[:MOST_LINES]
+        lines = self.written(frame).split("\n")[:MAX_LINES]
         if not any(lines):
             return frame
         frame = frame.writable()
         size = font_size(self.font_desc)
-        for line, baseline in zip(lines, self._baselines(len(lines), frame.data.shape[0], size), strict=True):
-            self._write(frame.data, line[:MOST_CHARACTERS], baseline, size)
-        return frame
-
-    def _baselines(self, count: int, height: int, size: int) -> list[int]:
-        """The baseline of each line, px from the top."""
-        step = round(1.3 * size)
-        tallest = step * (count - 1) + size
+        step, height = round(1.3 * size), frame.data.shape[0]
+        below = step * (len(lines) - 1)
         first = {
             VerticalAlignment.TOP: self.ypad + size,
-            VerticalAlignment.CENTER: (height - tallest) // 2 + size,
-            VerticalAlignment.BASELINE: height - self.ypad - tallest + size,
-            VerticalAlignment.BOTTOM: height - self.ypad - tallest + size - round(0.25 * size),
+            VerticalAlignment.CENTER: (height - below + size) // 2,
+            VerticalAlignment.BASELINE: height - self.ypad - below,
+            VerticalAlignment.BOTTOM: height - self.ypad - below - round(0.25 * size),
         }[self.valignment]
-        return [first + step * number for number in range(count)]
+        for number, line in enumerate(lines):
+            self._write(frame.data, line[:MAX_CHARACTERS], first + step * number, size)
+        return frame
 
     def _write(self, image: ByteArray, line: str, baseline: int, size: int) -> None:
         """Writes a line into an image, uint8[h, w] or uint8[h, w, channels]."""
@@ -111,12 +113,9 @@ class TextOverlay(Transform):
             behind = image[top:bottom, max(0, start - 4) : max(0, start + length + 4)]
             colours = behind[..., :3] if image.ndim == 3 else behind
             colours[:] = colours * DARKER
-        for right, down in EDGE:
-            self._draw(image, line, (start + right, baseline + down), size, 0)
-        self._draw(image, line, (start, baseline), size, 255)
-
-    def _draw(self, image: ByteArray, line: str, place: tuple[int, int], size: int, level: int) -> None:
-        cv2.putText(image, line, place, (level, level, level, 255), self._font, size)
+        for right, down, level in STROKES:
+            place = start + right, baseline + down
+            cv2.putText(image, line, place, (level, level, level, 255), self._font, size)
 
 
 class TimeOverlay(TextOverlay):

@@ -5,9 +5,14 @@ from __future__ import annotations
 from typing_extensions import override
 
 from streamkit import Caps, Frame, NotNegotiated, Structure, Transform, ValueList
-from streamkit_video.pixel_formats import FORMATS, by_preference, convert, odd_size_error, supports_size
-
-ANY_FORMAT = f"video/x-raw, format={{ {', '.join(FORMATS)} }}"
+from streamkit_video.pixel_formats import (
+    ANY_FORMAT,
+    FORMATS,
+    by_preference,
+    convert,
+    odd_size_error,
+    supports_size,
+)
 
 
 class VideoConvert(Transform):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from typing_extensions import override
 
-from streamkit import Caps, Frame, IntRange, NotNegotiated, Property, Structure, ValueList
-from streamkit_video.arrangement import crop_image
-from streamkit_video.pixel_formats import FORMATS, odd_size_error, supports_size
-from streamkit_video.reframing import IDENTITY, ReframingTransform
+from streamkit import Caps, IntRange, NotNegotiated, Property, Structure, ValueList
+from streamkit.geometry.homography import translation
+from streamkit_video.pixel_formats import ByteArray, map_planes
+from streamkit_video.reframing import FloatArray, ReframingTransform, Size
 
 MAX_SIDE, INT_MAX = 32767, 2**31 - 1
 
@@ -24,7 +25,6 @@ class VideoCrop(ReframingTransform):
         videotestsrc num-buffers=5 ! videocrop top=40 bottom=40 ! fakesink
     """
 
-    sink = src = f"video/x-raw, format={{ {', '.join(FORMATS)} }}"
     keeps_view = False
 
     top: int = Property(0, min=0, max=MAX_SIDE, unit="px", doc="Rows cut off at the top.")
@@ -40,34 +40,31 @@ class VideoCrop(ReframingTransform):
         changes = {"width": sign * (self.left + self.right), "height": sign * (self.top + self.bottom)}
         structures = []
         for structure in caps.structures:
-            changed = {
-                name: _shifted(structure.fields[name], change)
-                for name, change in changes.items()
-                if change and name in structure.fields
+            fields = {
+                name: _shifted(value, change) if (change := changes.get(name)) else value
+                for name, value in structure.fields.items()
             }
-            structures.append(Structure(structure.name, {**structure.fields, **changed}, structure.features))
+            structures.append(Structure(structure.name, fields, structure.features))
         return Caps(structures)
 
     @override
-    def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        self._format = str(sink_caps["format"])
-        width, height = sink_caps.integer("width"), sink_caps.integer("height")
-        self._size = width - self.left - self.right, height - self.top - self.bottom
-        if min(self._size) < 1:
+    def mapping(self, before: Size, after: Size) -> FloatArray:
+        if after != (before[0] - self.left - self.right, before[1] - self.top - self.bottom):
             raise NotNegotiated(
-                f"{self.name}: nothing is left of {width}x{height} px without {self.left} + {self.right} "
-                f"columns and {self.top} + {self.bottom} rows: crop less"
+                f"{self.name}: nothing is left of {before[0]}x{before[1]} px without {self.left} + "
+                f"{self.right} columns and {self.top} + {self.bottom} rows: crop less"
             )
-        if not supports_size(self._format, *self._size):
-            raise NotNegotiated(f"{self.name}: {odd_size_error(self._format, *self._size)}")
-        self.mapping = IDENTITY.copy()
-        self.mapping[:2, 2] = -self.left, -self.top
+        return translation(-np.array([self.left, self.top]))
 
     @override
-    def transform(self, frame: Frame) -> Frame:
-        is_whole = not (self.left or self.top or self.right or self.bottom)
-        data = None if is_whole else crop_image(frame.data, self._format, self.left, self.top, self._size)
-        return self.reframed(frame, data)
+    def reframed(self, data: ByteArray, pixel_format: str, after: Size) -> ByteArray:
+        width, height = after
+
+        def crop(plane: ByteArray, step: int) -> ByteArray:
+            # Chroma begins at the even pixel before, as in GStreamer.
+            return plane[self.top // step :, self.left // step :][: height // step, : width // step]
+
+        return map_planes(data, pixel_format, crop)
 
 
 def _shifted(value: Any, change: int) -> Any:

@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+import numpy as np
 from typing_extensions import override
 
-from streamkit import Caps, Frame, Property, Structure
-from streamkit_video.arrangement import VideoDirection, flip_homography, flip_image, swaps_sides
-from streamkit_video.pixel_formats import FORMATS
-from streamkit_video.reframing import ReframingTransform
+from streamkit import Caps, Choice, Property, Structure
+from streamkit_video.pixel_formats import ByteArray, map_planes
+from streamkit_video.reframing import FloatArray, ReframingTransform, Size
+
+
+class VideoDirection(Choice):
+    """How a frame is turned or mirrored, in GStreamer's words: those of `video-direction`, then `method`."""
+
+    IDENTITY = "identity", 0, "none"
+    CLOCKWISE = "90r", 1, "clockwise"
+    HALF_TURN = "180", 2, "rotate-180"
+    COUNTERCLOCKWISE = "90l", 3, "counterclockwise"
+    HORIZONTAL = "horiz", 4, "horizontal-flip"
+    VERTICAL = "vert", 5, "vertical-flip"
+    UPPER_LEFT = "ul-lr", 6, "upper-left-diagonal"
+    UPPER_RIGHT = "ur-ll", 7, "upper-right-diagonal"
+
+
+# The new x and y of the unit vectors' sums: each row is a new axis in terms of the old x and y.
+LINEAR = {
+    VideoDirection.IDENTITY: ((1, 0), (0, 1)),
+    VideoDirection.CLOCKWISE: ((0, -1), (1, 0)),
+    VideoDirection.HALF_TURN: ((-1, 0), (0, -1)),
+    VideoDirection.COUNTERCLOCKWISE: ((0, 1), (-1, 0)),
+    VideoDirection.HORIZONTAL: ((-1, 0), (0, 1)),
+    VideoDirection.VERTICAL: ((1, 0), (0, -1)),
+    VideoDirection.UPPER_LEFT: ((0, 1), (1, 0)),
+    VideoDirection.UPPER_RIGHT: ((0, -1), (-1, 0)),
+}
 
 
 class VideoFlip(ReframingTransform):
@@ -20,7 +46,6 @@ class VideoFlip(ReframingTransform):
         videotestsrc num-buffers=5 ! videoflip video-direction=180 ! fakesink
     """
 
-    sink = src = f"video/x-raw, format={{ {', '.join(FORMATS)} }}"
     keeps_view = False
 
     video_direction: VideoDirection = Property(
@@ -33,24 +58,44 @@ class VideoFlip(ReframingTransform):
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
         if caps.is_any or not swaps_sides(self.video_direction):
             return caps
-        return Caps([_turned(structure) for structure in caps.structures])
+        other = {"width": "height", "height": "width"}
+        return Caps(
+            [
+                Structure(
+                    structure.name,
+                    {other.get(name, name): value for name, value in structure.fields.items()},
+                    structure.features,
+                )
+                for structure in caps.structures
+            ]
+        )
 
     @override
-    def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
-        self._format = str(sink_caps["format"])
-        size = sink_caps.integer("width"), sink_caps.integer("height")
-        self.mapping = flip_homography(self.video_direction, size)
+    def mapping(self, before: Size, after: Size) -> FloatArray:
+        return flip_homography(self.video_direction, before)
 
     @override
-    def transform(self, frame: Frame) -> Frame:
-        if self.video_direction is VideoDirection.IDENTITY:
-            return self.reframed(frame, None)
-        return self.reframed(frame, flip_image(frame.data, self._format, self.video_direction))
+    def reframed(self, data: ByteArray, pixel_format: str, after: Size) -> ByteArray:
+        backwards_x, backwards_y = (min(row) < 0 for row in LINEAR[self.video_direction])
+
+        def flip(plane: ByteArray, _: int) -> ByteArray:
+            if swaps_sides(self.video_direction):
+                plane = plane.swapaxes(0, 1)
+            return plane[:: -1 if backwards_y else 1, :: -1 if backwards_x else 1]
+
+        return map_planes(data, pixel_format, flip)
 
 
-def _turned(structure: Structure) -> Structure:
-    """Caps with width and height, and the shape of a pixel, of a quarter turn."""
-    fields = dict(structure.fields)
-    sides = {"width": fields.pop("height", None), "height": fields.pop("width", None)}
-    fields |= {name: value for name, value in sides.items() if value is not None}
-    return Structure(structure.name, fields, structure.features)
+def swaps_sides(direction: VideoDirection) -> bool:
+    """Whether width and height change places."""
+    return LINEAR[direction][0][0] == 0
+
+
+def flip_homography(direction: VideoDirection, before: Size) -> FloatArray:
+    """Maps pixels of an image of a width and height, px, to pixels of the flipped image: float64[3, 3]."""
+    mapping = np.eye(3)
+    mapping[:2, :2] = LINEAR[direction]
+    # The axis that runs backwards begins at the far border.
+    far = mapping[:2, :2] @ (before[0] - 1.0, before[1] - 1.0)
+    mapping[:2, 2] = np.maximum(0.0, -far)
+    return mapping

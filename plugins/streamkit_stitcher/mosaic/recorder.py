@@ -44,7 +44,7 @@ class MosaicRecorder:
     def __init__(
         self,
         settings: RecorderSettings,
-        run: Callable[[Callable[[], object], int], None] = lambda task, _: task(),
+        run: Callable[[Callable[[], object], int], object] = lambda task, _: task(),
         report_progress: Callable[[], None] = lambda: None,
     ) -> None:
         self._run = run

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +30,17 @@ EVASION = 3.0
 START_DISTANCE = 70.0
 
 
-@dataclass(slots=True, eq=False)
 class Traffic:
-    """The state of all cars; `step` advances it by one frame.
+    """The state of all cars, which begin spread over the first frame; `step` advances it by one frame.
 
     Lengths are in ground px; the constants of this module are frame px at the camera's mean altitude.
+
+    Args:
+        count: number of cars.
+        frame_size: width, height, px.
+        ground_from_frame: float64[3, 3], the first frame's homography to the ground.
+        scale: ground px per frame px at mean altitude.
+        seed: of positions, sizes, speeds and goals.
 
     Attributes:
         positions: float64[n, 2], centres of the bodies.
@@ -44,21 +48,32 @@ class Traffic:
         speeds: float64[n], ground px per frame.
         lengths: float64[n].
         widths: float64[n].
-        scale: ground px per frame px.
     """
 
-    positions: FloatArray
-    headings: FloatArray
-    speeds: FloatArray
-    lengths: FloatArray
-    widths: FloatArray
-    scale: float
-    frame_size: tuple[int, int]
-    random: np.random.Generator
-    cruising: FloatArray
-    curvatures: FloatArray
-    goals: FloatArray
-    ages: NDArray[np.int64]
+    def __init__(
+        self,
+        count: int,
+        frame_size: tuple[int, int],
+        ground_from_frame: FloatArray,
+        scale: float,
+        seed: int,
+    ) -> None:
+        random = self._random = np.random.default_rng((seed, 2))
+        self._scale, self._frame_size = scale, frame_size
+        self.positions: FloatArray = np.empty((0, 2))
+        for _ in range(count):
+            tries = self._random_positions(30, ground_from_frame)
+            gaps = np.hypot(*(tries[:, None] - self.positions[None]).transpose(2, 0, 1))
+            best = int(gaps.min(axis=1, initial=START_DISTANCE * scale).argmax())
+            self.positions = np.vstack([self.positions, tries[best : best + 1]])
+        self._cruising = np.sort(random.uniform(*SPEEDS, count))[random.permutation(count)] * scale
+        self.speeds = self._cruising.copy()
+        self.headings = random.uniform(-np.pi, np.pi, count)
+        self.lengths = random.uniform(*LENGTHS, count) * scale
+        self.widths = random.uniform(*WIDTHS, count) * scale
+        self._curvatures = np.zeros(count)
+        self._goals = self._random_positions(count, ground_from_frame)
+        self._ages = np.zeros(count, dtype=np.int64)
 
     def __len__(self) -> int:
         return len(self.headings)
@@ -68,37 +83,37 @@ class Traffic:
         if not len(self):
             return
         self._choose_goals(ground_from_frame)
-        outside = ~_inside(self._in_frame(ground_from_frame, self.positions), self.frame_size, 0.0)
-        to_goal = self.goals - self.positions
+        outside = ~self._in_view(self.positions, ground_from_frame, 0.0)
+        to_goal = self._goals - self.positions
         turns = _wrapped(np.arctan2(to_goal[:, 1], to_goal[:, 0]) - self.headings)
         evasion, braking = self._avoid_collisions()
-        tightest = 1.0 / (TURNING_RADIUS * self.scale)
-        wanted = np.clip(turns / (ARRIVED * self.scale) + evasion * tightest, -tightest, tightest)
-        self.curvatures += STEERING_LAG * (wanted - self.curvatures)
-        cruising = np.where(outside, SPEEDS[1] * self.scale, self.cruising)
-        cruising = np.where(braking, SPEEDS[0] * self.scale, cruising)
-        most = ACCELERATION * self.scale * np.where(braking, 2.0, 1.0)
+        tightest = 1.0 / (TURNING_RADIUS * self._scale)
+        wanted = np.clip(turns / (ARRIVED * self._scale) + evasion * tightest, -tightest, tightest)
+        self._curvatures += STEERING_LAG * (wanted - self._curvatures)
+        cruising = np.where(outside, SPEEDS[1] * self._scale, self._cruising)
+        cruising = np.where(braking, SPEEDS[0] * self._scale, cruising)
+        most = ACCELERATION * self._scale * np.where(braking, 2.0, 1.0)
         self.speeds += np.clip(cruising - self.speeds, -most, most)
-        turned = self.curvatures * self.speeds
+        turned = self._curvatures * self.speeds
         directions = self.headings + turned / 2.0
         self.positions += self.speeds[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=1)
         self.headings = _wrapped(self.headings + turned)
 
-    def _in_frame(self, ground_from_frame: FloatArray, points: FloatArray) -> FloatArray:
-        frame_from_ground = np.linalg.inv(ground_from_frame)
-        return np.asarray(cv2.perspectiveTransform(points[None], frame_from_ground)[0], dtype=np.float64)
+    def _in_view(self, points: FloatArray, ground_from_frame: FloatArray, inset: float) -> NDArray[np.bool_]:
+        """Which points of the ground are in view, not within a share `inset` of the border."""
+        seen = cv2.perspectiveTransform(points[None], np.linalg.inv(ground_from_frame))[0]
+        size = np.array(self._frame_size, dtype=np.float64) - 1.0
+        return np.asarray(((seen >= inset * size) & (seen <= (1.0 - inset) * size)).all(axis=1))
 
     def _choose_goals(self, ground_from_frame: FloatArray) -> None:
         """Gives a new goal to cars that arrived, timed out or whose goal left the view."""
-        self.ages += 1
-        near = np.hypot(*(self.goals - self.positions).T) < ARRIVED * self.scale
-        seen = _inside(self._in_frame(ground_from_frame, self.goals), self.frame_size, INSET)
-        due = near | ~seen | (self.ages > GOAL_TIMEOUT)
+        self._ages += 1
+        near = np.hypot(*(self._goals - self.positions).T) < ARRIVED * self._scale
+        seen = self._in_view(self._goals, ground_from_frame, INSET)
+        due = near | ~seen | (self._ages > GOAL_TIMEOUT)
         if due.any():
-            self.goals[due] = _random_positions(
-                self.random, int(due.sum()), self.frame_size, ground_from_frame
-            )
-            self.ages[due] = 0
+            self._goals[due] = self._random_positions(int(due.sum()), ground_from_frame)
+            self._ages[due] = 0
 
     def _avoid_collisions(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Steering away from cars that would come too close (-1 left, 1 right), and which cars brake.
@@ -108,8 +123,8 @@ class Traffic:
         """
         directions = np.stack([np.cos(self.headings), np.sin(self.headings)], axis=1)
         velocities = self.speeds[:, None] * directions
-        apart = (self.positions[None, :] - self.positions[:, None]) / self.scale
-        approach = (velocities[None, :] - velocities[:, None]) / self.scale
+        apart = (self.positions[None, :] - self.positions[:, None]) / self._scale
+        approach = (velocities[None, :] - velocities[:, None]) / self._scale
         closing = -np.einsum("ijk,ijk->ij", apart, approach)
         moments = closing / np.maximum(np.einsum("ijk,ijk->ij", approach, approach), 1e-3)
         closest = apart + approach * moments.clip(0.0, HORIZON)[..., None]
@@ -128,57 +143,13 @@ class Traffic:
         braking = (danger & ahead & (is_near | (side_now > -HEAD_ON))).any(axis=1)
         return EVASION * np.clip(evasion, -1.0, 1.0), braking
 
-
-def start_traffic(
-    count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray, scale: float, seed: int
-) -> Traffic:
-    """Cars spread over the first frame, with random headings.
-
-    Args:
-        count: number of cars.
-        frame_size: width, height, px.
-        ground_from_frame: float64[3, 3], the first frame's homography to the ground.
-        scale: ground px per frame px at mean altitude.
-        seed: of positions, sizes, speeds and goals.
-    """
-    random = np.random.default_rng((seed, 2))
-    positions = np.empty((0, 2))
-    for _ in range(count):
-        tries = _random_positions(random, 30, frame_size, ground_from_frame)
-        gaps = np.hypot(*(tries[:, None] - positions[None]).transpose(2, 0, 1))
-        best = int(gaps.min(axis=1, initial=START_DISTANCE * scale).argmax())
-        positions = np.vstack([positions, tries[best : best + 1]])
-    speeds = np.sort(random.uniform(*SPEEDS, count))[random.permutation(count)] * scale
-    return Traffic(
-        positions=positions,
-        headings=random.uniform(-np.pi, np.pi, count),
-        speeds=speeds.copy(),
-        lengths=random.uniform(*LENGTHS, count) * scale,
-        widths=random.uniform(*WIDTHS, count) * scale,
-        scale=scale,
-        frame_size=frame_size,
-        random=random,
-        cruising=speeds,
-        curvatures=np.zeros(count),
-        goals=_random_positions(random, count, frame_size, ground_from_frame),
-        ages=np.zeros(count, dtype=np.int64),
-    )
-
-
-def _random_positions(
-    random: np.random.Generator, count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray
-) -> FloatArray:
-    """float64[count, 2] ground positions, uniform over the inner part of the frame."""
-    if count == 0:
-        return np.empty((0, 2))
-    shares = random.uniform(INSET, 1.0 - INSET, (count, 2))
-    points = shares * (np.array(frame_size, dtype=np.float64) - 1.0)
-    return np.asarray(cv2.perspectiveTransform(points[None], ground_from_frame)[0], dtype=np.float64)
-
-
-def _inside(points: FloatArray, frame_size: tuple[int, int], inset: float) -> NDArray[np.bool_]:
-    size = np.array(frame_size, dtype=np.float64) - 1.0
-    return np.asarray(((points >= inset * size) & (points <= (1.0 - inset) * size)).all(axis=1))
+    def _random_positions(self, count: int, ground_from_frame: FloatArray) -> FloatArray:
+        """float64[count, 2] ground positions, uniform over the inner part of the frame."""
+        if count == 0:
+            return np.empty((0, 2))
+        shares = self._random.uniform(INSET, 1.0 - INSET, (count, 2))
+        points = shares * (np.array(self._frame_size, dtype=np.float64) - 1.0)
+        return np.asarray(cv2.perspectiveTransform(points[None], ground_from_frame)[0], dtype=np.float64)
 
 
 def _wrapped(angles: FloatArray) -> FloatArray:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from streamkit.geometry.homography import normalised, project
 from streamkit.settings import setting
 from streamkit_video.dronetestsrc import sprites
-from streamkit_video.dronetestsrc.camera import CameraPath, plan_path
-from streamkit_video.dronetestsrc.cars import LOOK_AHEAD, Traffic, start_traffic
+from streamkit_video.dronetestsrc.camera import CameraPath
+from streamkit_video.dronetestsrc.cars import LOOK_AHEAD, Traffic
 from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 
 FloatArray = NDArray[np.float64]
@@ -78,11 +78,11 @@ class World:
         self._ground = ground
         self._frame_size = frame_size
         self._settings = settings
-        self._path: CameraPath = plan_path(
+        self._path = CameraPath(
             (width, height), frame_size, seed=settings.seed, speed=settings.speed, jitter=settings.jitter
         )
         scale = self._path.ground_scale
-        self._traffic: Traffic = start_traffic(
+        self._traffic = Traffic(
             settings.cars, frame_size, self._path.ground_from_frame(0), scale, settings.seed
         )
         self._sprites = self._paint_cars(1 if ground.ndim == 2 else 3)
@@ -131,9 +131,9 @@ class World:
         shadow = np.array(sprites.SHADOW_OFFSET) * self._path.ground_scale
         cars = list(zip(self._sprites, self._traffic.positions, self._traffic.headings, strict=True))
         for sprite, position, heading in cars:
-            sprites.draw_shadow(image, sprite, frame_from_ground @ _pose(position + shadow, heading))
+            sprite.draw(sprite.shadow, image, frame_from_ground @ _pose(position + shadow, heading))
         for sprite, position, heading in cars:
-            sprites.draw_body(image, sprite, frame_from_ground @ _pose(position, heading))
+            sprite.draw(sprite.body, image, frame_from_ground @ _pose(position, heading))
         self._noise.add_to(image)
         return image
 

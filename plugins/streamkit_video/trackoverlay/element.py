@@ -88,17 +88,21 @@ class TrackOverlay(Transform):
     def transform(self, frame: Frame) -> Frame:
         frame = frame.writable()
         image = frame.data
-        registration, tracks = frame.get(Registration), self._visible(frame.get(Tracks))
+        registration, found = frame.get(Registration), frame.get(Tracks)
+        shown = STYLES.keys() if self.tentative else STYLES.keys() - {TrackState.TENTATIVE}
+        tracks = [] if found is None else [track for track in found.tracks if track.state in shown]
         self._update_trails(frame, registration, tracks)
         if self.trails > 0.0:
             self._draw_trails(image, tracks)
-        if self.detections:
-            self._draw_detections(image, frame.get(Detections))
+        if self.detections and (detections := frame.get(Detections)) is not None:
+            for x0, y0, x1, y1 in detections.boxes:
+                corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+                drawing.draw_outline(image, corners, drawing.DETECTION_COLOUR, drawing.LineStyle.THIN)
         labels: list[drawing.Rectangle] = []
         for track in tracks:
             self._draw_track(image, track, labels)
         if self.status:
-            drawing.draw_status(image, _status_text(frame, registration, frame.get(Tracks)))
+            drawing.draw_status(image, _status_text(frame, registration, found))
         image.flags.writeable = False
         if self.snapshot is not None and any(track.state is TrackState.CONFIRMED for track in tracks):
             self._last_confirmed = image
@@ -106,6 +110,8 @@ class TrackOverlay(Transform):
 
     @override
     def drain(self) -> Iterable[Frame]:
+        if self.snapshot is not None and self._last_confirmed is None:
+            self.post_warning(f"snapshot {self.snapshot} is not written: no frame had a confirmed track")
         try:
             self._write_snapshot()
         except OSError as error:
@@ -115,20 +121,10 @@ class TrackOverlay(Transform):
     @override
     def stop(self) -> None:
         try:
-            if self._last_confirmed is not None:
-                self._write_snapshot()
+            self._write_snapshot()
         except OSError as error:
             self.post_warning(f"snapshot: {error}")
         self._trails.clear()
-
-    def _visible(self, tracks: Tracks | None) -> list[Track]:
-        """The tracks to draw: not the lost ones, and tentative ones only if asked for."""
-        found = () if tracks is None else tracks.tracks
-        return [
-            track
-            for track in found
-            if track.state in STYLES and (self.tentative or track.state is not TrackState.TENTATIVE)
-        ]
 
     def _update_trails(self, frame: Frame, registration: Registration | None, tracks: list[Track]) -> None:
         if registration is not None and registration.status in UNREGISTERED:
@@ -160,19 +156,10 @@ class TrackOverlay(Transform):
         if self.labels:
             drawing.draw_label(image, str(track.id), corners, colour, labels)
 
-    def _draw_detections(self, image: NDArray[np.uint8], detections: Detections | None) -> None:
-        for x0, y0, x1, y1 in () if detections is None else detections.boxes:
-            corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-            drawing.draw_outline(image, corners, drawing.DETECTION_COLOUR, drawing.LineStyle.THIN)
-
     def _write_snapshot(self) -> None:
-        if self.snapshot is None:
-            return
         image, self._last_confirmed = self._last_confirmed, None
-        if image is None:
-            self.post_warning(f"snapshot {self.snapshot} is not written: no frame had a confirmed track")
-            return
-        write_image(Path(self.snapshot), image)
+        if self.snapshot is not None and image is not None:
+            write_image(Path(self.snapshot), image)
 
 
 def _status_text(frame: Frame, registration: Registration | None, tracks: Tracks | None) -> str:

@@ -9,7 +9,7 @@ import pytest
 from streamkit import Detections, Frame, Registration, Track, Tracks, TrackState, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_video import TrueTargets
-from streamkit_video.arrangement import VideoDirection, flip_homography
+from streamkit_video.videoflip import VideoDirection, flip_homography
 from tests.plugins.streamkit_video.peer import by_gstreamer, frames_of, needs_gstreamer
 
 SOURCE = "videotestsrc num-buffers=1 pattern=smpte ! video/x-raw, format={}, width=64, height=48"

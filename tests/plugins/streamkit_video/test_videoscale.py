@@ -7,7 +7,7 @@ import pytest
 from streamkit import Frame, Pipeline, StreamkitError, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_video import TrueRegistration, TrueTargets
-from streamkit_video.scaling import ScaleMethod
+from streamkit_video.videoscale import ScaleMethod
 
 
 def frames_of(description: str) -> list[Frame]:

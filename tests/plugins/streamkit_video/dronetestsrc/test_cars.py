@@ -4,16 +4,16 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_video.dronetestsrc.camera import CameraPath, plan_path
-from streamkit_video.dronetestsrc.cars import LOOK_AHEAD, SPEEDS, TURNING_RADIUS, Traffic, start_traffic
+from streamkit_video.dronetestsrc.camera import CameraPath
+from streamkit_video.dronetestsrc.cars import LOOK_AHEAD, SPEEDS, TURNING_RADIUS, Traffic
 
 SIZE = (1280, 720)
 
 
 def begin(cars: int, seed: int) -> tuple[CameraPath, Traffic]:
     """A camera and the cars below it."""
-    path = plan_path((2640, 1980), SIZE, seed=seed, speed=4.0, jitter=0.5)
-    return path, start_traffic(cars, SIZE, path.ground_from_frame(0), path.ground_scale, seed)
+    path = CameraPath((2640, 1980), SIZE, seed=seed, speed=4.0, jitter=0.5)
+    return path, Traffic(cars, SIZE, path.ground_from_frame(0), path.ground_scale, seed)
 
 
 def drive(path: CameraPath, traffic: Traffic, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_video.dronetestsrc.sprites import COLOURS, draw_body, draw_shadow, paint_car
+from streamkit_video.dronetestsrc.sprites import COLOURS, paint_car
 
 
 def placed(x: float, y: float, heading: float = 0.0) -> np.ndarray:
@@ -26,8 +26,7 @@ def test_a_body_lies_where_it_is_put(heading: float, scale: float) -> None:
     sprite = paint_car(26.0, 12.0, (255, 255, 255), scale, 1)
     image = np.zeros((80, 90), np.uint8)
     flat = np.concatenate([sprite.body[:, :, -1:] * 255.0, sprite.body[:, :, -1:]], axis=2)
-    silhouette = type(sprite)(flat, sprite.shadow, sprite.local_from_sprite)
-    draw_body(image, silhouette, placed(41.3, 38.6, heading))
+    sprite.draw(flat, image, placed(41.3, 38.6, heading))
     mass, x, y = moments(image / 255.0)
     # The rounded corners and the rounding of the hull take a few per cent.
     assert mass == pytest.approx(26.0 * 12.0 * scale**2, rel=0.07)
@@ -37,7 +36,8 @@ def test_a_body_lies_where_it_is_put(heading: float, scale: float) -> None:
 def test_a_body_has_paint_glass_and_soft_edges() -> None:
     """A white car has dark windows, and no pixel at its border is all car or all ground."""
     image = np.full((40, 60, 3), 110, np.uint8)
-    draw_body(image, paint_car(28.0, 12.0, COLOURS[0], 1.0, 3), placed(30.0, 20.0))
+    car = paint_car(28.0, 12.0, COLOURS[0], 1.0, 3)
+    car.draw(car.body, image, placed(30.0, 20.0))
     middle = image[20, 16:45, 1].astype(int)
     assert middle.max() > 225
     assert middle.min() < 80
@@ -48,7 +48,8 @@ def test_a_body_has_paint_glass_and_soft_edges() -> None:
 def test_a_shadow_darkens_only() -> None:
     """Shadows darken and leave the rest of the image unchanged."""
     image = np.full((40, 60), 110, np.uint8)
-    draw_shadow(image, paint_car(28.0, 12.0, COLOURS[0], 1.0, 1), placed(30.0, 20.0))
+    car = paint_car(28.0, 12.0, COLOURS[0], 1.0, 1)
+    car.draw(car.shadow, image, placed(30.0, 20.0))
     assert image.max() == 110
     assert 45 <= image[20, 30] <= 65
     assert (image[:6] == 110).all()
@@ -58,6 +59,7 @@ def test_a_shadow_darkens_only() -> None:
 def test_cars_are_cut_at_the_border(place: tuple[float, float]) -> None:
     """A car partly or wholly out of the frame is drawn as far as it is in it."""
     image = np.full((40, 60), 110, np.uint8)
-    draw_body(image, paint_car(28.0, 12.0, COLOURS[1], 1.0, 1), placed(*place))
+    car = paint_car(28.0, 12.0, COLOURS[1], 1.0, 1)
+    car.draw(car.body, image, placed(*place))
     changed = (image != 110).any()
     assert changed == (abs(place[0]) < 100)
