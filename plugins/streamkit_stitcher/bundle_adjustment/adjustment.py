@@ -9,6 +9,7 @@ import scipy
 
 from streamkit.geometry.homography import FloatArray, inverse, project
 from streamkit.settings import setting
+from streamkit_stitcher.bundle_adjustment.lens import Lens
 from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected, robust_cost
 from streamkit_stitcher.registration.motion_models import MotionModel
 
@@ -172,14 +173,12 @@ class _Descent:
     def run(self) -> int:
         """Runs to convergence; returns the iterations tried."""
         damping, growth = _FIRST_DAMPING, 2.0
-        equations = None
         for iteration in range(1, self._settings.ba_iterations + 1):
-            equations = equations or self._linearised()
-            tried = self._stepped(*equations.step(damping))
+            tried = self._stepped(damping)
             view = self._view(tried)
             gain, least = self.view.cost - view.cost, self._settings.tolerance * self.view.cost
             if gain > 0:
-                self.problem, self.view, equations = tried, view, None
+                self.problem, self.view = tried, view
                 damping, growth = max(damping / 5, 1e-12), 2.0
             else:
                 damping, growth = damping * growth, growth * 2
@@ -196,51 +195,60 @@ class _Descent:
             cost += 0.5 * float((violations**2).sum())
         return _View(seen, depth, residuals, weights, cost if depth.min() > _MIN_DEPTH else math.inf)
 
-    def _stepped(self, camera_steps: FloatArray, point_steps: FloatArray) -> PlaneProblem:
-        """Cameras and points after a step, and one more step of the points alone.
+    def _stepped(self, damping: float) -> PlaneProblem:
+        """Cameras and points after a step by the Schur complement, and one more step of the points alone.
 
-        Long strips have motions that hardly change the cost; the second step allows larger ones.
+        Long strips have motions that hardly change the cost; the second step allows larger ones. `damping` is
+        the factor of the diagonal that is added to it.
+
+        Source: Lourakis and Argyros, SBA, ACM TOMS 36 (2009), section 3.
         """
-        cameras = self.problem.cameras.copy()
-        cameras.reshape(-1, 9)[self._free, :8] += camera_steps @ self._basis.T
-        problem = replace(self.problem, cameras=cameras, points=self.problem.points + point_steps)
-        slopes, residuals = _by_points(problem, self._view(problem))
-        alone = _inverse(slopes.T @ slopes, 0.0) @ (slopes.T @ residuals)
-        return replace(problem, points=problem.points + alone.reshape(-1, 2))
+        problem = self.problem
+        by_cameras = self._by_cameras()
+        by_points, residuals = _by_points(problem, self.view)
+        cameras, sides = by_cameras.T @ by_cameras, by_cameras.T @ residuals
+        if problem.lens is not None:
+            slopes, violations = self._lens_slopes(problem.lens)
+            cameras, sides = cameras + slopes.T @ slopes, sides - slopes.T @ violations
+        mixed, points = by_cameras.T @ by_points, _inverse(by_points.T @ by_points, damping)
+        point_sides = by_points.T @ residuals
+        damped = cameras + scipy.sparse.diags_array(damping * cameras.diagonal())
+        reduced = scipy.sparse.csc_array(damped - mixed @ points @ mixed.T)
+        try:
+            step = scipy.sparse.linalg.splu(reduced, options={"SymmetricMode": True}).solve(
+                sides - mixed @ (points @ point_sides)
+            )
+        except RuntimeError:  # singular: the cost is infinite, and more damping follows
+            step = np.full_like(sides, np.nan)
+        moved = problem.cameras.copy()
+        moved.reshape(-1, 9)[self._free, :8] += step.reshape(len(self._free), -1) @ self._basis.T
+        places = problem.points + (points @ (point_sides - mixed.T @ step)).reshape(-1, 2)
+        problem = replace(problem, cameras=moved, points=places)
+        by_points, residuals = _by_points(problem, self._view(problem))
+        alone = _inverse(by_points.T @ by_points, 0.0) @ (by_points.T @ residuals)
+        return replace(problem, points=places + alone.reshape(-1, 2))
 
-    def _linearised(self) -> "_NormalEquations":
+    def _by_cameras(self) -> Any:
+        """Derivatives of the weighted residuals by the free cameras' parameters, [2 k, c f]."""
         problem, view = self.problem, self.view
         place = np.column_stack([problem.points[problem.point_index], np.ones(len(view.weights))])
-        by_cameras = np.zeros((len(place), 2, 8))
-        by_cameras[:, 0, :3] = by_cameras[:, 1, 3:6] = place
-        by_cameras[:, :, 6:] = -view.projected[:, :, np.newaxis] * place[:, np.newaxis, :2]
-        by_cameras *= view.scale
+        slopes = np.zeros((len(place), 2, 8))
+        slopes[:, 0, :3] = slopes[:, 1, 3:6] = place
+        slopes[:, :, 6:] = -view.projected[:, :, np.newaxis] * place[:, np.newaxis, :2]
         moves = ~problem.fixed[problem.camera_index]
         columns = np.searchsorted(self._free, problem.camera_index[moves])
-        rows = np.concatenate([[0], np.cumsum(moves)])
-        size = self._basis.shape[1]
-        sparse: Any = scipy.sparse
-        camera_slopes = sparse.bsr_array(
-            (by_cameras[moves] @ self._basis, columns, rows),
-            shape=(2 * len(moves), size * len(self._free)),
+        return scipy.sparse.bsr_array(
+            ((slopes * view.scale)[moves] @ self._basis, columns, np.concatenate([[0], np.cumsum(moves)])),
+            shape=(2 * len(place), self._basis.shape[1] * len(self._free)),
         )
-        point_slopes, residuals = _by_points(problem, view)
-        blocks, sides = camera_slopes.T @ camera_slopes, camera_slopes.T @ residuals
-        if problem.lens is not None:
-            free = problem.cameras[self._free]
-            inside = np.arange(len(free) + 1)
-            slopes = sparse.bsr_array(
-                (self._lens_weight * problem.lens.slopes(free) @ self._basis, inside[:-1], inside)
-            )
-            blocks += slopes.T @ slopes
-            sides -= slopes.T @ (self._lens_weight * problem.lens.residuals(free)).ravel()
-        return _NormalEquations(
-            blocks,
-            sides,
-            point_slopes.T @ point_slopes,
-            point_slopes.T @ residuals,
-            camera_slopes.T @ point_slopes,
-        )
+
+    def _lens_slopes(self, lens: Lens) -> tuple[Any, FloatArray]:
+        """Derivatives of what violates the lens by the free cameras' parameters, [4 f, c f], and that."""
+        cameras = self.problem.cameras[self._free]
+        number = np.arange(len(cameras) + 1)
+        slopes = self._lens_weight * lens.slopes(cameras) @ self._basis
+        violations = self._lens_weight * lens.residuals(cameras)
+        return scipy.sparse.bsr_array((slopes, number[:-1], number)), violations.ravel()
 
 
 def _by_points(problem: PlaneProblem, view: _View) -> tuple[Any, FloatArray]:
@@ -259,41 +267,3 @@ def _inverse(blocks: Any, damping: float) -> Any:
     inverse = blocks.copy()
     inverse.data = np.linalg.inv(blocks.data * (1 + damping * np.eye(2)) + _MIN_PIVOT * np.eye(2))
     return inverse
-
-
-@dataclass(frozen=True, eq=False)
-class _NormalEquations:
-    """The normal equations of one linearisation, as block-sparse matrices.
-
-    Attributes:
-        camera_blocks: U of the free cameras.
-        camera_sides: right-hand sides of these.
-        point_blocks: V of the points, block-diagonal.
-        point_sides: right-hand sides of these.
-        mixed: W, cameras by points.
-    """
-
-    camera_blocks: Any
-    camera_sides: FloatArray
-    point_blocks: Any
-    point_sides: FloatArray
-    mixed: Any
-
-    def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """One damped step by the Schur complement: changes of cameras, then of points.
-
-        `damping` is the factor of the diagonal that is added to it.
-
-        Source: Lourakis and Argyros, SBA, ACM TOMS 36 (2009), section 3.
-        """
-        blocks = _inverse(self.point_blocks, damping)
-        weighted = self.mixed @ blocks
-        damped = self.camera_blocks + scipy.sparse.diags_array(damping * self.camera_blocks.diagonal())
-        reduced = scipy.sparse.csc_array(damped - weighted @ self.mixed.T)
-        sides = self.camera_sides - weighted @ self.point_sides
-        try:
-            cameras = scipy.sparse.linalg.splu(reduced, options={"SymmetricMode": True}).solve(sides)
-        except RuntimeError:  # singular: the cost is infinite, and more damping follows
-            cameras = np.full_like(sides, np.nan)
-        points = blocks @ (self.point_sides - self.mixed.T @ cameras)
-        return cameras.reshape(-1, self.mixed.blocksize[0]), points.reshape(-1, 2)
