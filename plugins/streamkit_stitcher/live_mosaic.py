@@ -184,7 +184,7 @@ class LiveMosaic:
 
     def _adjusted(self, plane: KeyframeMap | None, focal_px: float) -> AdjustedPlanes:
         if plane is None or not self._settings.final:
-            return None, 0.0
+            return {}, 0.0
         rmse = plane.finish(focal_px)
         return plane.planes, rmse
 

@@ -20,8 +20,8 @@ from streamkit_stitcher.mosaic.settings import RecorderSettings
 from streamkit_stitcher.mosaic.tiles import ImageArray
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 
-# Homographies of the keyframes of each plane, None for the incremental mosaic, and the rmse of the ties, px.
-AdjustedPlanes = tuple[Mapping[int, Mapping[int, FloatArray]] | None, float]
+# Homographies of the keyframes of each plane, none for the incremental mosaic, and the rmse of the ties, px.
+AdjustedPlanes = tuple[Mapping[int, Mapping[int, FloatArray]], float]
 
 
 @dataclass(frozen=True)
@@ -154,10 +154,10 @@ class MosaicFrames:
         Raises:
             OSError: one could not be written.
         """
-        location, (adjusted, rmse) = self._settings.location, planes
+        location, (homographies, rmse) = self._settings.location, planes
         if location is None:
             return
-        placed = {number: self._adjusted(own) for number, own in (adjusted or {}).items()}
+        placed = {number: self._adjusted(own) for number, own in homographies.items()}
         areas = {number: _covered_px(own) for number, own in placed.items() if own}
         if not areas:
             placed, areas = {self.reference: []}, {self.reference: covered_px}
@@ -166,8 +166,8 @@ class MosaicFrames:
             areas = {largest: areas[largest]} if areas[largest] > self._largest_px else {}
         for number, area in areas.items():
             self._largest_px = max(self._largest_px, area)
-            own = (adjusted or {}).get(number, {})
-            found = georeferenced(own, views, self._settings.max_geo_error_m, focal_length(views))
+            own, focal_px = homographies.get(number, {}), focal_length(views)
+            found = georeferenced(own, views, self._settings.max_geo_error_m, focal_px)
             written = self._written(location, number, placed[number], rmse, *found)
             if written is not None:
                 yield written

@@ -175,7 +175,7 @@ class MosaicRecorder:
             OSError: it could not be written.
         """
         results: list[WrittenMosaic] = []
-        self.writing(lambda _: (planes, rmse), results.append)()
+        self.writing(lambda _: (planes or {}, rmse), results.append)()
         return results[-1] if results else None
 
     def close(self) -> None:

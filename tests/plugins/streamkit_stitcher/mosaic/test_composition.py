@@ -1,5 +1,7 @@
 """The finished mosaic: gains, seams, bands."""
 
+import errno
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,18 @@ def test_a_large_mosaic_is_put_together_in_a_file(ground):
     mapped = compose(places, views.__getitem__, SeamKind.VORONOI, 1000)
     assert isinstance(mapped.image.base, np.memmap) or isinstance(mapped.image, np.memmap)
     assert np.array_equal(mapped.image, small.image)
+
+
+def test_without_room_for_the_file_there_is_an_error(ground, monkeypatch):
+    """The room is asked for before the first pixel is written, where a full disk would end the process."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full)
+    views, places, _ = row(ground)
+    with pytest.raises(OSError, match="No space left"):
+        compose(places, views.__getitem__, SeamKind.VORONOI, 1000)
 
 
 def test_degenerate_homographies_are_left_out(ground):
