@@ -100,13 +100,8 @@ def _from_planar(data: ByteArray, source: str, target: str, height: int) -> Byte
         return data[:height]
     if target not in PLANAR:
         return _cvt_color(data, f"YUV2{target}_{source}")
-    converted = data.copy()
-    chroma, changed = data[height:].reshape(-1), converted[height:].reshape(-1)
-    if target == "NV12":
-        changed.reshape(-1, 2)[:] = chroma.reshape(2, -1).T
-    else:
-        changed.reshape(2, -1)[:] = chroma.reshape(-1, 2).T
-    return converted
+    chroma = data[height:].reshape((2, -1) if source == "I420" else (-1, 2)).T
+    return np.concatenate([data[:height], chroma.reshape(-1, data.shape[1])])
 
 
 def _to_planar(data: ByteArray, source: str, target: str) -> ByteArray:
