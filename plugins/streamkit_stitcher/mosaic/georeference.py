@@ -11,7 +11,7 @@ import numpy.typing as npt
 from streamkit.geometry.earth import metres_per_degree
 from streamkit.geometry.homography import FloatArray, centre, inverse, normalised, project
 from streamkit_stitcher.flight_plan.plan import GeodeticPoint
-from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
+from streamkit_stitcher.registration.gauss_newton import gauss_newton_step
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 
 _MIN_VIEWS: Final = 3
@@ -200,10 +200,8 @@ def _homography(pixels: FloatArray, metres: FloatArray, weights: FloatArray) -> 
     matrix = least_squares(MotionModel.AFFINE, pixels, metres)
     if matrix is None:
         return _mirrored_similarity(pixels, metres, weights)
-    scaling = Scaling.of(metres)
     for _ in range(_STEPS):
-        mapped = project(matrix, pixels)
-        step = gauss_newton_step(matrix, scaling, mapped, metres - mapped, weights)
+        step = gauss_newton_step(matrix, pixels, metres, weights)
         if step is None:
             break
         matrix = step

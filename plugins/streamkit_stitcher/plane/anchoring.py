@@ -1,28 +1,26 @@
-"""Registration of frames to keyframes, and the choice of new keyframes."""
+"""Places frames by keyframes, and chooses new keyframes."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
-from streamkit.geometry.homography import (
-    FloatArray,
-    GreyArray,
-    inverse,
-    normalised,
-)
-from streamkit_stitcher.plane.frame_registration import OK_STD, KeyframeRegistration
-from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
+from streamkit.geometry.homography import FloatArray, GreyArray, inverse, normalised
+from streamkit_stitcher.plane.dense_matching import DenseMatcher
+from streamkit_stitcher.plane.feature_matching import likeliest, match_by_features
+from streamkit_stitcher.plane.frame_registration import OK_STD
+from streamkit_stitcher.plane.keyframe_content import scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving
-from streamkit_stitcher.plane.loop_closure import better, tie_of
-from streamkit_stitcher.plane.matching import KeyframeMatching
+from streamkit_stitcher.plane.loop_closure import tie_of
+from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
-from streamkit_stitcher.registration.motion_models import FitLimits
-from streamkit_stitcher.registration.patches import pyramid
+from streamkit_stitcher.registration.motion_models import MotionModel
 
+# Patches that agree, as a part of those in view, which no mover can outvote.
+_DOMINANT: Final = 0.75
 # A new keyframe is tied to the keyframes that it overlaps most, this many, by at least this part.
 _TIED: Final = 4
 _TIED_OVERLAP: Final = 0.25
@@ -36,30 +34,47 @@ _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
 
 
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a frame lies on the plane.
+
+    Attributes:
+        to_reference: float64[3, 3], the frame to the plane.
+        std: predicted error at the worst corner, px.
+        match: with a keyframe; None where `to_reference` is a prediction.
+        is_keyframe: whether the frame became a keyframe.
+        change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
+    """
+
+    to_reference: FloatArray
+    std: float
+    match: KeyframeMatch | None = None
+    is_keyframe: bool = False
+    change: FloatArray | None = None
+
+
 class KeyframeAnchor:
-    """Registers frames to the reference plane through keyframes.
+    """Places frames on the reference plane by keyframes. All homographies given are to the plane.
 
     Args:
         settings: the tracker's settings.
-        level: how often frames are halved to working size; sets the search range.
+        level: how often frames are halved to working size.
         plane: number of the first plane.
 
     Attributes:
         keyframes: the keyframes of all planes.
-        matching: matches frames with keyframes.
-        description: features of the last frame, where it was relocalised.
+        features: features of the last frame, where it was relocalised.
     """
 
     def __init__(self, settings: PlaneSettings, level: int, plane: int = 0) -> None:
         self._settings = settings
         threshold = settings.limits.ransac_threshold * 2**level
-        self._limits: FitLimits = replace(settings.limits, ransac_threshold=threshold, max_step=1.0)
+        self._limits = replace(settings.limits, ransac_threshold=threshold)
         self._level = level
-        self._search_level = max(0, level - 1)
         self.keyframes = KeyframeMap(settings, plane)
-        self.matching = KeyframeMatching(self.keyframes, self._limits, settings.max_points)
-        self._relocaliser = self.keyframes.relocaliser
-        self.description: FrameFeatures | None = None
+        self._patches = PatchMatcher()
+        self._dense = DenseMatcher()
+        self.features: FrameFeatures | None = None
         self._unmatched = 0
         self._is_prediction_reliable = True
 
@@ -69,210 +84,183 @@ class KeyframeAnchor:
         to_reference: FloatArray,
         ties: Sequence[Tie] = (),
         corner_std: float = 0.0,
-    ) -> Keyframe:
+    ) -> None:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
-        keyframe = self.keyframes.add(images, to_reference, self._level, ties, corner_std)
-        self.matching.prepare(keyframe)
-        if self.description is not None:
-            self._relocaliser.remember(keyframe, self.description)
+        self.keyframes.add(images, to_reference, self._level, ties, corner_std, self.features)
         self._unmatched = 0
         self._is_prediction_reliable = True
-        return keyframe
+
+    def match_near(
+        self, images: Sequence[GreyArray], before: FloatArray, before_std: float, expected: FloatArray
+    ) -> KeyframeMatch | None:
+        """The match with the current keyframe, by patches where most of them agree, else by the area.
+
+        Its `share` is small where next to nothing agrees.
+
+        Args:
+            images: the frame and its halvings.
+            before: the previous frame.
+            before_std: its predicted error, px.
+            expected: the predicted homography.
+        """
+        active = self.keyframes.active
+        match = self._match_whole(active, images, expected)
+        if match is not None:
+            if self.keyframes.rule.model is not MotionModel.HOMOGRAPHY is match.fit.model:
+                self.keyframes.learn(match)
+            if match.share >= _DOMINANT:
+                return match
+        return self.match_area(images, before, before_std, expected, match)
+
+    def match_area(
+        self,
+        images: Sequence[GreyArray],
+        before: FloatArray,
+        before_std: float,
+        expected: FloatArray,
+        by_patches: KeyframeMatch | None = None,
+    ) -> KeyframeMatch | None:
+        """The match of all of the area with the current keyframe, see `DenseMatcher.match`."""
+        active, small = self.keyframes.active, images[self._level]
+        if active.small.shape != small.shape:
+            return by_patches
+        to_key = inverse(active.to_reference)
+        before, expected = normalised(to_key @ before), normalised(to_key @ expected)
+        return self._dense.match(active, small, before, before_std, expected, by_patches)
+
+    def place(self, images: Sequence[GreyArray], predicted: Placement, is_photograph: bool) -> Placement:
+        """Places a frame by patches of the current keyframe near a prediction, else where predicted.
+
+        A frame of a video that the current keyframe does not match may show an earlier one.
+        """
+        active = self.keyframes.active
+        match = self._match_whole(active, images, predicted.to_reference)
+        if match is not None:
+            return placed(active, match)
+        return (None if is_photograph else self._revisit(images, predicted)) or predicted
+
+    def place_recognised(
+        self, images: Sequence[GreyArray], recognised: KeyframeMatch, is_jump: bool
+    ) -> Placement:
+        """Places a frame that `recognise` has matched, more precisely by patches.
+
+        A match that does not fix the whole frame is a prediction only, unless the camera jumps, as from one
+        photograph to the next, whose overlap is small.
+        """
+        active = self.keyframes.active
+        expected = placed(active, recognised).to_reference
+        match = self._match(active, images, expected) or recognised
+        found = placed(active, match)
+        return found if is_jump or self._is_whole(match) else replace(found, match=None)
 
     def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
         """Matches a frame of unknown motion by features: the newest keyframes, then the likeliest of all.
 
         The matching keyframe becomes current, and its plane, too.
         """
-        newest = list(self.keyframes.stored[::-1])
-        if not newest:
-            return None
-        level = scene_level(images[0].shape)
-        description = self.description = describe(pyramid(images, level + 1)[level])
+        features = self.features = describe(images[scene_level(images[0].shape)])
         active = self.keyframes.active
-        if active is not None:
-            newest = [active, *(keyframe for keyframe in newest if keyframe.index != active.index)]
-        recent, older = newest[:_RELOCALISED], newest[_RELOCALISED:]
-        return self._recognised(description, recent) or self._recognised(
-            description, self._relocaliser.likeliest(description, older, _RELOCALISED)
-        )
-
-    def _recognised(self, description: FrameFeatures, candidates: Sequence[Keyframe]) -> KeyframeMatch | None:
-        """The first match, of the keyframe that becomes current."""
-        for keyframe in candidates:
-            match = self._relocaliser.match(description, keyframe)
-            if match is not None:
-                self.keyframes.active = keyframe
-                return match
+        newest = [one for one in self.keyframes.stored[::-1] if one.index != active.index]
+        recent, older = [active, *newest[: _RELOCALISED - 1]], newest[_RELOCALISED - 1 :]
+        for candidates in (recent, likeliest(features, older, _RELOCALISED)):
+            for keyframe in candidates:
+                match = match_by_features(features, keyframe)
+                if match is not None:
+                    self.keyframes.activate(keyframe)
+                    return match
         return None
 
-    def register(
-        self,
-        images: Sequence[GreyArray],
-        predicted: FloatArray,
-        trusted: bool,
-        followed: KeyframeMatch | None = None,
-        recognised: KeyframeMatch | None = None,
-        due: bool = False,
-        consecutive: bool = False,
-        predicted_std: float = 0.0,
-    ) -> KeyframeRegistration:
-        """Registers a frame, and makes it a keyframe where one is needed.
+    def keep(
+        self, images: Sequence[GreyArray], found: Placement, trusted: bool, recognised: bool, due: bool
+    ) -> Placement:
+        """Makes a placed frame a keyframe, or an earlier keyframe current, where that is needed.
 
         Args:
             images: the frame.
-            predicted: its homography by the motion since the previous frame.
-            trusted: whether that motion is a measured homography; otherwise the search is wider and the
-                prediction is not good enough for a keyframe.
-            followed: the result of `matching.near`, which saves the search.
-            recognised: the result of `recognise`, from where the search begins.
-            due: whether the frame becomes a keyframe in any case.
-            consecutive: whether a recognised frame directly follows the previous one, as photographs do; it
-                is then registered by its small overlap, and not certain.
-            predicted_std: error of `predicted` at the frame's worst corner, px.
+            found: where it lies.
+            trusted: whether a frame without a match may become a keyframe.
+            recognised: whether it was matched by features.
+            due: whether it becomes a keyframe in any case.
         """
-        if recognised is None:
-            self.description = None
-        active = self.keyframes.active
-        if active is None:
-            return KeyframeRegistration(predicted, measured=False, corner_std=predicted_std)
-        match = followed
-        if recognised is not None:
-            predicted = normalised(active.to_reference @ recognised.fit.matrix)
-            match, predicted = self._aligned(active, images, predicted, recognised, consecutive)
-        elif match is None:
-            match = self._search(active, images, predicted, trusted)
-        certain = recognised is None or self.matching.if_whole_frame(match) is not None
-        found = KeyframeRegistration(predicted, measured=False, corner_std=predicted_std)
-        if match is not None:
-            found = _registration_by(active, match)
-        found = replace(found, fixes_whole_frame=certain)
-        self._unmatched = 0 if match is not None else self._unmatched + 1
-        self._is_prediction_reliable = match is not None or (
-            trusted and recognised is None and self._is_prediction_reliable
-        )
-        leaving = is_leaving(active, found.to_reference, self._settings.keyframe_overlap)
-        if match is not None and not due and not leaving:
+        is_matched = found.match is not None
+        if not recognised:
+            self.features = None
+        if found.change is not None:
             return found
-        revisited = None if due or recognised is not None else self._revisit(active, images, found)
+        self._unmatched = 0 if is_matched else self._unmatched + 1
+        self._is_prediction_reliable = is_matched or (trusted and self._is_prediction_reliable)
+        leaving = is_leaving(self.keyframes.active, found.to_reference, self._settings.keyframe_overlap)
+        if is_matched and not due and not leaving:
+            return found
+        revisited = self._revisit(images, found) if is_matched and not (due or recognised) else None
         if revisited is not None:
             return revisited
         # An unmatched frame that should overlap its keyframe is probably at fault itself; after an unreliable
         # prediction, a later frame may match the keyframe.
         patience = _MAX_UNMATCHED if leaving and self._is_prediction_reliable else _MAX_DOUBTFUL
-        if match is None and (not trusted or self._unmatched < patience):
+        if not is_matched and (not trusted or self._unmatched < patience):
             return found
-        return self._promote(images, found, None if match is None else (active, match))
+        return self._promote(images, found)
 
-    def _search(
-        self, active: Keyframe, images: Sequence[GreyArray], predicted: FloatArray, trusted: bool
+    def _match(
+        self, keyframe: Keyframe, images: Sequence[GreyArray], to_reference: FloatArray, most: int = 0
     ) -> KeyframeMatch | None:
-        """Matches with the current keyframe from fast to thorough."""
-        level = self._search_level if trusted else LEVELS - 1
-        match = self.matching.if_whole_frame(self.matching.follow(active, images, predicted))
-        match = match or self.matching.if_whole_frame(self.matching.search(active, images, predicted, level))
-        if match is None and trusted:
-            match = self.matching.if_whole_frame(self.matching.search(active, images, predicted, LEVELS - 1))
-        return match
+        """Matches at most `most` patches (0: all) near where a homography expects them."""
+        to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
+        points = most or self._settings.max_points
+        return self._patches.match(keyframe, images, to_key, self._limits, points, self.keyframes.rule)
 
-    def _aligned(
-        self,
-        active: Keyframe,
-        images: Sequence[GreyArray],
-        predicted: FloatArray,
-        recognised: KeyframeMatch,
-        consecutive: bool,
-    ) -> tuple[KeyframeMatch | None, FloatArray]:
-        """A match that fixes the whole of a recognised frame, and the likeliest homography.
+    def _match_whole(
+        self, keyframe: Keyframe, images: Sequence[GreyArray], to_reference: FloatArray
+    ) -> KeyframeMatch | None:
+        """The match of the patches, if it fixes the whole frame, not only the part with the patches."""
+        match = self._match(keyframe, images, to_reference)
+        return match if match is not None and self._is_whole(match) else None
 
-        Returns the match, None where there is none and the frame is not consecutive, and the homography.
-        """
-        aligned = self.matching.if_whole_frame(self.matching.follow(active, images, predicted))
-        aligned = aligned or self.matching.search(active, images, predicted, LEVELS - 1)
-        best = better(recognised, aligned, active, self._settings.max_points)
-        found = (
-            self.matching.if_whole_frame(best)
-            or self.matching.if_whole_frame(aligned)
-            or (best if consecutive else None)
-        )
-        if found is None and aligned is not None and aligned.deviation < recognised.deviation:
-            predicted = normalised(active.to_reference @ aligned.fit.matrix)
-        return found, predicted
+    def _is_whole(self, match: KeyframeMatch) -> bool:
+        return match.deviation <= self._limits.ransac_threshold
 
-    def _revisit(
-        self, active: Keyframe, images: Sequence[GreyArray], found: KeyframeRegistration
-    ) -> KeyframeRegistration | None:
+    def _revisit(self, images: Sequence[GreyArray], found: Placement) -> Placement | None:
         """Switches to an earlier keyframe where the camera has returned to it."""
-        least = self._settings.keyframe_overlap + _REVISIT_MARGIN if found.measured else _TIED_OVERLAP
+        active, is_matched = self.keyframes.active, found.match is not None
+        least = self._settings.keyframe_overlap + _REVISIT_MARGIN if is_matched else _TIED_OVERLAP
         near = self.keyframes.overlapping(found.to_reference, active.shape, min(least, 0.95))
-        candidates = [keyframe for _, keyframe in near if keyframe.index != active.index]
+        candidates = [keyframe for keyframe in near if keyframe.index != active.index]
         for keyframe in candidates[:_REVISIT_TRIES]:
-            match = self.matching.if_whole_frame(
-                self.matching.follow(keyframe, images, found.to_reference)
-                or self.matching.search(keyframe, images, found.to_reference, LEVELS - 1)
-            )
+            match = self._match_whole(keyframe, images, found.to_reference)
             if match is not None:
-                self.keyframes.active = keyframe
+                self.keyframes.activate(keyframe)
                 self._unmatched = 0
-                revisited = _registration_by(keyframe, match)
+                revisited = placed(keyframe, match)
                 change = normalised(revisited.to_reference @ inverse(found.to_reference))
-                return replace(revisited, reference_change=change)
+                return replace(revisited, change=change)
         return None
 
-    def _promote(
-        self,
-        images: Sequence[GreyArray],
-        found: KeyframeRegistration,
-        known: tuple[Keyframe, KeyframeMatch] | None,
-    ) -> KeyframeRegistration:
-        """Makes the frame a keyframe, tied to the keyframes that it overlaps.
-
-        `found` is its registration so far, `known` the keyframe it was measured against, and the match.
-        """
-        change = self.keyframes.adopt() if self.keyframes.is_adjusting else None
+    def _promote(self, images: Sequence[GreyArray], found: Placement) -> Placement:
+        """Makes the frame a keyframe, tied to the keyframes that it overlaps most."""
+        change, active = self.keyframes.adopt(), self.keyframes.active
         if change is not None:
             found = replace(found, to_reference=normalised(change @ found.to_reference))
+        matches = {}
         shape = (images[0].shape[0], images[0].shape[1])
-        matches = self._overlapping_matches(images, found.to_reference, shape, known)
-        if known is None and matches:
-            found = replace(_registration_by(*matches[0]), fixes_whole_frame=found.fixes_whole_frame)
-        elif known is not None and known[0].index not in {keyframe.index for keyframe, _ in matches}:
-            matches.append((self.keyframes.current(known[0]), known[1].most_precise()))
-            self.keyframes.learn(known[1])
-        # Of its own registration only: ties and adjustments correct what earlier keyframes had.
-        own = min((match.corner_std for _, match in matches), default=found.corner_std)
-        ties = [tie_of(keyframe, 0, match) for keyframe, match in matches]
-        self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
-        return replace(found, keyframe=True, reference_change=change)
-
-    def _overlapping_matches(
-        self,
-        images: Sequence[GreyArray],
-        to_reference: FloatArray,
-        shape: tuple[int, int],
-        known: tuple[Keyframe, KeyframeMatch] | None,
-    ) -> list[tuple[Keyframe, KeyframeMatch]]:
-        """The frame's matches with the keyframes that it overlaps most."""
-        matches = []
-        for _, keyframe in self.keyframes.overlapping(to_reference, shape, _TIED_OVERLAP)[:_TIED]:
-            if known is not None and known[0].index == keyframe.index and known[1].variances is not None:
-                match: KeyframeMatch | None = known[1]
-            else:
-                match = self.matching.follow(
-                    keyframe, images, to_reference, _TIED_POINTS
-                ) or self.matching.search(keyframe, images, to_reference, self._search_level, _TIED_POINTS)
+        for keyframe in self.keyframes.overlapping(found.to_reference, shape, _TIED_OVERLAP)[:_TIED]:
+            match = self._match(keyframe, images, found.to_reference, _TIED_POINTS)
             if match is not None:
-                matches.append((keyframe, match.most_precise()))
-                self.keyframes.learn(match)
-        return matches
+                matches[keyframe.index] = keyframe, match
+        if found.match is not None and active.index not in matches:
+            matches[active.index] = active, found.match
+        elif found.match is None and matches:
+            found = placed(*next(iter(matches.values())))
+        for _, match in matches.values():
+            self.keyframes.learn(match)
+        # Of its own registration only: ties and adjustments correct what earlier keyframes had.
+        own = min((match.corner_std for _, match in matches.values()), default=found.std)
+        ties = [tie_of(keyframe, 0, match.on_plane()) for keyframe, match in matches.values()]
+        self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
+        return replace(found, is_keyframe=True, change=change)
 
 
-def _registration_by(keyframe: Keyframe, match: KeyframeMatch) -> KeyframeRegistration:
-    return KeyframeRegistration(
-        normalised(keyframe.to_reference @ match.fit.matrix),
-        measured=True,
-        matches=len(match.fit.inliers),
-        inliers=match.fit.count,
-        rmse=match.fit.rmse,
-        corner_std=math.hypot(match.corner_std, keyframe.corner_std),
-    )
+def placed(keyframe: Keyframe, match: KeyframeMatch) -> Placement:
+    """Where a match with a keyframe places the frame."""
+    to_reference = normalised(keyframe.to_reference @ match.fit.matrix)
+    return Placement(to_reference, math.hypot(match.corner_std, keyframe.corner_std), match)

@@ -1,6 +1,7 @@
 """Dense matching of frames with the current keyframe, with a prediction of how far the camera moves."""
 
 import math
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from streamkit.geometry.homography import (
     project,
     to_reduced,
 )
+from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import SMALLEST_CORNER_STD, Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.dense_alignment import DenseAlignment, align_densely
 from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
@@ -50,7 +52,7 @@ class DenseMatcher:
     """
 
     def __init__(self) -> None:
-        self._levels: dict[int, tuple[DenseLevel, ...]] = {}
+        self._levels = lru_cache(maxsize=_CACHED)(_levels)
         self._deviation = _FIRST_DEVIATION
         self._covariance, self._std = np.zeros((8, 8)), 0.0
         self._rest, self._seen = _FIRST_REST, 0
@@ -78,10 +80,10 @@ class DenseMatcher:
             expected: the predicted homography to the keyframe.
             followed: the match of the patches, if any.
         """
-        factor = keyframe.factor
+        factor, levels = keyframe.factor, self._levels(keyframe.content())
         motions = [IDENTITY, before, expected]
         found = align_densely(
-            self._prepared(keyframe),
+            levels,
             small,
             [to_reduced(inverse(matrix), factor) for matrix in motions],
             self._prior(before_std / factor),
@@ -95,7 +97,18 @@ class DenseMatcher:
         if kept is None and followed is not None and is_better and found.rival > _AS_GOOD:
             return followed
         to_key = from_reduced(inverse(found.key_to_frame), factor) if kept is None else motions[kept]
-        return _match(found, to_key, factor, std, kept is not None)
+        key_points = levels[-1].centres[found.blocks] * factor + (factor - 1) / 2
+        inliers = np.arange(found.compared) < len(key_points)
+        return KeyframeMatch(
+            MotionFit(to_key, MotionModel.HOMOGRAPHY, inliers, found.rmse),
+            project(inverse(to_key), key_points),
+            key_points,
+            found.blocks + _FIRST_BLOCK,
+            std,
+            std,
+            share=found.agreement,
+            at_rest=kept is not None,
+        )
 
     def _error_of(
         self, found: DenseAlignment, keyframe: Keyframe, before: FloatArray, before_std: float
@@ -134,15 +147,6 @@ class DenseMatcher:
         self._deviation = float(np.clip(deviation, _LEAST_DEVIATION, _LARGEST_DEVIATION))
         self._covariance, self._std = found.covariance, found.corner_std
 
-    def _prepared(self, keyframe: Keyframe) -> tuple[DenseLevel, ...]:
-        levels = self._levels.pop(keyframe.index, None)
-        if levels is None:
-            levels = tuple(DenseLevel(image) for image in levels_of(keyframe.small))
-        self._levels[keyframe.index] = levels
-        if len(self._levels) > _CACHED:
-            del self._levels[next(iter(self._levels))]
-        return levels
-
 
 class _RestEvidence:
     """Evidence that a camera is where its frames are held, over the frames that it rested at one place.
@@ -167,18 +171,5 @@ class _RestEvidence:
         return math.erfc(deviations / math.sqrt(2)) / 2
 
 
-def _match(
-    found: DenseAlignment, to_key: FloatArray, factor: int, std: float, at_rest: bool
-) -> KeyframeMatch:
-    key_points = found.key_points * factor + (factor - 1) / 2
-    inliers = np.arange(found.compared) < len(key_points)
-    return KeyframeMatch(
-        MotionFit(to_key, MotionModel.HOMOGRAPHY, inliers, found.rmse),
-        project(inverse(to_key), key_points),
-        key_points,
-        found.blocks + _FIRST_BLOCK,
-        std,
-        share=found.agreement,
-        std=std,
-        at_rest=at_rest,
-    )
+def _levels(content: KeyframeContent) -> tuple[DenseLevel, ...]:
+    return tuple(DenseLevel(image) for image in levels_of(content.small))

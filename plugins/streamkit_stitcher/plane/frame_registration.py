@@ -17,33 +17,6 @@ _MAX_DEPTH_RATIO: Final = 1.75
 
 
 @dataclass(frozen=True, eq=False)
-class KeyframeRegistration:
-    """The result of matching a frame with keyframes.
-
-    Attributes:
-        to_reference: the frame to the reference plane.
-        measured: whether a keyframe was matched; otherwise `to_reference` is the predicted one.
-        reference_change: old plane to new, where another keyframe took over or was adjusted, else None.
-        keyframe: whether the frame became a keyframe.
-        matches: patches compared.
-        inliers: patches that agree with `to_reference`.
-        rmse: root mean square residual of the inliers.
-        fixes_whole_frame: whether the measurement fixes the whole frame, not only a part of it.
-        corner_std: predicted error of the measurement at the frame's worst corner, px.
-    """
-
-    to_reference: FloatArray
-    measured: bool
-    reference_change: FloatArray | None = None
-    keyframe: bool = False
-    matches: int = 0
-    inliers: int = 0
-    rmse: float = 0.0
-    fixes_whole_frame: bool = True
-    corner_std: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
 class FrameRegistration:
     """The homographies of one frame.
 

@@ -1,56 +1,79 @@
 """What is kept of a keyframe's pixels, computed in the background."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, Final, TypeVar
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, GreyArray
-from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.registration.corners import even_corners
-from streamkit_stitcher.registration.patches import cut_patches, pyramid
+from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
+from streamkit_stitcher.registration.patches import cut_patches, pyramid, spread_order
 
+# Levels of a pyramid that matching needs of every frame.
 LEVELS: Final = 4
-TIMEOUT_S: Final = 20.0
 _SCENE_WIDTH: Final = 1000
+_SMALL: Final = 480
+_PATCHES_WIDTH: Final = 960
 _GRID: Final = (25, 16)
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, eq=False)
 class KeyframeContent:
-    """Patches around the corners of a keyframe.
+    """Patches around the corners of a keyframe, each leading part of which is spread over all of it.
 
     Attributes:
-        points: float64[n, 2], patch centres, full-size px.
-        patches: one uint8[n, 17, 17] per pyramid level, finest first.
+        fine: uint8[n, 17, 17], patches of the level `patch_level`.
+        fine_centres: float64[n, 2], their centres, px of that level.
+        coarse: uint8[n, 17, 17], patches of one level more.
+        coarse_centres: float64[n, 2], their centres, px of that level.
         small: uint8[h, w], the frame at working size.
         scene: uint8[h, w], the frame at the size for feature matching.
+        described: its features, if they were computed before.
     """
 
-    points: FloatArray
-    patches: tuple[GreyArray, ...]
+    fine: GreyArray
+    fine_centres: FloatArray
+    coarse: GreyArray
+    coarse_centres: FloatArray
     small: GreyArray
     scene: GreyArray
+    described: FrameFeatures | None
+
+    @cached_property
+    def features(self) -> FrameFeatures:
+        """The features of `scene`."""
+        return self.described or describe(self.scene)
 
 
-def keyframe_content(images: Sequence[GreyArray], level: int) -> KeyframeContent:
+def keyframe_content(
+    images: Sequence[GreyArray], level: int, described: FrameFeatures | None = None
+) -> KeyframeContent:
     """Cuts patches around the best corners of an even grid of the image `level`, at working size."""
-    factor = 2**level
-    points = even_corners(images[level], *_GRID) * factor + (factor - 1) / 2
-    return patches_around(points, pyramid(images, max(LEVELS, level + 1)), level)
+    fine, scene = patch_level(images[0].shape), scene_level(images[0].shape)
+    images = pyramid(images, 1 + max(level, fine + 1, scene))
+    points = np.rint(even_corners(images[level], *_GRID) * 2**level + (2**level - 1) / 2)
+    points = points[spread_order(len(points))]
+
+    def cut(number: int) -> tuple[GreyArray, FloatArray]:
+        # Whole pixels: interpolated patches would be smoother than the frames they are compared with.
+        centres = np.rint((points - (2**number - 1) / 2) / 2**number)
+        return cut_patches(images[min(number, len(images) - 1)], centres), centres
+
+    return KeyframeContent(*cut(fine), *cut(fine + 1), images[level].copy(), images[scene].copy(), described)
 
 
-def patches_around(points: FloatArray, images: Sequence[GreyArray], level: int) -> KeyframeContent:
-    """Cuts patches around points float64[n, 2], full-size px, of a frame and its halvings."""
-    rounded = np.rint(points)
-    patches = tuple(
-        cut_patches(image, at_level(rounded, number)) for number, image in enumerate(images[:LEVELS])
-    )
-    small, scene = images[level].copy(), scene_level(images[0].shape)
-    return KeyframeContent(rounded, patches, small, small if scene == level else images[scene].copy())
+def patch_level(shape: Sequence[int]) -> int:
+    """How often a frame of (height, width) is halved for its patches; coarse ones once more.
+
+    A patch of a halved frame is more precise than one of full size: noise is averaged out, slopes remain.
+    """
+    level = 0 if shape[1] < _SMALL else 1
+    while shape[1] >> level > _PATCHES_WIDTH and level < LEVELS - 2:
+        level += 1
+    return level
 
 
 def scene_level(shape: Sequence[int]) -> int:
@@ -59,27 +82,3 @@ def scene_level(shape: Sequence[int]) -> int:
     while shape[1] >> level > _SCENE_WIDTH:
         level += 1
     return level
-
-
-def at_level(points: FloatArray, level: int) -> FloatArray:
-    """The pixel of a pyramid level nearest to each full-size point, float64[n, 2].
-
-    Whole pixels: interpolated patches would be smoother than the frames they are compared with.
-    """
-    factor = 2**level
-    return np.asarray(np.rint((points - (factor - 1) / 2) / factor), dtype=np.float64)
-
-
-def executor_for(name: str) -> BackgroundExecutor:
-    """A thread for work whose results are always asked for, so that no failure goes unseen."""
-    return BackgroundExecutor(name, failed=lambda _: None)
-
-
-def deferred(
-    executor: BackgroundExecutor, work: Callable[..., _Result], *arguments: Any
-) -> Callable[[], _Result]:
-    """Begins work in the background; returns a function that waits for its result, at most 20 s.
-
-    Waiting for results, not polling, gives the same homographies however the threads run.
-    """
-    return partial(executor.submit(partial(work, *arguments)).result, TIMEOUT_S)

@@ -11,6 +11,8 @@ from streamkit.geometry.homography import FloatArray, inverse, normalised, proje
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
 from streamkit_stitcher.bundle_adjustment.problem import IndexArray, PlaneProblem
 
+# An adjustment, and the keyframe of each of its cameras.
+Problem = tuple[PlaneProblem, tuple[int, ...]]
 _PATCHES: Final = 1 << 20
 _LARGEST_SCALE: Final = 50.0
 
@@ -50,28 +52,19 @@ class KeyframeGraph:
 
     Args:
         max_tied: keyframes whose ties are kept; older ones are no longer adjusted.
+
+    Attributes:
+        added: number of keyframes ever added to each plane.
+        homographies: float64[3, 3] of each keyframe, oldest first: its pixels to its plane.
+        planes: the number of each keyframe's plane.
     """
 
     def __init__(self, max_tied: int) -> None:
         self._max_tied = max_tied
-        self._added: Counter[int] = Counter()
-        self._homographies: dict[int, FloatArray] = {}
-        self._planes: dict[int, int] = {}
+        self.added: Counter[int] = Counter()
+        self.homographies: dict[int, FloatArray] = {}
+        self.planes: dict[int, int] = {}
         self._ties: dict[int, list[Tie]] = {}
-
-    def added(self, plane: int) -> int:
-        """Number of keyframes ever added to a plane."""
-        return self._added[plane]
-
-    @property
-    def planes(self) -> Mapping[int, int]:
-        """The number of each keyframe's plane."""
-        return self._planes
-
-    @property
-    def homographies(self) -> Mapping[int, FloatArray]:
-        """float64[3, 3] of each keyframe, oldest first: its pixels to its plane."""
-        return self._homographies
 
     @property
     def tied(self) -> tuple[int, ...]:
@@ -80,16 +73,16 @@ class KeyframeGraph:
 
     def add(self, index: int, to_reference: FloatArray, ties: Sequence[Tie], plane: int = 0) -> None:
         """Adds a keyframe to a plane with its ties to earlier ones."""
-        self._added[plane] += 1
-        self._planes[index] = plane
-        self._homographies[index] = to_reference
+        self.added[plane] += 1
+        self.planes[index] = plane
+        self.homographies[index] = to_reference
         self._ties[index] = list(ties)
         if len(self._ties) > self._max_tied:
             del self._ties[next(iter(self._ties))]
 
     def tie(self, tie: Tie) -> None:
         """Adds a tie found later, unless its keyframes are no longer adjusted."""
-        if tie.observer in self._ties and tie.host in self._homographies:
+        if tie.observer in self._ties and tie.host in self.homographies:
             self._ties[tie.observer].append(tie)
 
     def hosts(self, index: int) -> set[int]:
@@ -112,8 +105,8 @@ class KeyframeGraph:
 
     def move(self, homographies: Mapping[int, FloatArray]) -> None:
         """Takes over adjusted homographies."""
-        self._homographies.update(
-            (index, matrix) for index, matrix in homographies.items() if index in self._homographies
+        self.homographies.update(
+            (index, matrix) for index, matrix in homographies.items() if index in self.homographies
         )
 
     def forget(self, most: int, needed: Collection[int]) -> None:
@@ -121,28 +114,25 @@ class KeyframeGraph:
 
         Keyframes in `needed` and those with ties are kept.
         """
-        if len(self._homographies) <= most:
+        if len(self.homographies) <= most:
             return
         tied = {tie.host for ties in self._ties.values() for tie in ties} | self._ties.keys() | set(needed)
-        free = [index for index in self._homographies if index not in tied]
+        free = [index for index in self.homographies if index not in tied]
         for index in free[: max(1, most // 20)]:
-            del self._homographies[index], self._planes[index]
+            del self.homographies[index], self.planes[index]
 
     def rebase(self, change: FloatArray, plane: int, number: int) -> None:
         """Moves every keyframe of a plane to the plane `number`, which may exist; `change`: old to new."""
-        for index, own in self._planes.items():
+        for index, own in self.planes.items():
             if own == plane:
-                self._homographies[index] = normalised(change @ self._homographies[index])
-                self._planes[index] = number
-        self._added[number] += self._added.pop(plane, 0)
+                self.homographies[index] = normalised(change @ self.homographies[index])
+                self.planes[index] = number
+        self.added[number] += self.added.pop(plane, 0)
 
-    def problem(
-        self, free: Collection[int], references: Collection[int]
-    ) -> tuple[PlaneProblem, tuple[int, ...]] | None:
+    def problem(self, free: Collection[int], references: Collection[int]) -> Problem | None:
         """The adjustment of some keyframes, except the references; those they are tied to are fixed.
 
-        Returns:
-            The problem and the keyframe of each of its cameras, or None where nothing can move.
+        None where nothing can move.
         """
         wanted = set(free)
         ties = [
@@ -155,7 +145,7 @@ class KeyframeGraph:
             return None
         indices = tuple(sorted({tie.observer for tie in ties} | {tie.host for tie in ties}))
         fixed = np.array([index not in wanted or index in references for index in indices])
-        planes = np.array([self._planes[index] for index in indices])
+        planes = np.array([self.planes[index] for index in indices])
         for plane in np.unique(planes):
             own = np.flatnonzero(planes == plane)
             fixed[own[0]] |= not fixed[own].any()
@@ -164,7 +154,7 @@ class KeyframeGraph:
         number = {index: camera for camera, index in enumerate(indices)}
         keys, cameras, observed = _observations(ties, number)
         unique, first, point_index = np.unique(keys, return_index=True, return_inverse=True)
-        to_plane = np.array([self._homographies[index] for index in indices])
+        to_plane = np.array([self.homographies[index] for index in indices])
         points = np.empty((len(unique), 2))
         hosts = cameras[first]
         for camera in np.unique(hosts):
@@ -192,9 +182,10 @@ def _observations(
 
 
 def adjusted_homographies(
-    problem: PlaneProblem, indices: Sequence[int], settings: AdjustmentSettings
+    found: Problem, settings: AdjustmentSettings
 ) -> tuple[dict[int, FloatArray], float]:
     """Homographies of the free keyframes, without degenerate ones, and the rms residual, px."""
+    problem, indices = found
     result = adjust(problem, settings)
     homographies = {}
     for camera, index in enumerate(indices):

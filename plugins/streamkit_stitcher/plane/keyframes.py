@@ -1,7 +1,7 @@
-"""Keyframes, their matches, and the store of those that frames can be matched with."""
+"""Keyframes, and the matches of frames with them."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,6 +20,7 @@ from streamkit.geometry.homography import (
     tilt,
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
+from streamkit_stitcher.registration.descriptors import FrameFeatures
 from streamkit_stitcher.registration.motion_models import MotionFit
 
 _SCALE_RANGE: Final = (0.7, 1.4)
@@ -28,10 +29,13 @@ _FAR: Final = 1.5
 # A frame of another scale than its keyframe, or seen much more obliquely, becomes a keyframe.
 _KEPT_SCALES: Final = (0.8, 1.25)
 _MAX_TILT: Final = 0.5
-_MANY: Final = 60
 # Smallest deviation at a corner, px: lens, shutter and compression.
 SMALLEST_CORNER_STD: Final = 0.3
 _LEAST_SHARE: Final = 0.05
+# Limits of a frame's motion from a keyframe: a camera that looks obliquely and turns halves the scale of one
+# side of the frame.
+ANY_STEP: Final = 10.0
+ANY_TILT: Final = 1.0
 # Distance of keyframes of different planes, px: these stay while any two of one plane are nearer.
 _ANOTHER_PLANE: Final = 1e12
 
@@ -59,24 +63,14 @@ class Keyframe:
     plane: int = 0
 
     @property
-    def points(self) -> FloatArray:
-        """float64[n, 2], patch centres, full-size px."""
-        return self.content().points
-
-    @property
-    def patches(self) -> tuple[GreyArray, ...]:
-        """One uint8[n, 17, 17] per pyramid level, finest first."""
-        return self.content().patches
-
-    @property
     def small(self) -> GreyArray:
         """uint8[h, w], the frame at working size."""
         return self.content().small
 
     @property
-    def scene(self) -> GreyArray:
-        """uint8[h, w], the frame at the size for feature matching."""
-        return self.content().scene
+    def features(self) -> FrameFeatures:
+        """The features of the frame."""
+        return self.content().features
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +83,9 @@ class KeyframeMatch:
         key_points: float64[n, 2], the same points in the keyframe, px.
         patches: int64[n], numbers of the keyframe's patches.
         deviation: standard deviation of the fit at the worst corner of the frame, px.
+        corner_std: predicted error at the worst corner, px, systematic errors included.
         variances: float64[n], of each patch's position, in any unit, infinite off the plane; None if unknown.
         share: patches that agree, as a part of those in view.
-        std: predicted error at the worst corner, px, systematic errors included; None to derive it.
         at_rest: whether the camera stayed where it was at the keyframe or in the previous frame.
     """
 
@@ -99,123 +93,51 @@ class KeyframeMatch:
     frame_points: FloatArray
     key_points: FloatArray
     patches: npt.NDArray[np.int64]
-    deviation: float = 0.0
+    deviation: float
+    corner_std: float
     variances: FloatArray | None = None
     share: float = 1.0
-    std: float | None = None
     at_rest: bool = False
-
-    @property
-    def corner_std(self) -> float:
-        """Predicted error at the worst corner, px: the fit's, larger as fewer patches agree."""
-        if self.std is not None:
-            return self.std
-        return math.hypot(SMALLEST_CORNER_STD, self.deviation / max(_LEAST_SHARE, self.share) ** 2)
 
     def on_plane(self) -> "KeyframeMatch":
         """The match without the patches off the plane."""
-        return self if self.variances is None else self._part(np.flatnonzero(np.isfinite(self.variances)))
-
-    def most_precise(self) -> "KeyframeMatch":
-        """The match with the more precise half of the patches on the plane, if there are many."""
-        part = self.on_plane()
-        if part.variances is None or len(part.patches) <= _MANY:
-            return part
-        best = np.argsort(part.variances, kind="stable")[: max(_MANY, len(part.patches) // 2)]
-        return part._part(np.sort(best))
-
-    def _part(self, kept: npt.NDArray[np.int64]) -> "KeyframeMatch":
-        if len(kept) == len(self.patches):
+        if self.variances is None:
             return self
+        kept = np.isfinite(self.variances)
         return replace(
             self,
             frame_points=self.frame_points[kept],
             key_points=self.key_points[kept],
             patches=self.patches[kept],
-            variances=None if self.variances is None else self.variances[kept],
+            variances=self.variances[kept],
         )
 
 
-class KeyframeStore:
-    """A bounded set of keyframes, of one reference plane or several.
+def predicted_error(deviation: float, share: float = 1.0) -> float:
+    """Predicted error of a match at the worst corner, px: the fit's, larger as a smaller share agrees."""
+    return math.hypot(SMALLEST_CORNER_STD, deviation / max(_LEAST_SHARE, share) ** 2)
 
-    A full store drops the older of the two nearest keyframes of a plane: their ground stays covered.
-    """
 
-    def __init__(self, capacity: int = 128) -> None:
-        self._capacity = capacity
-        self._keyframes: list[Keyframe] = []
-        self._next_index = 0
+def overlap_at_like_scale(keyframe: Keyframe, to_reference: FloatArray, shape: tuple[int, int]) -> float:
+    """The part of a frame that a keyframe of its plane shows at a similar scale, 0 to 1."""
+    to_key, middle = inverse(keyframe.to_reference) @ to_reference, centre(shape)
+    apart = project(to_key, middle[np.newaxis]) - middle
+    # Most of a hundred are far away, and an exact overlap takes a tenth of a millisecond.
+    is_far = np.hypot(*apart[0]) > _FAR * np.hypot(*shape)
+    if is_far or not _SCALE_RANGE[0] < scale_change(to_key, shape) < _SCALE_RANGE[1]:
+        return 0.0
+    return overlap(to_key, shape)
 
-    def __len__(self) -> int:
-        return len(self._keyframes)
 
-    @property
-    def keyframes(self) -> tuple[Keyframe, ...]:
-        """The stored keyframes, oldest first."""
-        return tuple(self._keyframes)
-
-    def add(
-        self,
-        content: Callable[[], KeyframeContent],
-        to_reference: FloatArray,
-        shape: tuple[int, int],
-        level: int,
-        corner_std: float = 0.0,
-        plane: int = 0,
-    ) -> Keyframe:
-        """Stores a keyframe that was halved `level` times to working size."""
-        keyframe = Keyframe(self._next_index, to_reference, shape, 2**level, content, corner_std, plane)
-        self._next_index += 1
-        self._keyframes.append(keyframe)
-        if len(self._keyframes) > self._capacity:
-            self._keyframes.pop(self._most_redundant())
-        return keyframe
-
-    def overlapping(
-        self, to_reference: FloatArray, shape: tuple[int, int], least: float, plane: int = 0
-    ) -> list[tuple[float, Keyframe]]:
-        """Keyframes of a plane that overlap a frame by `least` (0 to 1) at a similar scale, most first."""
-        found = []
-        to_frame, middle = inverse(to_reference), centre(shape)
-        for keyframe in self._keyframes:
-            if keyframe.plane != plane:
-                continue
-            apart = project(to_frame @ keyframe.to_reference, middle[np.newaxis]) - middle
-            # Most of a hundred are far away, and an exact overlap takes a tenth of a millisecond.
-            if np.hypot(*apart[0]) > _FAR * np.hypot(*shape):
-                continue
-            to_key = inverse(keyframe.to_reference) @ to_reference
-            share = overlap(to_key, shape)
-            if share >= least and _SCALE_RANGE[0] < scale_change(to_key, shape) < _SCALE_RANGE[1]:
-                found.append((share, keyframe))
-        return sorted(found, key=lambda item: (-item[0], item[1].index))
-
-    def move(self, homographies: Mapping[int, FloatArray], planes: Mapping[int, int] | None = None) -> None:
-        """Replaces the homographies and planes of keyframes, by their indices."""
-        numbers = planes or {}
-        self._keyframes = [
-            replace(
-                keyframe,
-                to_reference=homographies[keyframe.index],
-                plane=numbers.get(keyframe.index, keyframe.plane),
-            )
-            if keyframe.index in homographies
-            else keyframe
-            for keyframe in self._keyframes
-        ]
-
-    def _most_redundant(self) -> int:
-        """Position of the older of the two nearest keyframes; the newest and the first always stay."""
-        middles = np.array(
-            [project(item.to_reference, centre(item.shape)[np.newaxis])[0] for item in self._keyframes]
-        )
-        distances = np.hypot(*(middles[:, np.newaxis] - middles[np.newaxis]).transpose(2, 0, 1))
-        planes = np.array([item.plane for item in self._keyframes])
-        distances[planes[:, np.newaxis] != planes] = _ANOTHER_PLANE
-        distances[np.tril_indices(len(middles))] = np.inf
-        distances[0] = np.inf
-        return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
+def most_redundant(keyframes: Sequence[Keyframe]) -> int:
+    """Position of the older of the two nearest keyframes of a plane; the newest and the first always stay."""
+    middles = np.array([project(one.to_reference, centre(one.shape)[np.newaxis])[0] for one in keyframes])
+    distances = np.hypot(*(middles[:, np.newaxis] - middles[np.newaxis]).transpose(2, 0, 1))
+    planes = np.array([one.plane for one in keyframes])
+    distances[planes[:, np.newaxis] != planes] = _ANOTHER_PLANE
+    distances[np.tril_indices(len(middles))] = np.inf
+    distances[0] = np.inf
+    return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
 
 
 def is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:

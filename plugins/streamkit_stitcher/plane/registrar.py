@@ -3,22 +3,26 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
-from streamkit.geometry.homography import IDENTITY, GreyArray, corner_shift, inverse, normalised
+import numpy as np
+
+from streamkit.geometry.homography import (
+    IDENTITY,
+    FloatArray,
+    GreyArray,
+    corner_shift,
+    inverse,
+    normalised,
+)
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_kernels import prepare
-from streamkit_stitcher.plane.anchoring import KeyframeAnchor
-from streamkit_stitcher.plane.frame_registration import (
-    OK_STD,
-    FrameRegistration,
-    KeyframeRegistration,
-)
+from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement, placed
+from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistration
+from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
-from streamkit_stitcher.plane.photograph_rule import PhotographRule
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.motion_models import MotionModel
@@ -45,19 +49,32 @@ _SAME_SCENE: Final = 0.06
 # By how much more must agree under the motion of the corners.
 _MORE: Final = 2.0
 _ADOPT_AFTER: Final = 10
-# Frames without a matching keyframe after which relocalisation is tried at every sixteenth only.
+# Features are tried at every second frame that no keyframe matches, after so many at every sixteenth only.
 _OFTEN: Final = 4
 _RARELY: Final = 16
+# Part of the width that successive photographs are apart, and frames of a video are not.
+_JUMP: Final = 0.15
+# Correlation with the previous frame above which a frame that nothing matches is not a photograph.
+_LIKE: Final = 0.7
 
 
 class FrameRegistrar:
     """Registers the frames of a stream, one after the other, to a plane.
 
-    Each frame is matched with the current keyframe near its predicted homography; where that fails, it is
-    registered to the previous frame, then relocalised by features. Keyframes are adjusted together in the
-    background; where the camera returns to one of them, it becomes current again, which removes drift. A
-    cut, a new frame size, or too many lost frames start a new plane. So does a frame that the plane stretches
-    too much, because of drift or an oblique view, but `change` relates that one to the previous plane.
+    The first method that succeeds registers a frame:
+
+    1. Patches of the current keyframe near the predicted place, or all of its area: `ok` or `still`, `weak`
+       where the predicted error is large. Left out after a lost frame.
+    2. Corners of the last frame, then patches of the current keyframe near where these lead: as above, `weak`
+       where no patches match.
+    3. Features of the stored keyframes, at a cut, and at some of the frames that no keyframe matches.
+    4. The predicted motion: `lost`. Not at a cut, not for photographs, and for 25 frames at most.
+    5. A new plane that begins with the frame: `cut`.
+
+    Keyframes are adjusted together in the background; where the camera returns to one of them, it becomes
+    current again, which removes drift. A new frame size starts a new plane, too. So does a frame that the
+    plane stretches too much, because of drift or an oblique view, but `change` relates that one to the
+    previous plane.
 
     From one frame to the next, `change @ previous.to_reference @ to_previous` is `to_reference`, with the
     identity where `change` is None. Close it, or its threads stay.
@@ -118,221 +135,218 @@ class FrameRegistrar:
                 self.restart()
             self._planes.retire()
             self._reset(shape)
-        images, anchor = pyramid((grey,), self._level + 1), self._planes.anchor
+        images, anchor = pyramid((grey,), self._levels), self._planes.anchor
         if anchor is None or self._last_image is None:
             return self._start_plane(images)
         self._since_key += 1
-        if anchor.keyframes.is_adjusting and self._since_key >= _ADOPT_AFTER:
-            self._planes.adopt(anchor.keyframes.adopt())
-        return self._register(images, anchor, self._last_image)
+        if self._since_key == _ADOPT_AFTER:
+            change = anchor.keyframes.adopt()
+            if change is not None:
+                self._planes.adopt(anchor, change)
+        return self._register(images, anchor)
 
     def _reset(self, shape: tuple[int, int]) -> None:
         """Drops all state but the keyframes; frames of `shape` follow."""
         self._shape = shape
         self._level = working_level(shape, self._settings.registration_width)
+        self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
         self._last_image: GreyArray | None = None
-        self._motion, self._photographs = MotionPredictor(shape), PhotographRule(shape)
+        self._motion, self._is_video = MotionPredictor(shape), False
         self._lost = self._unmeasured = self._since_key = 0
-
-    def _working_image(self, images: Sequence[GreyArray], level: int) -> WorkingImage:
-        return working_image(images, level, self._settings.max_points)
 
     def _start_plane(self, images: Sequence[GreyArray]) -> FrameRegistration:
         """Starts a plane with its first usable frame."""
-        image = self._working_image(images, self._level)
+        image = working_image(images, self._level, self._settings.max_points)
         if image.is_blank:
             return self._predict()
         self._planes.start(images, self._level)
         self._last_image = image.grey
         status = RegistrationStatus.OK if self._planes.number == 0 else RegistrationStatus.CUT
-        return self._publish(
-            FrameRegistration(
-                IDENTITY,
-                IDENTITY,
-                self._planes.number,
-                status,
-                keyframe=True,
-                measured=True,
-                key_index=self._key_index,
-            )
-        )
+        found = Placement(IDENTITY, 0.0, is_keyframe=True)
+        return self._publish(IDENTITY, IDENTITY, status, found, is_measured=True)
 
-    def _restart_plane(self, images: Sequence[GreyArray]) -> FrameRegistration:
-        """Starts another plane with a frame that no keyframe matches."""
-        self.restart()
-        return self._start_plane(images)
-
-    def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
-        """Matches a frame by features; the plane of the matching keyframe becomes current."""
-        recognised = self._planes.recognise(images, anchor)
-        if recognised is not None:
-            self._photographs.is_video = False
-        if self._planes.has_jumped:
-            self._motion = MotionPredictor(self._shape)
-        return recognised
-
-    def _register(
-        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, base: GreyArray
-    ) -> FrameRegistration:
-        """Registers a frame where the current keyframe expects it, else by the motion since the last."""
-        before, std = self._planes.before, self._std_before
-        expected = self._motion.expected(before)
-        due = 0 < self._settings.keyframe_interval <= self._since_key
-        near = None
+    def _register(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> FrameRegistration:
+        """Registers a frame to the current keyframe near its predicted place, else by the motion."""
+        before, near = self._planes.before, None
         if self._motion.predicted == 0:
-            near = anchor.matching.near(images, images[self._level], before, std, expected)
-        if near is not None and near.share >= _AGREEING:
-            self._photographs.is_video = True
-            if (active := anchor.keyframes.active) is not None:
-                step = normalised(inverse(before) @ active.to_reference @ near.fit.matrix)
-                due = due or self._photographs.is_jump(step)
-            return self._accept(images, anchor.register(images, expected, True, near, due=due), None)
-        image = self._working_image(images, self._level)
-        if image.is_blank:
+            near = anchor.match_near(images, before, self._std_before, self._motion.expected(before))
+        if near is None or near.share < _AGREEING:
+            return self._register_by_motion(images, anchor, near)
+        self._is_video = True
+        found = placed(anchor.keyframes.active, near)
+        is_due = self._is_jump(normalised(inverse(before) @ found.to_reference))
+        return self._accept(images, anchor, found, trusted=True, due=is_due)
+
+    def _register_by_motion(
+        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, near: KeyframeMatch | None
+    ) -> FrameRegistration:
+        """Registers a frame from where the motion since the last one leads, or by features.
+
+        `near` is the match with the current keyframe where only a little of the area agrees.
+        """
+        image = working_image(images, self._level, self._settings.max_points)
+        if image.is_blank or self._last_image is None:
             return self._predict()
-        earlier = replace(self._working_image((base,), 0), factor=image.factor)
+        last = working_image((self._last_image,), 0, self._settings.max_points)
+        last = replace(last, factor=image.factor)
+        expected, consecutive = self._motion.expected(self._planes.before), self._motion.predicted == 0
         guess = normalised(inverse(self._planes.last_to_plane) @ expected)
         limits = self._settings.limits
         reach = min(1.0, limits.max_step * (1 + self._motion.predicted))
-        motion = register(earlier, image, guess, replace(limits, max_step=reach))
-        is_related = near is not None and near.share >= (_SAME_SCENE if near.at_rest else _RELATED)
-        if near is not None and is_related and motion.model is MotionModel.HOMOGRAPHY:
-            # Movers may win among the corners: the area decides.
-            measured = normalised(self._planes.last_to_plane @ motion.matrix)
-            moved = anchor.matching.align(images[self._level], before, std, measured)
-            is_related = moved is None or moved.share <= _MORE * near.share
-        if is_related:
-            return self._accept(images, anchor.register(images, expected, True, near, due=due), None)
-        is_photograph = self._photographs.is_photograph(earlier, image, motion)
-        return self._register_by_motion(images, anchor, motion, due, is_photograph)
+        motion = register(last, image, guess, replace(limits, max_step=reach))
+        predicted = Placement(expected, _LOST_STD + self._std_before)
+        is_known = motion.model is not None
+        if is_known:
+            to_plane = normalised(self._planes.last_to_plane @ motion.matrix)
+            predicted = Placement(to_plane, motion.corner_std(self._shape) + self._std_before)
+        trusted = motion.model is MotionModel.HOMOGRAPHY
+        if near is not None and self._is_related(images, anchor, near, predicted if trusted else None):
+            return self._accept(images, anchor, placed(anchor.keyframes.active, near), trusted=True)
+        # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
+        is_photograph = self._is_photograph(last, image, motion)
+        found, recognised = anchor.place(images, predicted, is_photograph), None
+        # Where the motion is known but keyframes never match, as over relief, the tries become rarer.
+        pause = _RARELY if is_known and self._unmeasured > _OFTEN else 2
+        if found.match is None and (motion.is_cut or self._unmeasured % pause == 0):
+            recognised = self._recognise(images, anchor)
+            if recognised is not None:
+                is_jump = consecutive or self._planes.has_jumped
+                found = anchor.place_recognised(images, recognised, is_jump)
+        if not (is_known or recognised is not None or found.match is not None):
+            self._lost += 1
+            self._unmeasured += 1
+            if motion.is_cut or self._lost > _MAX_LOST or is_photograph:
+                self.restart()
+                return self._start_plane(images)
+            return self._predict()
+        return self._accept(
+            images, anchor, found, trusted, recognised is not None, due=is_photograph, motion=motion
+        )
 
-    def _register_by_motion(
+    def _is_related(
         self,
         images: Sequence[GreyArray],
         anchor: KeyframeAnchor,
-        motion: PairwiseMotion,
-        due: bool,
-        is_photograph: bool,
-    ) -> FrameRegistration:
-        """Registers a frame from where the motion since the last one puts it, or relocalises it."""
-        consecutive, known = self._motion.predicted == 0, motion.model is not None
-        expected = self._motion.expected(self._planes.before)
-        recognised = None
-        if motion.is_cut:
-            recognised = self._recognise(images, anchor)
-            if recognised is None and consecutive:
-                return self._restart_plane(images)
-        # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
-        due = due or is_photograph
-        predicted = normalised(self._planes.last_to_plane @ motion.matrix) if known else expected
-        std = (motion.corner_std(self._shape) if known else _LOST_STD) + self._std_before
-        trusted = motion.model is MotionModel.HOMOGRAPHY
-        is_jump = consecutive or self._planes.has_jumped
-        place = partial(anchor.register, images, predicted, consecutive=is_jump, predicted_std=std)
-        keyframe_fit = place(
-            trusted or recognised is not None,
-            recognised=recognised,
-            due=due and (trusted or recognised is not None),
-        )
-        is_open = not (keyframe_fit.measured or keyframe_fit.keyframe or recognised is not None)
-        # Where the motion is known but keyframes never match, as over relief, the tries become rarer.
-        pause = _RARELY if known and consecutive and self._unmeasured > _OFTEN else 2
-        if is_open and self._unmeasured % pause == 0:
-            recognised = self._recognise(images, anchor)
-            if recognised is not None:
-                keyframe_fit = place(trusted=True, recognised=recognised, due=due)
-        if not (known or recognised is not None or keyframe_fit.measured):
-            self._lost += 1
-            self._unmeasured += 1
-            # Without a frame that was followed these are photographs: each may begin a plane of its own.
-            if motion.is_cut or self._lost > _MAX_LOST or is_photograph:
-                return self._restart_plane(images)
-            return self._predict()
-        return self._accept(images, keyframe_fit, motion)
+        near: KeyframeMatch,
+        by_corners: Placement | None,
+    ) -> bool:
+        """Whether the little area that agrees decides, against the motion of the corners if known.
 
-    @property
-    def _key_index(self) -> int:
-        active = None if self._planes.anchor is None else self._planes.anchor.keyframes.active
-        return 0 if active is None else active.index
+        Movers may win among the corners; but a camera at rest is the wrong explanation where much more agrees
+        with the corners.
+        """
+        if near.share < (_SAME_SCENE if near.at_rest else _RELATED):
+            return False
+        if by_corners is None:
+            return True
+        before = self._planes.before
+        moved = anchor.match_area(images, before, self._std_before, by_corners.to_reference)
+        return moved is None or moved.share <= _MORE * near.share
+
+    def _is_jump(self, step: FloatArray) -> bool:
+        """Whether a motion, float64[3, 3], is as large as between photographs."""
+        return corner_shift(step, self._shape) > _JUMP * self._shape[1]
+
+    def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
+        """Whether a frame that no keyframe matches is one: unlike the last one, and not near it.
+
+        Photographs are far apart, and none is followed from one to the next.
+        """
+        likeness = float(np.corrcoef(last.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
+        is_near = motion.model is not None and not self._is_jump(motion.matrix)
+        return not self._is_video and likeness < _LIKE and not is_near
+
+    def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
+        """Matches a frame by features; the plane of the matching keyframe becomes current."""
+        recognised = anchor.recognise(images)
+        if recognised is not None:
+            self._is_video = False
+            if anchor.keyframes.plane != self._planes.number:
+                self._planes.leave(anchor.keyframes.plane)
+                self._motion = MotionPredictor(self._shape)
+        return recognised
 
     def _accept(
-        self, images: Sequence[GreyArray], keyframe_fit: KeyframeRegistration, motion: PairwiseMotion | None
+        self,
+        images: Sequence[GreyArray],
+        anchor: KeyframeAnchor,
+        found: Placement,
+        trusted: bool,
+        recognised: bool = False,
+        due: bool = False,
+        motion: PairwiseMotion | None = None,
     ) -> FrameRegistration:
-        """Publishes a registered frame, at the previous homography where nothing moved."""
-        self._planes.adopt(keyframe_fit.reference_change)
-        to_reference = keyframe_fit.to_reference
-        if keyframe_fit.keyframe and self._planes.anchor is not None:
-            self._since_key = 0
-            to_reference = self._planes.add_keyframe(self._planes.anchor, images, to_reference, self._level)
+        """Publishes a placed frame, at the previous homography where nothing moved."""
+        due = due or 0 < self._settings.keyframe_interval <= self._since_key
+        found = anchor.keep(images, found, trusted, recognised, due)
+        if found.change is not None:
+            self._planes.adopt(anchor, found.change)
+        to_reference, is_measured = found.to_reference, found.match is not None
+        if found.is_keyframe:
+            is_sparse, self._since_key = self._since_key == 1, 0
+            to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level, is_sparse)
         previous, before = self._previous, self._planes.before
         self._last_image, self._planes.last_to_plane = images[self._level], to_reference
         to_previous = normalised(inverse(before) @ to_reference)
         steady = previous is not None and previous.status is not RegistrationStatus.LOST
-        std = keyframe_fit.corner_std
-        # The measurement fixes the whole frame, and the motion since a previous frame that was seen.
-        is_certain = (
-            keyframe_fit.measured
-            and keyframe_fit.fixes_whole_frame
-            and std <= OK_STD
-            and not (steady and math.hypot(self._std_before, std) > _OK_STEP_STD)
-        )
+        # The frame itself is certain, and the motion since a previous frame that was seen.
+        is_certain = is_measured and found.std <= OK_STD
+        is_certain = is_certain and not (steady and math.hypot(self._std_before, found.std) > _OK_STEP_STD)
         status = RegistrationStatus.OK if is_certain else RegistrationStatus.WEAK
-        if (
-            status is RegistrationStatus.OK
-            and steady
-            and corner_shift(to_previous, self._shape) < _STILL_SHIFT
-        ):
+        if is_certain and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
             to_previous, to_reference, status = IDENTITY, before, RegistrationStatus.STILL
         if self._planes.has_jumped:
             to_previous, status = IDENTITY, RegistrationStatus.CUT
-            self._planes.reference_change = self._planes.rebase = None
+            self._planes.change = self._planes.rebase = None
         self._motion.update(to_previous)
         self._lost = 0
-        self._unmeasured = 0 if keyframe_fit.measured else self._unmeasured + 1
-        counted: KeyframeRegistration | PairwiseMotion = (
-            keyframe_fit if keyframe_fit.measured or motion is None else motion
-        )
-        active = None if self._planes.anchor is None else self._planes.anchor.keyframes.active
-        to_key = IDENTITY if active is None else normalised(inverse(active.to_reference) @ to_reference)
-        return self._publish(
-            FrameRegistration(
-                to_previous,
-                to_reference,
-                self._planes.number,
-                status,
-                keyframe=keyframe_fit.keyframe,
-                matches=counted.matches,
-                inliers=counted.inliers,
-                rmse=counted.rmse,
-                corner_std=keyframe_fit.corner_std,
-                measured=keyframe_fit.measured,
-                key_index=self._key_index,
-                to_key=to_key,
-            )
-        )
+        self._unmeasured = 0 if is_measured else self._unmeasured + 1
+        return self._publish(to_previous, to_reference, status, found, is_measured, motion)
 
     def _predict(self) -> FrameRegistration:
         """Publishes a lost frame at its predicted homography."""
-        expected = self._motion.expected(self._planes.before)
+        before = self._planes.before
+        expected = self._motion.expected(before)
         self._motion.predicted += 1
-        to_previous = normalised(inverse(self._planes.before) @ expected)
+        to_previous = normalised(inverse(before) @ expected)
         std = self._std_before + corner_shift(to_previous, self._shape) + _LOST_STD
-        return self._publish(
-            FrameRegistration(
-                to_previous, expected, self._planes.number, RegistrationStatus.LOST, corner_std=std
-            )
-        )
+        found = Placement(expected, std)
+        return self._publish(to_previous, expected, RegistrationStatus.LOST, found)
 
-    def _publish(self, registered: FrameRegistration) -> FrameRegistration:
+    def _publish(
+        self,
+        to_previous: FloatArray,
+        to_reference: FloatArray,
+        status: RegistrationStatus,
+        found: Placement,
+        is_measured: bool = False,
+        motion: PairwiseMotion | None = None,
+    ) -> FrameRegistration:
         planes = self._planes
-        if planes.reference_change is not None:
-            registered = replace(
-                registered,
-                reference_change=planes.reference_change,
-                rebase=planes.rebase,
-                opens_plane=planes.has_opened,
-            )
-        self._previous, planes.before = registered, registered.to_reference
-        self._std_before = registered.corner_std
-        return registered
+        matches, inliers, rmse = 0, 0, 0.0
+        if found.match is not None:
+            fit = found.match.fit
+            matches, inliers, rmse = len(fit.inliers), fit.count, fit.rmse
+        elif motion is not None:
+            matches, inliers, rmse = motion.matches, motion.inliers, motion.rmse
+        active = None if planes.anchor is None else planes.anchor.keyframes.active
+        self._previous = FrameRegistration(
+            to_previous,
+            to_reference,
+            planes.number,
+            status,
+            planes.change,
+            found.is_keyframe,
+            matches,
+            inliers,
+            rmse,
+            found.std,
+            is_measured,
+            0 if active is None else active.index,
+            IDENTITY if active is None else normalised(inverse(active.to_reference) @ to_reference),
+            planes.rebase,
+            planes.has_opened,
+        )
+        planes.before, self._std_before = to_reference, found.std
+        return self._previous

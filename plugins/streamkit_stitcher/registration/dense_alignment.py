@@ -37,8 +37,7 @@ class DenseAlignment:
         corner_std: standard deviation of the best motion at the worst corner, px.
         covariance: float64[8, 8], of the motion's parameters.
         step: float64[8], from the prediction.
-        key_points: float64[k, 2], centres of the blocks that agree.
-        blocks: int64[k], their numbers.
+        blocks: int64[k], numbers of the blocks that agree.
         compared: number of blocks in view.
         prediction: number of the prediction that explains the frame as well, else None; `key_to_frame` is
             then exactly that.
@@ -53,7 +52,6 @@ class DenseAlignment:
     corner_std: float
     covariance: FloatArray
     step: FloatArray
-    key_points: FloatArray
     blocks: npt.NDArray[np.int64]
     compared: int
     prediction: int | None
@@ -123,27 +121,35 @@ def align_densely(
     """
     textures = [texture(image) for image in levels_of(grey)]
     finest, image = levels[-1], textures[-1]
-    best = _near(levels, textures, predictions, covariance)
+    coarsest = 2 ** (len(levels) - 1)
+    scores = [
+        levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
+        for prediction in predictions
+    ]
+    best = _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
     share = 0.0
     if rival is not None:
         other = finest.compare(image, rival)
         share = other.agreement / max(_LEAST_AGREEMENT, best.compared.agreement)
         if finest.evidence(other, best.compared) > _EVIDENT:
             best = _Fit(rival, *finest.refine(image, rival, rival, _RIVAL_COVARIANCE))
-    best = _elsewhere(levels, textures, best)
+    shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
+    is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
+    if is_near and corner_shift(inverse(shift) @ best.motion, finest.shape) > _ELSEWHERE:
+        moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
+        if finest.evidence(moved.compared, best.compared) > _EVIDENT:
+            best = moved
     kept = _preferred(finest, image, predictions, best, preferred)
     motion = best.motion if kept is None else predictions[kept]
     compared = best.compared if kept is None else finest.compare(image, motion)
     chance = np.mean([finest.compare(image, motion @ translation(np.array(by))).agreement for by in _WRONG])
-    agreeing = np.flatnonzero(compared.weights > _AGREEING)
     return DenseAlignment(
         motion,
         max(0.0, float((compared.agreement - chance) / (1 - chance))),
         finest.corner_std(best.posterior),
         best.posterior,
         finest.step_of(inverse(best.start) @ motion),
-        finest.centres[agreeing],
-        agreeing,
+        np.flatnonzero(compared.weights > _AGREEING),
         int(np.count_nonzero(compared.visible)),
         kept,
         0.0 if kept is None else corner_shift(inverse(motion) @ best.motion, finest.shape),
@@ -164,32 +170,6 @@ def _refined(
             image, from_reduced(motion, 2), to_reduced(start, size), covariance / size**2
         )
     return _Fit(start, motion, posterior, compared)
-
-
-def _near(
-    levels: Sequence[DenseLevel],
-    textures: Sequence[SingleArray],
-    predictions: Sequence[FloatArray],
-    covariance: FloatArray,
-) -> _Fit:
-    """The likeliest motion near the prediction that agrees best at the coarsest level."""
-    coarsest = 2 ** (len(levels) - 1)
-    scores = [
-        levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
-        for prediction in predictions
-    ]
-    return _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
-
-
-def _elsewhere(levels: Sequence[DenseLevel], textures: Sequence[SingleArray], best: _Fit) -> _Fit:
-    """The motion near the shift at which the textures correlate best, where evidently better."""
-    finest = levels[-1]
-    shift = from_reduced(levels[0].shift_to(textures[0]), 2 ** (len(levels) - 1))
-    is_far = float(np.hypot(*shift[:2, 2])) >= _FARTHEST * finest.shape[1]
-    if is_far or corner_shift(inverse(shift) @ best.motion, finest.shape) <= _ELSEWHERE:
-        return best
-    moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
-    return moved if finest.evidence(moved.compared, best.compared) > _EVIDENT else best
 
 
 def _preferred(

@@ -1,7 +1,6 @@
 """A keyframe at one size, prepared for dense alignment, and its comparison with a frame, block by block."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final
 
 import cv2
@@ -16,7 +15,8 @@ from streamkit.geometry.homography import (
     normalised,
     translation,
 )
-from streamkit_stitcher.registration.correlation_shift import texture_shift
+from streamkit_stitcher.registration.correlation import texture_shift
+from streamkit_stitcher.registration.gauss_newton import slopes, step_matrix, step_parameters, worst_deviation
 from streamkit_stitcher.registration.patches import halved
 
 SingleArray = npt.NDArray[np.float32]
@@ -39,7 +39,11 @@ _SETTLED: Final = 0.03
 _INDEPENDENT: Final = 250.0
 # Parts of the frame in x and in y whose agreement is compared.
 _PARTS: Final = 6
-# Deviations of the parameters of a step: shift x, y, scale, rotation, two of shear, two of perspective.
+# The parameters of a step here, shift x, y, scale, rotation, two of shear, two of perspective, by those of
+# `gauss_newton`; and their deviations.
+_BASIS: Final[FloatArray] = np.zeros((8, 8))
+_BASIS[[0, 1, 2, 3, 4, 5, 6, 7], [2, 5, 0, 3, 0, 1, 6, 7]] = 1
+_BASIS[[2, 3, 4, 5], [4, 1, 4, 3]] = 1, -1, -1, 1
 STEP_RATIOS: Final[FloatArray] = np.array([1.0, 1.0, 0.3, 0.3, 0.1, 0.1, 0.07, 0.07])
 
 
@@ -57,16 +61,6 @@ def levels_of(grey: GreyArray) -> tuple[GreyArray, ...]:
     while len(images) < _LEVELS and min(images[-1].shape) >= 2 * _SMALLEST_SIDE:
         images.append(halved(images[-1]))
     return tuple(images[::-1])
-
-
-def _slopes(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of x and y by a step, float64[8, n], at points float64[2, n] in half widths."""
-    x, y = points
-    one, none = np.ones_like(x), np.zeros_like(x)
-    return (
-        np.stack([one, none, x, -y, x, y, -x * x, -x * y]),
-        np.stack([none, one, y, x, -y, x, -x * y, -y * y]),
-    )
 
 
 class DenseLevel:
@@ -87,27 +81,17 @@ class DenseLevel:
             [self._mean(across * across), self._mean(across * down), self._mean(down * down)]
         )
         self._power = self._mean(self._texture * self._texture)
-        self._unit = max(height, width) / 2
-        middle_x, middle_y = (width - 1) / 2, (height - 1) / 2
-        self._normalise = np.array([[1, 0, -middle_x], [0, 1, -middle_y], [0, 0, self._unit]]) / self._unit
+        self._scaling = np.array([(width - 1) / 2, (height - 1) / 2, max(height, width) / 2])
         rows, columns = np.mgrid[0 : self._blocks[0], 0 : self._blocks[1]] * _BLOCK + (_BLOCK - 1) / 2
         self.centres = np.stack([columns.ravel(), rows.ravel()], axis=1)
-        self._slopes = _slopes((self.centres.T - [[middle_x], [middle_y]]) / self._unit)
-        x, y = self._slopes
-        xx, xy, yy = self._structure
+        self._slopes = _BASIS @ slopes(self.centres, self._scaling)
+        self._corner_slopes = _BASIS @ slopes(corners(self.shape), self._scaling)
+        (x, y), (xx, xy, yy) = self._slopes, self._structure
         self._steepest = xx * x + xy * y, xy * x + yy * y
-
-    @cached_property
-    def _corner_slopes(self) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the corners' positions by a step, float64[8, 4] each."""
-        outline = corners(self.shape)
-        return _slopes((outline - outline.mean(axis=0)).T / self._unit)
 
     def corner_std(self, covariance: FloatArray) -> float:
         """Standard deviation at the worst corner, px, of a step's covariance, float64[8, 8]."""
-        x, y = self._corner_slopes
-        variance = np.einsum("ic,ij,jc->c", x, covariance, x) + np.einsum("ic,ij,jc->c", y, covariance, y)
-        return float(np.sqrt(variance.max()))
+        return worst_deviation(_BASIS.T @ covariance @ _BASIS, self._scaling, corners(self.shape))
 
     def _mean(self, values: Any) -> FloatArray:
         """The mean of each block, float64[n]."""
@@ -199,18 +183,11 @@ class DenseLevel:
         return motion, np.linalg.inv(whole), compared
 
     def _matrix(self, step: FloatArray) -> FloatArray:
-        x, y, scale, turn, first, second, across, down = (step / self._unit).tolist()
-        matrix = np.array(
-            [[1 + scale + first, second - turn, x], [second + turn, 1 + scale - first, y], [across, down, 1]]
-        )
-        return np.asarray(inverse(self._normalise) @ matrix @ self._normalise)
+        return step_matrix(_BASIS.T @ step, self._scaling)
 
     def step_of(self, matrix: FloatArray) -> FloatArray:
         """The parameters of a step, float64[8], px, from its homography."""
-        (a, b, x), (c, d, y), (g, h, _) = normalised(
-            self._normalise @ matrix @ inverse(self._normalise)
-        ).tolist()
-        return self._unit * np.array([x, y, (a + d) / 2 - 1, (c - b) / 2, (a - d) / 2, (b + c) / 2, g, h])
+        return np.asarray(np.linalg.solve(_BASIS.T, step_parameters(matrix, self._scaling)), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,17 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, GreyArray
-from streamkit_stitcher.registration.motion_models import MotionFit
-from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 
 _FEATURES: Final = 2500
 _CONTRAST: Final = 0.01
 _RATIO: Final = 0.8
-_MIN_RATIO: Final = 0.25
-# Enough for that share of inliers.
-_ITERATIONS: Final = 1000
-# Wide enough for trees and roofs, which are off the plane.
-_THRESHOLD: Final = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,20 +67,3 @@ def match_features(
     distinct = 1 - nearest < _RATIO**2 * (1 - products.max(axis=1))
     kept = np.flatnonzero(mutual & distinct)
     return kept, best[kept]
-
-
-def recognise(
-    source: FrameFeatures, target: FrameFeatures, min_inliers: int
-) -> tuple[MotionFit, npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
-    """Matches two frames by features; None where fewer than `min_inliers` pairs agree on a homography.
-
-    Returns:
-        The fit, source to target, and of its inliers the features of the source and of the target, int64[k].
-    """
-    own, other = match_features(source, target)
-    if len(own) < min_inliers:
-        return None
-    fit = fit_wide_baseline(source.points[own], target.points[other], _THRESHOLD, _ITERATIONS)
-    if fit is None or fit.count < max(min_inliers, _MIN_RATIO * len(own)):
-        return None
-    return fit, own[fit.inliers], other[fit.inliers]

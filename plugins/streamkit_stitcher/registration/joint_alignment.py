@@ -1,60 +1,21 @@
 """Joint alignment: one homography aligns all patches of a keyframe with a frame."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, corners, inverse, project
-from streamkit_stitcher.registration.gauss_newton import Scaling, worst_deviation
+from streamkit.geometry.homography import FloatArray, GreyArray, corners, inverse, project
+from streamkit_stitcher.registration.gauss_newton import scaling_of, worst_deviation
 from streamkit_stitcher.registration.patch_steps import improve, settle
-from streamkit_stitcher.registration.patches import PatchLevel, prepare
+from streamkit_stitcher.registration.patches import PatchLevel
 
 _PASSES: Final = 3
 _SETTLED: Final = 0.3
 _WILD: Final = 10.0
-
-
-@dataclass(frozen=True, eq=False)
-class JointLevel:
-    """Patches of one pyramid level, in an order whose every leading part covers the whole frame.
-
-    Attributes:
-        patches: the patches.
-        numbers: int64[n], their numbers in the keyframe.
-        scaling: of their centres.
-    """
-
-    patches: PatchLevel
-    numbers: npt.NDArray[np.int64]
-    scaling: Scaling
-
-    def without(self, left_out: MaskArray) -> "JointLevel":
-        """Marks patches as not usable, bool[n]."""
-        return replace(self, patches=replace(self.patches, usable=self.patches.usable & ~left_out))
-
-    def part(self, chosen: npt.NDArray[np.int64]) -> "JointLevel":
-        """Some of the patches, by their indices."""
-        return JointLevel(self.patches.part(chosen), self.numbers[chosen], self.scaling)
-
-
-def spread_order(count: int) -> npt.NDArray[np.int64]:
-    """The numbers below `count`, each leading part evenly spread, int64[count].
-
-    Source: van der Corput, Verteilungsfunktionen, 1935.
-    """
-    numbers, reversed_bits = np.arange(count), np.zeros(count, dtype=np.int64)
-    for bit in range(max(1, count - 1).bit_length()):
-        reversed_bits = reversed_bits << 1 | numbers >> bit & 1
-    return np.argsort(reversed_bits, kind="stable")
-
-
-def joint_level(patches: GreyArray, centres: FloatArray, numbers: npt.NDArray[np.int64]) -> JointLevel:
-    """Prepares n >= 1 patches from `cut_patches`, their centres, and their numbers in the keyframe."""
-    return JointLevel(prepare(patches, centres), numbers, Scaling.of(centres))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,34 +50,27 @@ class JointAlignment:
 
 
 def align_coarsely(
-    level: JointLevel, image: GreyArray, key_to_frame: FloatArray, count: int, passes: int, settled: float
+    patches: PatchLevel, image: GreyArray, key_to_frame: FloatArray, passes: int, settled: float
 ) -> FloatArray | None:
     """Improves a predicted motion until it converges, else None.
 
     Args:
-        level: patches of the keyframe.
+        patches: of the keyframe.
         image: the frame at the same reduction.
         key_to_frame: prediction, right to a few px of this level.
-        count: number of leading patches to use.
         passes: most iterations.
         settled: largest displacement of a patch in the last iteration.
     """
-    patches, matrix = level.patches.part(slice(count)), key_to_frame.copy()
-    found = settle(
-        np.ascontiguousarray(image),
-        patches.centres,
-        patches.probes,
-        patches.usable,
-        _numbers(level.scaling),
-        passes,
-        settled,
-        matrix,
-    )
+    if not len(patches.numbers):
+        return None
+    pixels, matrix = np.ascontiguousarray(image), key_to_frame.copy()
+    scaling = scaling_of(patches.centres)
+    found = settle(pixels, patches.centres, patches.probes, patches.usable, scaling, passes, settled, matrix)
     return matrix if found else None
 
 
 def align_jointly(
-    level: JointLevel, image: GreyArray, key_to_frame: FloatArray, threshold: float
+    patches: PatchLevel, image: GreyArray, key_to_frame: FloatArray, threshold: float
 ) -> JointAlignment | None:
     """Aligns the keyframe with a frame, to a few hundredths of a pixel; None without convergence.
 
@@ -128,79 +82,47 @@ def align_jointly(
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
-    patches, count, pixels = level.patches, len(level.numbers), np.ascontiguousarray(image)
-    buffers = _Buffers(
-        key_to_frame.copy(),
-        np.empty((3, count)),
-        np.empty((3, count)),
-        np.empty((8, 8)),
-        np.empty(count, dtype=np.bool_),
-        np.empty(count, dtype=np.bool_),
-    )
+    count, pixels, scaling = len(patches.numbers), np.ascontiguousarray(image), scaling_of(patches.centres)
+    matrix, normal = key_to_frame.copy(), np.empty((8, 8))
+    products, information = np.empty((3, count)), np.empty((3, count))
+    alike, near = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.bool_)
+    size = math.inf
     for _ in range(_PASSES):
         size, visible_count, variance = improve(
             pixels,
             patches.centres,
             patches.probes,
             patches.usable,
-            _numbers(level.scaling),
+            scaling,
             patches.inverse_hessian,
-            buffers.key_to_frame,
-            buffers.products,
-            buffers.information,
-            buffers.normal,
-            buffers.alike,
-            buffers.near,
+            matrix,
+            products,
+            information,
+            normal,
+            alike,
+            near,
         )
-        if size > _WILD:
-            return None
-        if size < _SETTLED:
-            return _aligned(level, pixels, buffers, visible_count, variance, threshold)
-    return None
-
-
-@dataclass(frozen=True, eq=False)
-class _Buffers:
-    """Output arrays of `improve`, named as its arguments."""
-
-    key_to_frame: FloatArray
-    products: FloatArray
-    information: FloatArray
-    normal: FloatArray
-    alike: MaskArray
-    near: MaskArray
-
-
-def _numbers(scaling: Scaling) -> FloatArray:
-    return np.array([*scaling.middle, scaling.size])
-
-
-def _aligned(
-    level: JointLevel,
-    image: GreyArray,
-    buffers: _Buffers,
-    visible_count: int,
-    variance: float,
-    threshold: float,
-) -> JointAlignment:
-    residuals, alike, near = buffers.products[:2], buffers.alike, buffers.near
+        if size < _SETTLED or size > _WILD:
+            break
+    if not size < _SETTLED:
+        return None
+    residuals = products[:2]
     squares = np.einsum("in,in->n", residuals, residuals)
     agreeing = np.flatnonzero(alike & (squares < threshold**2))
-    key_points = level.patches.centres[agreeing]
-    xx, xy, yy = buffers.information[:, agreeing]
-    solved, inverted = cv2.invert(buffers.normal, flags=cv2.DECOMP_CHOLESKY)
-    covariance = np.asarray(inverted, dtype=np.float64)
-    outline = project(inverse(buffers.key_to_frame), corners(image.shape[:2]))
+    key_points = patches.centres[agreeing]
+    xx, xy, yy = information[:, agreeing]
+    solved, covariance = cv2.invert(normal, flags=cv2.DECOMP_CHOLESKY)
+    outline = project(inverse(matrix), corners(image.shape[:2]))
     return JointAlignment(
-        buffers.key_to_frame,
+        matrix,
         key_points,
-        project(buffers.key_to_frame, key_points + residuals[:, agreeing].T),
-        level.numbers[agreeing],
+        project(matrix, key_points + residuals[:, agreeing].T),
+        patches.numbers[agreeing],
         np.where(near[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
         math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
         int(np.count_nonzero(alike)),
         visible_count,
-        worst_deviation(covariance, level.scaling, outline, variance) if solved else math.inf,
-        level.numbers[alike & ~near],
-        level.numbers[alike & near],
+        worst_deviation(np.asarray(variance * covariance), scaling, outline) if solved else math.inf,
+        patches.numbers[alike & ~near],
+        patches.numbers[alike & near],
     )

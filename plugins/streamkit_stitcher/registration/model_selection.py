@@ -1,6 +1,7 @@
 """Selection of the motion model that explains matches without fitting their noise."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,7 +13,6 @@ from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 _MODELS: Final = (MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY)
 _PARAMETERS: Final = {MotionModel.HOMOGRAPHY: 8, MotionModel.AFFINE: 6, MotionModel.SIMILARITY: 4}
 _FEWEST: Final = 24
-_OUTLIER: Final = 2.0
 _SMALLEST_VARIANCE: Final = 0.02**2
 
 
@@ -29,7 +29,8 @@ def gric(residuals: FloatArray, variance: float, parameters: int) -> float:
     """
     count = len(residuals)
     squares = np.einsum("ni,ni->n", residuals, residuals) / variance
-    capped = np.minimum(squares, 2 * _OUTLIER * 2)
+    # An outlier costs 2 (r - d), whatever its residual.
+    capped = np.minimum(squares, 2 * (4 - 2))
     return float(capped.sum() + 2 * count * np.log(4) + parameters * np.log(4 * count))
 
 
@@ -50,16 +51,13 @@ class MotionRule:
 
         Keyframes may all have the same tilt while the frames between them do not.
         """
+        if self.model is MotionModel.HOMOGRAPHY:
+            return fit
         simple = restrict(fit, self.model, source, target)
         if simple is fit or self.strict:
             return simple
         first, second = source[fit.inliers], target[fit.inliers]
-        residuals = [second - project(own.matrix, first) for own in (fit, simple)]
-        variance = _variance(residuals[0])
-        whole, plain = (
-            gric(own, variance, _PARAMETERS[model])
-            for own, model in zip(residuals, (fit.model, simple.model), strict=True)
-        )
+        whole, plain = _criteria([fit, simple], first, second)
         return fit if whole < plain else simple
 
 
@@ -87,25 +85,22 @@ class ModelSelection:
         """Adds the inliers of a pair, float64[n, 2] each; fewer than 24 are ignored."""
         if len(source) < _FEWEST:
             return
-        residuals = []
-        for model in _MODELS:
-            matrix = least_squares(model, source, target)
-            if matrix is None:
-                return
-            residuals.append(target - project(matrix, source))
-        variance = _variance(residuals[0])
-        self._scores.append(
-            np.array(
-                [
-                    gric(own, variance, _PARAMETERS[model])
-                    for model, own in zip(_MODELS, residuals, strict=True)
-                ]
-            )
-        )
+        matrices = [least_squares(model, source, target) for model in _MODELS]
+        fits = [
+            MotionFit(matrix, model, np.ones(len(source), dtype=np.bool_), 0.0)
+            for model, matrix in zip(_MODELS, matrices, strict=True)
+            if matrix is not None
+        ]
+        if len(fits) == len(_MODELS):
+            self._scores.append(_criteria(fits, source, target))
 
 
-def _variance(residuals: FloatArray) -> float:
-    """Robust variance of one coordinate of residuals float64[n, 2], px squared."""
-    # The median length of a 2-D Gaussian error is 1.1774 deviations.
-    typical = float(np.median(np.hypot(*residuals.T)))
-    return max(_SMALLEST_VARIANCE, (typical / 1.1774) ** 2)
+def _criteria(fits: Sequence[MotionFit], source: FloatArray, target: FloatArray) -> FloatArray:
+    """`gric` of each of some motions, by the variance that the first of them leaves."""
+    residuals = [target - project(fit.matrix, source) for fit in fits]
+    # Robust: the median length of a 2-D Gaussian error is 1.1774 deviations.
+    typical = float(np.median(np.hypot(*residuals[0].T)))
+    variance = max(_SMALLEST_VARIANCE, (typical / 1.1774) ** 2)
+    return np.array(
+        [gric(own, variance, _PARAMETERS[fit.model]) for own, fit in zip(residuals, fits, strict=True)]
+    )

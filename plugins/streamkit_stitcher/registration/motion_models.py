@@ -11,7 +11,7 @@ import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, FloatArray, MaskArray, is_plausible, project
 from streamkit.settings import setting
-from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
+from streamkit_stitcher.registration.gauss_newton import gauss_newton_step
 
 _MAX_ITERATIONS: Final = 500
 _CONFIDENCE: Final = 0.995
@@ -20,7 +20,6 @@ _MIN_TRIM: Final = 0.1
 _REFINEMENTS: Final = 2
 _MIN_REFINABLE: Final = 12
 _MIN_KEPT: Final = 0.9
-_MIN_RATIO: Final = 0.6
 
 
 class MotionModel(StrEnum):
@@ -82,14 +81,7 @@ class FitLimits:
     max_step: float = 0.25
 
 
-def fit_homography(
-    source: FloatArray,
-    target: FloatArray,
-    threshold: float,
-    refinements: int = _REFINEMENTS,
-    start: FloatArray | None = None,
-    weights: FloatArray | None = None,
-) -> MotionFit | None:
+def fit_homography(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
     """Fits a homography by RANSAC, refined by least squares on the inliers, then on the best of them.
 
     The last step halves the corner error: slow cars and poorly tracked points pass RANSAC's threshold, but
@@ -99,9 +91,6 @@ def fit_homography(
         source: points.
         target: points.
         threshold: largest residual of an inlier, px of the target.
-        refinements: iterations of the refinement.
-        start: a prediction; refined without RANSAC where most pairs are its inliers.
-        weights: float64[n], of the pairs in the refinement, such as inverse variances.
 
     Returns:
         The fit, or None for fewer than 4 pairs or degenerate ones.
@@ -111,15 +100,13 @@ def fit_homography(
     """
     if len(source) < 4:
         return None
-    fit = None if start is None else evaluate(start, MotionModel.HOMOGRAPHY, source, target, threshold)
-    if fit is None or fit.ratio < _MIN_RATIO:
-        matrix, _ = cv2.findHomography(
-            source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
-        )
-        fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-    if fit is None or fit.count < _MIN_REFINABLE or not refinements:
+    matrix, _ = cv2.findHomography(
+        source, target, cv2.USAC_FAST, threshold, maxIters=_MAX_ITERATIONS, confidence=_CONFIDENCE
+    )
+    fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+    if fit is None or fit.count < _MIN_REFINABLE:
         return fit
-    matrix = _refined(fit.matrix, source, target, threshold, refinements, weights)
+    matrix = _refined(fit.matrix, source, target, threshold, _REFINEMENTS)
     refined = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
     return refined if refined is not None and refined.count >= _MIN_KEPT * fit.count else fit
 
@@ -164,9 +151,7 @@ def least_squares(model: MotionModel, source: FloatArray, target: FloatArray) ->
 
 
 def restrict(fit: MotionFit, model: MotionModel, source: FloatArray, target: FloatArray) -> MotionFit:
-    """Refits a homography's inliers with a simpler model; `fit` where that fails or nothing is simpler."""
-    if model is MotionModel.HOMOGRAPHY or fit.model is not MotionModel.HOMOGRAPHY:
-        return fit
+    """Refits a homography's inliers with a simpler model; `fit` where that fails."""
     first, second = source[fit.inliers], target[fit.inliers]
     matrix = least_squares(model, first, second)
     if matrix is None:
@@ -201,44 +186,21 @@ def fit_motion(
 
 
 def _refined(
-    matrix: FloatArray,
-    source: FloatArray,
-    target: FloatArray,
-    threshold: float,
-    steps: int,
-    weights: FloatArray | None = None,
+    matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float, steps: int
 ) -> FloatArray:
-    """Gauss-Newton iterations on the inliers of `matrix`, on all pairs if `threshold` is infinite.
-
-    Before the last iteration weights are capped at the median: a few large ones, such as the corners of
-    roofs, would otherwise bias the motion before outliers are rejected.
-    """
-    scaling = Scaling.of(target)
-    full = np.ones(len(target)) if weights is None else weights
-    even = full if weights is None else np.minimum(weights, np.median(weights))
-    counted = even
-    for step in range(steps):
-        mapped = project(matrix, source)
-        residuals = target - mapped
-        if not math.isinf(threshold):
-            own = full if step == steps - 1 else even
-            counted = own * _inlier_mask(np.einsum("ni,ni->n", residuals, residuals), own, threshold)
-        better = gauss_newton_step(matrix, scaling, mapped, residuals, counted)
+    """Gauss-Newton iterations on the inliers of `matrix`, on all pairs if `threshold` is infinite."""
+    for _ in range(steps):
+        residuals = target - project(matrix, source)
+        squares = np.einsum("ni,ni->n", residuals, residuals)
+        # Pairs whose residual is below a multiple of the median of those within the threshold.
+        close = squares[squares < threshold**2]
+        typical = float(np.median(close)) if len(close) else 0.0
+        inliers = squares < max(_TRIM**2 * typical, (_MIN_TRIM * threshold) ** 2)
+        better = gauss_newton_step(matrix, source, target, inliers.astype(np.float64))
         if better is None:
             break
         matrix = better
     return matrix
-
-
-def _inlier_mask(squares: FloatArray, weights: FloatArray, threshold: float) -> MaskArray:
-    """Pairs whose weighted residual is below a multiple of the median."""
-    close = squares < threshold**2
-    if not close.any():
-        return np.asarray(squares < (_MIN_TRIM * threshold) ** 2)
-    counted = squares * weights
-    near = counted[close]
-    typical = float(np.partition(near, len(near) // 2)[len(near) // 2])
-    return np.asarray((counted < _TRIM**2 * typical) | (squares < (_MIN_TRIM * threshold) ** 2))
 
 
 def evaluate(

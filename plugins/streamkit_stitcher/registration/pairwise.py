@@ -16,12 +16,11 @@ from streamkit.geometry.homography import (
     from_reduced,
     inverse,
     is_plausible,
-    normalised,
     project,
     to_reduced,
 )
 from streamkit_stitcher.registration.corners import even_corners
-from streamkit_stitcher.registration.correlation_shift import search_shift
+from streamkit_stitcher.registration.correlation import overlap_correlation, search_shift
 from streamkit_stitcher.registration.motion_models import (
     NO_FIT,
     FitLimits,
@@ -140,86 +139,59 @@ def register(
 
     Source: Lucas and Kanade 1981, Bouguet's pyramidal form.
     """
-    start = inverse(to_reduced(guess, current.factor))
-    fit, best, matches = _track_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
-    if fit is not None and fit.model is MotionModel.HOMOGRAPHY:
-        return _motion(fit, matches, current.factor)
+    start, shape = inverse(to_reduced(guess, current.factor)), current.grey.shape[:2]
+    first, best = _track_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
+    if first is not None and first.model is MotionModel.HOMOGRAPHY:
+        return _motion(first, current.factor)
     shift = search_shift(earlier.grey, current.grey)
     back = IDENTITY if shift is None else shift
-    second, second_best, second_matches = _track_and_fit(
-        _with_exposure_of(earlier.grey, current.grey, back),
-        current.grey,
-        earlier.points,
-        inverse(back),
-        replace(limits, max_step=1.0),
-    )
+    exposed = _with_exposure_of(earlier.grey, current.grey, back)
+    anywhere = replace(limits, max_step=1.0)
+    second, second_best = _track_and_fit(exposed, current.grey, earlier.points, inverse(back), anywhere)
     if second is not None and second.model is not MotionModel.HOMOGRAPHY:
-        second = second if is_plausible(second.matrix, _shape(current), limits.max_step) else None
-    if second is not None and (fit is None or second.count > fit.count):
-        return _motion(second, second_matches, current.factor)
-    if fit is not None:
-        return _motion(fit, matches, current.factor)
+        second = second if is_plausible(second.matrix, shape, limits.max_step) else None
+    fits = [fit for fit in (first, second) if fit is not None]
+    if fits:
+        return _motion(max(fits, key=lambda fit: fit.count), current.factor)
     best = max(best, second_best, key=lambda found: found.count)
     found, step = (from_reduced(matrix, current.factor) for matrix in (best.matrix, back))
     likeness = thumbnail_correlation(earlier, current, step)
-    if shift is not None and likeness >= _ALIKE and is_plausible(back, _shape(current), limits.max_step):
+    if shift is not None and likeness >= _ALIKE and is_plausible(back, shape, limits.max_step):
         return PairwiseMotion(step, MotionModel.TRANSLATION, False, len(best.inliers), best.count, 0.0)
     is_other = max(likeness, thumbnail_correlation(earlier, current, found)) < _ALIKE
     is_cut = is_other and best.count < _CUT_RATIO * max(1, len(earlier.points))
     return PairwiseMotion(IDENTITY, None, is_cut, len(best.inliers), best.count, 0.0)
 
 
-def _shape(image: WorkingImage) -> tuple[int, int]:
-    return image.grey.shape[0], image.grey.shape[1]
-
-
 def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: FloatArray) -> float:
-    """Normalised cross-correlation of two thumbnails over their overlap, -1 to 1.
+    """Correlation of two thumbnails over their overlap, -1 to 1, see `overlap_correlation`.
 
-    0 where less than a tenth overlaps or one side is flat. `matrix` maps full-size pixels of `current` to
-    those of `earlier`.
+    `matrix` maps full-size pixels of `current` to those of `earlier`.
     """
     width, height = _THUMBNAIL
     rows, columns = current.grey.shape
     shrink = np.diag([width / (columns * current.factor), height / (rows * current.factor), 1.0])
-    small = normalised(shrink @ matrix @ np.linalg.inv(shrink))
-    moved = cv2.warpPerspective(current.thumbnail, small, _THUMBNAIL, borderValue=float("nan"))
-    shared = np.isfinite(moved)
-    if shared.sum() < 0.1 * width * height:
-        return 0.0
-    first, second = earlier.thumbnail[shared], moved[shared]
-    first, second = first - first.mean(), second - second.mean()
-    power = float(np.sqrt((first**2).sum() * (second**2).sum()))
-    return float((first * second).sum()) / power if power > 1e-9 else 0.0
+    to_earlier = shrink @ matrix @ np.linalg.inv(shrink)
+    return overlap_correlation(current.thumbnail, earlier.thumbnail, to_earlier)
 
 
-def _motion(fit: MotionFit, matches: int, factor: int) -> PairwiseMotion:
+def _motion(fit: MotionFit, factor: int) -> PairwiseMotion:
     matrix = from_reduced(fit.matrix, factor)
-    return PairwiseMotion(matrix, fit.model, False, matches, fit.count, fit.rmse * factor)
+    return PairwiseMotion(matrix, fit.model, False, len(fit.inliers), fit.count, fit.rmse * factor)
 
 
 def _track_and_fit(
     earlier: GreyArray, current: GreyArray, points: FloatArray, start: FloatArray, limits: FitLimits
-) -> tuple[MotionFit | None, MotionFit, int]:
-    """Tracks points and fits a motion: the accepted fit, the best fit, and the number of points."""
-    old, new = _track(earlier, current, points, start)
-    if not len(old):
-        return None, NO_FIT, 0
-    fit, best = fit_motion(new, old, (current.shape[0], current.shape[1]), limits)
-    return fit, best, len(old)
+) -> tuple[MotionFit | None, MotionFit]:
+    """The accepted motion and the best fit of points tracked from where `start` (earlier to current) leads.
 
-
-def _track(
-    earlier: GreyArray, current: GreyArray, points: FloatArray, start: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Pyramidal Lucas-Kanade from the predictions of `start` (earlier to current)."""
-    if not len(points):
-        return points, points
-    expected = project(start, points)
+    Pyramidal Lucas-Kanade.
+    """
     height, width = current.shape
+    expected = project(start, points)
     inside = ((expected >= 0) & (expected < (width, height))).all(axis=1)
     if not inside.any():
-        return points[:0], points[:0]
+        return None, NO_FIT
     old = np.ascontiguousarray(points[inside], dtype=np.float32).reshape(-1, 1, 2)
     new, found, _ = cv2.calcOpticalFlowPyrLK(
         earlier,
@@ -232,7 +204,8 @@ def _track(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     kept = found.reshape(-1) == 1
-    return old[kept, 0].astype(np.float64), new[kept, 0].astype(np.float64)
+    pair = new[kept, 0].astype(np.float64), old[kept, 0].astype(np.float64)
+    return fit_motion(*pair, (height, width), limits)
 
 
 def _with_exposure_of(image: GreyArray, model: GreyArray, shift: FloatArray) -> GreyArray:

@@ -1,8 +1,8 @@
 """Compiled joint alignment: Gauss-Newton steps of a homography over all patches of a keyframe.
 
 Common arguments: `centres` float64[n, 2], px of the keyframe; `scaling` float64[3], centre x y and size of
-normalised coordinates; `probes` float32[n, 3, 225], see `PatchLevel`; `usable` bool[n]. Results go into
-arrays of the caller.
+normalised coordinates; `parameters` float64[8], of a step in these; `probes` float32[n, 3, 225], see
+`PatchLevel`; `usable` bool[n]. Results go into arrays of the caller.
 """
 
 from typing import Final
@@ -13,7 +13,6 @@ from numba import types
 
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8_READONLY, compiled, kernel
-from streamkit_stitcher.registration.homography_step import compose, displace, solve
 from streamkit_stitcher.registration.patch_comparison import probe
 from streamkit_stitcher.registration.patches import OFF_PLANE, SMALLEST_STD
 
@@ -27,10 +26,9 @@ _WILD: Final = 10.0
 # Patches within this distance of the common shift, px, are never off the plane.
 _CLOSE: Final = 0.3
 _FEWEST: Final = 10
-_SEARCH_PASSES: Final = 6
-_ENOUGH: Final = 0.85
 _MIN_COARSE_CORRELATION: Final = 0.2
 _MIN_CORRELATION: Final = 0.6
+_MAX_CONDITION: Final = 1e14
 
 
 @kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, _VALUES, types.int64, types.float64, FLOAT64)
@@ -144,40 +142,6 @@ def improve(
     return far, visible_count, squares[near].sum() / max(1, freedom)
 
 
-@kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, FLOAT64, types.float64, types.float64, FLOAT64, FLOAT64)
-def search(
-    image: GreyArray,
-    centres: FloatArray,
-    probes: _SingleArray,
-    usable: MaskArray,
-    matrix: FloatArray,
-    tolerance: float,
-    reach: float,
-    shift: FloatArray,
-    products: FloatArray,
-) -> int:
-    """Shifts each patch by itself from its place under a motion, until most move by less than `tolerance`.
-
-    Results: `shift` float64[n, 2], px of the keyframe, at most `reach` in x and in y; `products` of the last
-    step as of `probe`. Returns the number of patches in view at the beginning.
-    """
-    moved, seen, visible = centres.copy(), np.empty(len(centres), np.bool_), 0
-    shift[:] = 0.0
-    for step in range(_SEARCH_PASSES):
-        count = probe(image, moved, probes, usable, matrix, products, seen)
-        visible = count if step == 0 else visible
-        settled = 0
-        for patch in range(len(centres)):
-            for axis in range(2):
-                shift[patch, axis] = min(max(shift[patch, axis] + products[axis, patch], -reach), reach)
-                moved[patch, axis] = centres[patch, axis] + shift[patch, axis]
-            if seen[patch] and np.hypot(products[0, patch], products[1, patch]) < tolerance:
-                settled += 1
-        if settled > _ENOUGH * visible:
-            break
-    return visible
-
-
 @compiled
 def _median(values: FloatArray, chosen: MaskArray) -> float:
     """The median of chosen values, of which there is at least one."""
@@ -224,3 +188,78 @@ def _weighted_squares(
     """The squared residuals after a step, in units of their deviations."""
     x, y = shift[0] - moves[0], shift[1] - moves[1]
     squares[:] = (information[0] * x + 2 * information[1] * y) * x + information[2] * y * y
+
+
+@compiled
+def solve(
+    centres: FloatArray,
+    scaling: FloatArray,
+    shift: FloatArray,
+    information: FloatArray,
+    normal: FloatArray,
+    parameters: FloatArray,
+) -> bool:
+    """The homography near the identity that fits `shift`, its first two rows in px; False if degenerate.
+
+    `information` float64[3, n] holds inverse covariances, x x, x y, y y. Results are the `normal` matrix
+    float64[8, 8] and the normalised `parameters` float64[8].
+    """
+    sides, across, down = np.zeros(8), np.zeros(8), np.zeros(8)
+    normal[:] = 0.0
+    for patch in range(len(centres)):
+        xx, xy, yy = information[0, patch], information[1, patch], information[2, patch]
+        if xx + yy <= 0:
+            continue
+        _slopes(centres[patch, 0], centres[patch, 1], scaling, across, down)
+        x, y = shift[0, patch], shift[1, patch]
+        for row in range(8):
+            from_x, from_y = xx * across[row] + xy * down[row], xy * across[row] + yy * down[row]
+            sides[row] += (from_x * x + from_y * y) / scaling[2]
+            for column in range(row + 1):
+                normal[row, column] += from_x * across[column] + from_y * down[column]
+                normal[column, row] = normal[row, column]
+    if not np.linalg.cond(normal) < _MAX_CONDITION:
+        return False
+    parameters[:] = np.linalg.solve(normal, sides)
+    return True
+
+
+@compiled
+def _slopes(x: float, y: float, scaling: FloatArray, across: FloatArray, down: FloatArray) -> None:
+    """Derivatives of a point's x and y by the eight parameters, in normalised coordinates."""
+    x, y = (x - scaling[0]) / scaling[2], (y - scaling[1]) / scaling[2]
+    across[0] = down[3] = x
+    across[1] = down[4] = y
+    across[2] = down[5] = 1.0
+    across[6], across[7] = -x * x, -x * y
+    down[6], down[7] = -x * y, -y * y
+
+
+@compiled
+def displace(
+    centres: FloatArray, scaling: FloatArray, parameters: FloatArray, seen: MaskArray, moves: FloatArray
+) -> float:
+    """Displacement of each patch by a step, float64[2, n], px; returns the largest of those in view."""
+    across, down, far = np.zeros(8), np.zeros(8), 0.0
+    for patch in range(len(centres)):
+        _slopes(centres[patch, 0], centres[patch, 1], scaling, across, down)
+        x = y = 0.0
+        for parameter in range(8):
+            x += across[parameter] * parameters[parameter] * scaling[2]
+            y += down[parameter] * parameters[parameter] * scaling[2]
+        moves[0, patch], moves[1, patch] = x, y
+        if seen[patch]:
+            far = max(far, abs(x), abs(y))
+    return far
+
+
+@compiled
+def compose(matrix: FloatArray, scaling: FloatArray, parameters: FloatArray) -> None:
+    """Composes a motion with a step in the keyframe."""
+    x, y, size = scaling[0], scaling[1], scaling[2]
+    to_px = np.array([[size, 0.0, x], [0.0, size, y], [0.0, 0.0, 1.0]])
+    from_px = np.array([[1 / size, 0.0, -x / size], [0.0, 1 / size, -y / size], [0.0, 0.0, 1.0]])
+    step = np.eye(3)
+    step.ravel()[:8] += parameters
+    matrix[:] = matrix @ to_px @ step @ from_px
+    matrix /= matrix[2, 2]

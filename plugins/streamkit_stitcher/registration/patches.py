@@ -41,7 +41,7 @@ def halved(grey: GreyArray) -> GreyArray:
 
 @dataclass(frozen=True, eq=False)
 class PatchLevel:
-    """Patches of one pyramid level, prepared for alignment.
+    """Patches of one pyramid level, prepared for alignment, each leading part spread over the whole frame.
 
     Attributes:
         centres: float64[n, 2], px of this level.
@@ -49,18 +49,35 @@ class PatchLevel:
             Gauss-Newton step in x and in y, px, and the correlation.
         inverse_hessian: float64[n, 2, 2], of the gradients at unit deviation.
         usable: bool[n], patches with contrast in both directions.
+        numbers: int64[n], their numbers in the keyframe.
     """
 
     centres: FloatArray
     probes: _SingleArray
     inverse_hessian: FloatArray
     usable: MaskArray
+    numbers: npt.NDArray[np.int64]
 
     def part(self, chosen: npt.NDArray[np.int64] | slice) -> "PatchLevel":
         """Some of the patches, by their indices or a slice."""
         return PatchLevel(
-            self.centres[chosen], self.probes[chosen], self.inverse_hessian[chosen], self.usable[chosen]
+            self.centres[chosen],
+            self.probes[chosen],
+            self.inverse_hessian[chosen],
+            self.usable[chosen],
+            self.numbers[chosen],
         )
+
+
+def spread_order(count: int) -> npt.NDArray[np.int64]:
+    """The numbers below `count`, each leading part evenly spread, int64[count].
+
+    Source: van der Corput, Verteilungsfunktionen, 1935.
+    """
+    numbers, reversed_bits = np.arange(count), np.zeros(count, dtype=np.int64)
+    for bit in range(max(1, count - 1).bit_length()):
+        reversed_bits = reversed_bits << 1 | numbers >> bit & 1
+    return np.argsort(reversed_bits, kind="stable")
 
 
 def cut_patches(image: GreyArray, centres: FloatArray) -> GreyArray:
@@ -104,7 +121,7 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
     probes = np.empty((count, 3, _PIXELS), dtype=np.float32)
     np.matmul(-inverse_hessian.astype(np.float32), steepest, out=probes[:, :2])
     np.divide(appearance[:, 0], _PIXELS, out=probes[:, 2])
-    return PatchLevel(centres, probes, inverse_hessian, usable)
+    return PatchLevel(centres, probes, inverse_hessian, usable, np.arange(count))
 
 
 def in_view(level: PatchLevel, key_to_frame: FloatArray, shape: Sequence[int]) -> MaskArray:

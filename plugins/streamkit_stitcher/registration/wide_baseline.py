@@ -1,20 +1,21 @@
 """Homographies from matches with few inliers, such as those of features."""
 
 import math
+from itertools import product
 from typing import Final
 
 import cv2
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, project
-from streamkit_stitcher.registration.gauss_newton import Scaling, gauss_newton_step
-from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, evaluate, fit_homography
+from streamkit_stitcher.registration.gauss_newton import gauss_newton_step
+from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, evaluate
 
 _METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
 _SCALES: Final = (0.5, 1.0, 2.0)
+# Samples of each estimator; 1000 find a fit that a quarter of the matches support.
 _ITERATIONS: Final = 5000
 _CONFIDENCE: Final = 0.9999
-_PLAIN_RATIO: Final = 0.6
 _POLISHED: Final = 4
 _STEPS: Final = 15
 _FREEDOM: Final = 8.0
@@ -24,46 +25,35 @@ _LEAST_SHARE: Final = 0.01
 _NEAR: Final = 16.0
 
 
-def fit_wide_baseline(
-    source: FloatArray, target: FloatArray, threshold: float, iterations: int = _ITERATIONS
-) -> MotionFit | None:
+def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
     """Fits the homography with the maximum likelihood over inliers and outliers.
 
-    OpenCV's estimators propose homographies at several thresholds; the best supported proposals are refined
-    by expectation maximisation. None for fewer than 4 pairs or degenerate ones.
+    OpenCV's estimators propose homographies at several thresholds; the best supported are refined by
+    expectation maximisation. None for fewer than 4 pairs or degenerate ones.
 
     Args:
         source: points.
         target: points.
         threshold: largest residual of an inlier and largest deviation of the inliers.
-        iterations: most samples of each estimator; 1000 find a fit that a quarter of the matches support.
     """
     if len(source) < 4:
         return None
+    proposals = []
+    for method, scale in product(_METHODS, _SCALES):
+        matrix, _ = cv2.findHomography(
+            source, target, method, scale * threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
+        )
+        fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+        if fit is not None:
+            proposals.append(fit.matrix)
+    proposals.sort(key=lambda matrix: -_support(matrix, source, target, threshold))
     best, most = None, -math.inf
-    for proposal in _proposals(source, target, threshold, iterations):
-        matrix, likelihood = _polished(proposal.matrix, source, target, threshold)
+    for proposal in proposals[:_POLISHED]:
+        matrix, likelihood = _polished(proposal, source, target, threshold)
         fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
         if fit is not None and likelihood > most:
             best, most = fit, likelihood
     return best
-
-
-def _proposals(source: FloatArray, target: FloatArray, threshold: float, iterations: int) -> list[MotionFit]:
-    """The best supported homographies of the estimators; only one where most pairs agree at once."""
-    plain = fit_homography(source, target, threshold)
-    if plain is not None and plain.ratio >= _PLAIN_RATIO:
-        return [plain]
-    found: list[tuple[float, int, MotionFit]] = []
-    for method in _METHODS:
-        for scale in _SCALES:
-            matrix, _ = cv2.findHomography(
-                source, target, method, scale * threshold, maxIters=iterations, confidence=_CONFIDENCE
-            )
-            fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-            if fit is not None:
-                found.append((_support(fit.matrix, source, target, threshold), len(found), fit))
-    return [fit for _, _, fit in sorted(found, key=lambda item: (-item[0], item[1]))[:_POLISHED]]
 
 
 def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:
@@ -86,7 +76,6 @@ def _polished(
     Source: Torr and Zisserman, MLESAC, CVIU 2000; Lange, Little and Taylor, Robust statistical modeling using
     the t distribution, JASA 1989.
     """
-    scaling = Scaling.of(target)
     densities = np.empty((3, len(source)))
     densities[2] = 1 / float(np.prod(np.ptp(target, axis=0) + 1))
     near = (_NEAR * threshold) ** 2
@@ -105,9 +94,7 @@ def _polished(
         beliefs = weighted / total
         weights = beliefs[0] * (1 + 2 / _FREEDOM) / reach
         expected = float(beliefs[0].sum())
-        better = (
-            gauss_newton_step(matrix, scaling, mapped, residuals, weights) if expected >= _FEWEST else None
-        )
+        better = gauss_newton_step(matrix, source, target, weights) if expected >= _FEWEST else None
         if better is None:
             break
         matrix = better

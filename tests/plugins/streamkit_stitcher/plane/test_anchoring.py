@@ -5,13 +5,27 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import IDENTITY, normalised, translation
-from streamkit_stitcher.plane.anchoring import KeyframeAnchor
+from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement
+from streamkit_stitcher.plane.frame_registration import OK_STD
+from streamkit_stitcher.plane.keyframe_content import LEVELS
 from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.registration.patches import pyramid
 
 
 def view(ground, left):
-    """The frame whose left edge is at `left`, as the only level of a pyramid."""
-    return (ground[400:760, left : left + 640],)
+    """The frame whose left edge is at `left`, and its halvings."""
+    return pyramid((ground[400:760, left : left + 640],), LEVELS)
+
+
+def other(ground):
+    """A frame of other ground, and its halvings."""
+    return pyramid((ground[1000:1360, 1200:1840],), LEVELS)
+
+
+def place(anchor, images, predicted, trusted=True):
+    """Places a frame, and chooses keyframes."""
+    found = anchor.place(images, Placement(predicted, 0.0), is_photograph=False)
+    return anchor.keep(images, found, trusted, recognised=False, due=False)
 
 
 def shift(pixels):
@@ -30,16 +44,16 @@ def anchor(ground):
 
 def test_a_prediction_is_corrected(anchor, ground):
     """A prediction 2 px off is corrected."""
-    placed = anchor.register(view(ground, 60), shift(62.0), trusted=True)
-    assert placed.measured
-    assert not placed.keyframe
+    placed = place(anchor, view(ground, 60), shift(62.0))
+    assert placed.match is not None
+    assert not placed.is_keyframe
     assert placed.to_reference == pytest.approx(shift(60.0), abs=0.1)
 
 
 def test_leaving_the_keyframe_makes_another(anchor, ground):
     """Below 65 % overlap the frame becomes a keyframe, registered to the previous one."""
-    placed = anchor.register(view(ground, 260), shift(261.0), trusted=True)
-    assert placed.keyframe
+    placed = place(anchor, view(ground, 260), shift(261.0))
+    assert placed.is_keyframe
     assert placed.to_reference == pytest.approx(shift(260.0), abs=0.1)
 
 
@@ -55,45 +69,42 @@ def test_a_frame_seen_much_more_aslant_is_a_keyframe(anchor, ground, lean, key):
         (640, 360),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
     )
-    placed = anchor.register((np.asarray(seen, dtype=np.uint8),), there, trusted=True)
-    assert placed.measured
-    assert placed.keyframe == key
+    placed = place(anchor, pyramid((np.asarray(seen, dtype=np.uint8),), LEVELS), there)
+    assert placed.match is not None
+    assert placed.is_keyframe == key
 
 
 def test_coming_back_hands_over_to_the_earlier_keyframe(anchor, ground):
     """Where an earlier keyframe overlaps enough, it takes over and undoes the drift."""
     for left in (200, 260, 400, 520):
-        anchor.register(view(ground, left), shift(float(left)), trusted=True)
+        place(anchor, view(ground, left), shift(float(left)))
     drifted = shift(96.0)
-    placed = anchor.register(view(ground, 90), drifted, trusted=True)
-    assert placed.reference_change is not None
-    assert not placed.keyframe
+    placed = place(anchor, view(ground, 90), drifted)
+    assert placed.change is not None
+    assert not placed.is_keyframe
     assert placed.to_reference == pytest.approx(shift(90.0), abs=0.1)
 
 
 def test_an_untrusted_place_never_makes_a_keyframe(anchor, ground):
     """Ground that matches nothing, carried on by a guess, is passed on as it is."""
     for _ in range(5):
-        placed = anchor.register((ground[1000:1360, 1200:1840],), shift(30.0), trusted=False)
-        assert not placed.measured
-        assert not placed.keyframe
+        placed = place(anchor, other(ground), shift(30.0), False)
+        assert placed.match is None
+        assert not placed.is_keyframe
         assert np.array_equal(placed.to_reference, shift(30.0))
 
 
 @pytest.mark.parametrize(("carried", "misses"), [(300.0, 3), (30.0, 12)])
 def test_a_lost_keyframe_is_replaced(anchor, ground, carried, misses):
     """Other ground becomes a keyframe: soon where the old one was left, late where it should be seen."""
-    made = [
-        anchor.register((ground[1000:1360, 1200:1840],), shift(carried), trusted=True).keyframe
-        for _ in range(misses)
-    ]
+    made = [place(anchor, other(ground), shift(carried)).is_keyframe for _ in range(misses)]
     assert made == [False] * (misses - 1) + [True]
 
 
 def test_a_keyframe_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
     """One untrusted step makes all that follow it a guess, until a keyframe is seen again."""
-    other = (ground[1000:1360, 1200:1840],)
-    made = [anchor.register(other, shift(300.0), trusted=step > 0).keyframe for step in range(8)]
+    frame = other(ground)
+    made = [place(anchor, frame, shift(300.0), trusted=step > 0).is_keyframe for step in range(8)]
     assert not any(made)
 
 
@@ -105,8 +116,9 @@ def matched_in_a_corner(ground):
     key[237:, 420:] = ground[620:743, 380:600]
     frame[237:, 420:] = ground[612:735, 370:590]
     anchor = KeyframeAnchor(PlaneSettings(), 0)
-    anchor.add((key,), IDENTITY)
-    seen = anchor.recognise((frame,))
+    anchor.add(pyramid((key,), LEVELS), IDENTITY)
+    frame = pyramid((frame,), LEVELS)
+    seen = anchor.recognise(frame)
     assert seen is not None
     assert seen.deviation > 1.0
     yield anchor, frame, seen
@@ -117,7 +129,8 @@ def matched_in_a_corner(ground):
 def test_a_frame_matched_in_a_corner_is_registered_only_if_consecutive(matched_in_a_corner, consecutive):
     """The corner leaves the rest unknown: of a video it is not measured, of photographs in a row not sure."""
     anchor, frame, seen = matched_in_a_corner
-    placed = anchor.register((frame,), shift(0.0), trusted=True, recognised=seen, consecutive=consecutive)
-    assert placed.measured is consecutive
-    assert not placed.fixes_whole_frame
-    assert consecutive or not placed.keyframe
+    found = anchor.place_recognised(frame, seen, consecutive)
+    assert (found.match is not None) is consecutive
+    placed = anchor.keep(frame, found, trusted=True, recognised=True, due=False)
+    assert placed.std > OK_STD
+    assert consecutive or not placed.is_keyframe

@@ -38,7 +38,7 @@ def deviations(keyframe, frames):
     for frame in frames:
         match = matcher.match(keyframe, frame, before, 0.3, before, None)
         before = match.fit.matrix
-        found.append(match.std)
+        found.append(match.corner_std)
     return np.array(found)
 
 

@@ -95,7 +95,7 @@ def test_the_oldest_homographies_are_dropped_unless_needed():
     assert len(graph.homographies) <= 21
     assert {2, 47, 48, 49} <= graph.homographies.keys()
     assert 10 not in graph.homographies
-    assert graph.added(0) == 50
+    assert graph.added[0] == 50
     graph.rebase(shift(1), 0, 0)
 
 

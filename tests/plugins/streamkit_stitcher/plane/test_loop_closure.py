@@ -7,7 +7,7 @@ import numpy as np
 from streamkit.geometry.homography import IDENTITY, translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.keyframe_content import keyframe_content
-from streamkit_stitcher.plane.keyframes import KeyframeStore
+from streamkit_stitcher.plane.keyframes import Keyframe
 from streamkit_stitcher.plane.loop_closure import correlation
 from streamkit_stitcher.plane.settings import ReferenceChoice
 
@@ -50,9 +50,8 @@ def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_registrar):
 
 def test_frames_correlate_at_their_true_shift_only(ground):
     """In other light, at another scale and a pixel off, too; with nothing in common there is no likeness."""
-    store = KeyframeStore()
     one, other = (
-        store.add(partial(keyframe_content, (frame,), 0), IDENTITY, SHAPE, 0)
+        Keyframe(0, IDENTITY, SHAPE, 1, partial(keyframe_content, (frame,), 0))
         for frame in (ground[200:650, 300:940], (ground[300:750, 600:1240] * 0.7).astype(np.uint8))
     )
     shift = np.array([-300.0, -100.0])

@@ -4,9 +4,7 @@ import pytest
 
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
-from streamkit_stitcher.plane.following import KeyframeFollower
-from streamkit_stitcher.plane.keyframe_matcher import KeyframeMatcher
-from streamkit_stitcher.plane.matching import KeyframeMatching
+from streamkit_stitcher.plane.patch_matching import PatchMatcher
 
 SHAPE = (360, 640)
 
@@ -25,9 +23,8 @@ class Blindness:
         self.number = 0
         self.looks = []
         for owner, name in (
-            (KeyframeFollower, "follow"),
-            (KeyframeMatcher, "match"),
-            (KeyframeMatching, "near"),
+            (PatchMatcher, "match"),
+            (KeyframeAnchor, "match_near"),
             (KeyframeAnchor, "recognise"),
         ):
             monkeypatch.setattr(owner, name, self._blinded(getattr(owner, name)))

@@ -6,13 +6,8 @@ import pytest
 
 from streamkit.geometry.homography import corners, project, translation
 from streamkit_stitcher.registration.corners import even_corners
-from streamkit_stitcher.registration.joint_alignment import (
-    align_coarsely,
-    align_jointly,
-    joint_level,
-    spread_order,
-)
-from streamkit_stitcher.registration.patches import cut_patches
+from streamkit_stitcher.registration.joint_alignment import align_coarsely, align_jointly
+from streamkit_stitcher.registration.patches import cut_patches, prepare, spread_order
 
 SHAPE = (360, 640)
 TURN = np.array([[1.05, -0.12, 20.0], [0.11, 1.04, -15.0], [2e-5, -1e-5, 1.0]])
@@ -21,8 +16,8 @@ TURN = np.array([[1.05, -0.12, 20.0], [0.11, 1.04, -15.0], [2e-5, -1e-5, 1.0]])
 def key_level(frame):
     """The patches of a frame, in spread order."""
     points = even_corners(frame, 20, 12)
-    numbers = spread_order(len(points))
-    return joint_level(cut_patches(frame, points[numbers]), points[numbers], numbers)
+    points = points[spread_order(len(points))]
+    return prepare(cut_patches(frame, points), points)
 
 
 def seen_through(ground, matrix, seed, noise=3.0):
@@ -43,7 +38,7 @@ def test_a_far_guess_is_improved(ground):
     level = key_level(seen_through(ground, np.eye(3), 1))
     frame = seen_through(ground, TURN, 2)
     start = translation(np.array([2.5, -1.5])) @ TURN
-    found = align_coarsely(level, frame, start, 60, passes=8, settled=0.2)
+    found = align_coarsely(level.part(slice(60)), frame, start, passes=8, settled=0.2)
     assert worst(found, TURN) < 0.25
 
 
@@ -69,7 +64,7 @@ def test_what_moves_by_itself_is_left_out(ground):
     frame[:180, 2:320] = frame[:180, :318].copy()
     found = align_jointly(level, frame, translation(np.array([0.2, 0.2])), 1.0)
     assert worst(found.key_to_frame, np.eye(3)) < 0.1
-    sliding = (level.patches.centres < (300, 160)).all(axis=1)
+    sliding = (level.centres < (300, 160)).all(axis=1)
     agreeing = (found.key_points < (300, 160)).all(axis=1)
     assert agreeing.sum() < 0.2 * sliding.sum()
 
@@ -97,7 +92,7 @@ def test_nothing_is_found_in_a_flat_frame(ground, brightness):
     level = key_level(seen_through(ground, np.eye(3), 1))
     flat = np.full(SHAPE, brightness, np.uint8)
     assert align_jointly(level, flat, np.eye(3), 1.0) is None
-    assert align_coarsely(level, flat, np.eye(3), 60, passes=4, settled=0.5) is None
+    assert align_coarsely(level, flat, np.eye(3), passes=4, settled=0.5) is None
 
 
 def test_a_frame_out_of_view_is_not_found(ground):

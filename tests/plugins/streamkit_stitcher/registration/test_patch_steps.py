@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import project, translation
-from streamkit_stitcher.registration.gauss_newton import Scaling
-from streamkit_stitcher.registration.homography_step import solve
-from streamkit_stitcher.registration.joint_alignment import align_coarsely, joint_level
+from streamkit_stitcher.registration.gauss_newton import scaling_of, step_matrix
+from streamkit_stitcher.registration.joint_alignment import align_coarsely
 from streamkit_stitcher.registration.patch_comparison import probe
+from streamkit_stitcher.registration.patch_steps import solve
 from streamkit_stitcher.registration.patches import cut_patches, prepare
 
 STEP = np.array([[1 + 2e-4, -1e-4, 0.3], [1e-4, 1 - 1e-4, -0.2], [2e-7, -1e-7, 1.0]])
@@ -23,11 +23,10 @@ def centres():
 
 def solved(centres, shift, information):
     """Displacement by the best step, float64[2, n]; its homography; its normal matrix."""
-    scaling = Scaling.of(centres)
-    normal, parameters = np.empty((8, 8)), np.empty(8)
-    assert solve(centres, np.array([*scaling.middle, scaling.size]), shift, information, normal, parameters)
-    step = scaling.forth @ (np.eye(3) + np.append(parameters, 0.0).reshape(3, 3)) @ scaling.back
-    return (project(step, centres) - centres).T, step / step[2, 2], normal
+    scaling, normal, parameters = scaling_of(centres), np.empty((8, 8)), np.empty(8)
+    assert solve(centres, scaling, shift, information, normal, parameters)
+    step = step_matrix(parameters * scaling[2], scaling)
+    return (project(step, centres) - centres).T, step, normal
 
 
 @pytest.mark.parametrize("weights", ["even", "covariances"])
@@ -104,9 +103,9 @@ def test_a_senseless_motion_shows_nothing(ground, centres, matrix):
 
 def test_a_frame_smaller_than_a_patch_shows_nothing(ground, centres):
     """12 x 12 px are no room for one."""
-    patches = joint_level(cut_patches(ground, centres), centres, np.arange(100))
+    patches = prepare(cut_patches(ground, centres), centres)
     small = np.ascontiguousarray(ground[:12, :12])
-    assert align_coarsely(patches, small, np.eye(3), 100, passes=2, settled=0.5) is None
+    assert align_coarsely(patches, small, np.eye(3), passes=2, settled=0.5) is None
 
 
 def test_views_and_frames_that_are_only_read_are_aligned(ground, centres):
@@ -114,9 +113,9 @@ def test_views_and_frames_that_are_only_read_are_aligned(ground, centres):
     whole = ground[300:660, 300:940]
     frozen = whole.copy()
     frozen.setflags(write=False)
-    level = joint_level(cut_patches(whole, centres), centres, np.arange(100))
+    level = prepare(cut_patches(whole, centres), centres)
     found = [
-        align_coarsely(level, frame, translation(np.array([0.8, -0.6])), 100, passes=8, settled=0.2)
+        align_coarsely(level, frame, translation(np.array([0.8, -0.6])), passes=8, settled=0.2)
         for frame in (whole, frozen, whole.copy())
     ]
     assert np.abs(found[0] - np.eye(3)).max() < 0.05

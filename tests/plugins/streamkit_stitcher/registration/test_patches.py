@@ -6,8 +6,8 @@ import pytest
 
 from streamkit.geometry.homography import project, to_reduced, translation
 from streamkit_stitcher.registration.corners import even_corners
-from streamkit_stitcher.registration.patch_search import align
-from streamkit_stitcher.registration.patches import cut_patches, prepare, pyramid
+from streamkit_stitcher.registration.joint_alignment import align_coarsely, align_jointly
+from streamkit_stitcher.registration.patches import cut_patches, prepare, pyramid, spread_order
 
 TURN = np.array(
     [[1.1 * np.cos(0.3), -1.1 * np.sin(0.3), 90], [1.1 * np.sin(0.3), 1.1 * np.cos(0.3), -40], [0, 0, 1]]
@@ -28,17 +28,28 @@ def test_patches_are_found_in_a_turned_and_dimmed_frame(ground, gain):
     frame = (frame * gain + 10).astype(np.uint8)
     level = level_of(key)
     guess = translation(np.array([1.2, -0.9])) @ TURN
-    found = align(level, frame, guess)
+    found = align_jointly(level, frame, align_coarsely(level, frame, guess, passes=8, settled=0.3), 1.0)
     error = np.hypot(*(found.frame_points - project(TURN, found.key_points)).T)
-    assert 60 < len(found.patches) <= found.visible_count <= len(level.centres)
+    assert 60 < len(found.numbers) <= found.visible_count <= len(level.centres)
     assert np.median(error) < 0.1
 
 
 def test_patches_of_other_ground_are_not_found(ground):
-    """Other ground yields a few chance matches only."""
-    level = level_of(ground[:360, :640])
-    found = align(level, ground[900:1260, 1000:1640], np.eye(3))
-    assert len(found.patches) < 0.1 * found.visible_count
+    """Other ground yields chance matches only, which fix no motion."""
+    assert align_jointly(level_of(ground[:360, :640]), ground[900:1260, 1000:1640], np.eye(3), 1.0) is None
+
+
+def test_leading_parts_are_spread():
+    """Each number comes once, and of the first eighth no two are close together."""
+    order = spread_order(100)
+    assert sorted(order) == list(range(100))
+    assert np.diff(np.sort(order[:12])).min() >= 4
+    assert spread_order(1).tolist() == [0]
+
+
+def test_a_part_keeps_the_numbers_of_its_patches(ground):
+    """They are the patches of the keyframe."""
+    assert level_of(ground[:360, :640]).part(np.array([5, 9])).numbers.tolist() == [5, 9]
 
 
 def test_flat_patches_are_not_used():
@@ -47,7 +58,7 @@ def test_flat_patches_are_not_used():
     centres = np.array([[50.0, 50.0]])
     level = prepare(cut_patches(flat, centres), centres)
     assert not level.usable.any()
-    assert align(level, flat, np.eye(3)).visible_count == 0
+    assert align_jointly(level, flat, np.eye(3), 1.0) is None
 
 
 def test_a_pyramid_keeps_pixel_centres():

@@ -1,4 +1,4 @@
-"""Verification of loop closures."""
+"""Checks of ties across flight strips."""
 
 from dataclasses import replace
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_stitcher.plane.closure_check import accepted_ties
 from streamkit_stitcher.plane.keyframe_graph import Tie
+from streamkit_stitcher.plane.tie_checks import accepted_ties
 
 SHAPE = (360, 640)
 PLACES = {index: translation(np.array([220.0 * index, 0.0])) for index in range(30)}

@@ -6,7 +6,7 @@ import pytest
 from streamkit.geometry.homography import project
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
-from streamkit_stitcher.registration.correlation_shift import search_shift
+from streamkit_stitcher.registration.correlation import search_shift
 
 
 @pytest.mark.parametrize("step", [(200, 0), (-240, 10), (0, 150)])
@@ -28,7 +28,7 @@ def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkey
         raise AssertionError("features were looked for")
 
     monkeypatch.setattr("streamkit_stitcher.plane.anchoring.describe", refuse)
-    monkeypatch.setattr("streamkit_stitcher.plane.relocaliser.describe", refuse)
+    monkeypatch.setattr("streamkit_stitcher.plane.keyframe_content.describe", refuse)
     registrar = make_registrar(reference=ReferenceChoice.FIRST)
     places = [(300 + 210 * n, 400) for n in range(4)] + [(930 - 210 * n, 580) for n in range(4)]
     for x, y in places:

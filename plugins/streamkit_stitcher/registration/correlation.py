@@ -1,9 +1,10 @@
-"""Shifts too large for optical flow, as between survey photographs, by cross-correlation."""
+"""Cross-correlation of images, and shifts too large for optical flow, as between survey photographs."""
 
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from streamkit.geometry.homography import FloatArray, GreyArray, translation
 
@@ -13,6 +14,7 @@ _FINE: Final = 1.0
 _COARSE: Final = 4.0
 _MIN_OVERLAP: Final = 0.15
 _MIN_CORRELATION: Final = 0.2
+_MIN_SHARED: Final = 1 / 12
 
 
 def search_shift(earlier: GreyArray, current: GreyArray) -> FloatArray | None:
@@ -28,7 +30,8 @@ def search_shift(earlier: GreyArray, current: GreyArray) -> FloatArray | None:
     height, width = current.shape
     scale = min(1.0, _WIDTH / width)
     columns, rows = max(_SMALLEST_SIDE, round(width * scale)), max(_SMALLEST_SIDE, round(height * scale))
-    x, y, correlation = texture_shift(_texture(earlier, (columns, rows)), _texture(current, (columns, rows)))
+    small = [cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA) for image in (earlier, current)]
+    x, y, correlation = texture_shift(*(band_pass(image, _FINE, _COARSE) for image in small))
     if not correlation > _MIN_CORRELATION:
         return None
     return translation(np.array([x * width / columns, y * height / rows]))
@@ -52,10 +55,26 @@ def texture_shift(first: FloatArray, second: FloatArray) -> tuple[int, int, floa
     return int(x) - columns, int(y) - rows, float(correlation[y, x])
 
 
-def _texture(grey: GreyArray, size: tuple[int, int]) -> FloatArray:
-    """Band-pass filtered image at `size`, float64[h, w]."""
-    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float64)
-    return np.asarray(cv2.GaussianBlur(small, (0, 0), _FINE) - cv2.GaussianBlur(small, (0, 0), _COARSE))
+def band_pass(grey: npt.NDArray[Any], fine: float, coarse: float) -> FloatArray:
+    """An image without what is smaller or larger than Gaussians of these deviations, px, float64[h, w]."""
+    smooth = cv2.GaussianBlur(grey.astype(np.float64), (0, 0), fine)
+    return np.asarray(smooth - cv2.GaussianBlur(smooth, (0, 0), coarse))
+
+
+def overlap_correlation(first: FloatArray, second: FloatArray, to_second: FloatArray) -> float:
+    """Normalised correlation of two images, float64[h, w], over their overlap, -1 to 1.
+
+    0 where less than a twelfth overlaps or one side is flat. `to_second` maps pixels of the first image to
+    those of the second, float64[3, 3].
+    """
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    moved = cv2.warpPerspective(second, to_second, first.shape[::-1], flags=flags, borderValue=float("nan"))
+    shared = np.isfinite(moved)
+    if np.count_nonzero(shared) < _MIN_SHARED * shared.size:
+        return 0.0
+    one, two = first[shared] - first[shared].mean(), moved[shared] - moved[shared].mean()
+    power = float(np.sqrt((one**2).sum() * (two**2).sum()))
+    return float((one * two).sum()) / power if power > 1e-9 else 0.0
 
 
 def _correlate(first: FloatArray, second: FloatArray) -> FloatArray:

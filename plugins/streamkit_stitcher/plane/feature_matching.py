@@ -1,0 +1,69 @@
+"""Registration of frames to keyframes without a prediction, by features."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from streamkit.geometry.homography import from_reduced, is_plausible, overlap
+from streamkit_stitcher.plane.keyframe_content import scene_level
+from streamkit_stitcher.plane.keyframes import ANY_STEP, ANY_TILT, Keyframe, KeyframeMatch, predicted_error
+from streamkit_stitcher.registration.descriptors import FrameFeatures, match_features
+from streamkit_stitcher.registration.gauss_newton import corner_deviation
+from streamkit_stitcher.registration.motion_models import MotionFit
+from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
+
+# Features of each keyframe that are compared to find the likeliest, and matches below which none is likely.
+_STRONGEST: Final = 600
+_MIN_MATCHES: Final = 8
+_MIN_INLIERS: Final = 20
+_MIN_RATIO: Final = 0.25
+# Wide enough for trees and roofs, which are off the plane; px of the size for feature matching.
+_THRESHOLD: Final = 4.0
+_MIN_OVERLAP: Final = 0.08
+# Photographs from half or twice the height.
+_MAX_AREA_SCALE: Final = 5.0
+# Features stand for patches of the keyframe, with numbers beyond those of its real ones.
+_FIRST_FEATURE: Final = 1 << 16
+
+
+def likeliest(frame: FrameFeatures, keyframes: Sequence[Keyframe], most: int) -> list[Keyframe]:
+    """At most `most` keyframes, by their number of matches among a few hundred features each."""
+    part = _strongest(frame)
+    counts = [len(match_features(part, _strongest(keyframe.features))[0]) for keyframe in keyframes]
+    order = np.argsort(-np.array(counts), kind="stable")[:most]
+    return [keyframes[number] for number in order if counts[number] >= _MIN_MATCHES]
+
+
+def match_by_features(frame: FrameFeatures, keyframe: Keyframe) -> KeyframeMatch | None:
+    """Registers a frame of the same size to a keyframe; None where it does not match."""
+    known = keyframe.features
+    own, other = match_features(frame, known)
+    if len(own) < _MIN_INLIERS:
+        return None
+    fit = fit_wide_baseline(frame.points[own], known.points[other], _THRESHOLD)
+    if fit is None or fit.count < max(_MIN_INLIERS, _MIN_RATIO * len(own)):
+        return None
+    own, other = own[fit.inliers], other[fit.inliers]
+    factor = 2 ** scene_level(keyframe.shape)
+    matrix, rmse, offset = from_reduced(fit.matrix, factor), fit.rmse * factor, (factor - 1) / 2
+    if not (
+        overlap(matrix, keyframe.shape) > _MIN_OVERLAP
+        and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT, _MAX_AREA_SCALE)
+    ):
+        return None
+    source = frame.points[own] * factor + offset
+    deviation = corner_deviation(matrix, source, rmse, keyframe.shape)
+    return KeyframeMatch(
+        MotionFit(matrix, fit.model, np.ones(fit.count, dtype=np.bool_), rmse),
+        source,
+        known.points[other] * factor + offset,
+        other + _FIRST_FEATURE,
+        deviation,
+        predicted_error(deviation),
+    )
+
+
+def _strongest(description: FrameFeatures) -> FrameFeatures:
+    """The features of the highest contrast, which other views show most likely."""
+    return FrameFeatures(description.points[:_STRONGEST], description.descriptors[:_STRONGEST])
