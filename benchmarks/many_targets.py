@@ -24,9 +24,8 @@ import numpy as np
 from tracking_sequences import FloatArray, shared_data
 
 from streamkit import SHOWN_STATES, Detections, Frame, Pipeline, Tracks
-from streamkit_tracker.evaluation.boxes import Labelled, overlaps
-from streamkit_tracker.evaluation.identities import score_identities
-from streamkit_tracker.evaluation.readers import read_identities
+from streamkit_tracker.evaluation.readers import read_truth
+from streamkit_tracker.evaluation.scores import Labelled, overlaps, score_identities
 from streamkit_video.dronetestsrc.truth import TrueTargets
 
 CHAIN = "stitch ! framediff ! particletrack ! appsink name=out"
@@ -197,7 +196,7 @@ def cars(options: argparse.Namespace) -> None:
 def pets(options: argparse.Namespace) -> None:
     """People before a fixed camera."""
     folder = shared_data() / "video"
-    truth = read_identities(folder / "pets09_s2l1_gt_frames_001-069.txt")
+    truth, _ = read_truth(folder / "pets09_s2l1_gt_frames_001-069.txt")
     source = f"filesrc location={folder / 'pets09_s2l1.avi'} ! decode"
     sequence = run(
         f"{source} ! {CHAIN}", lambda _, index: truth[index] if index < len(truth) else None, len(truth)

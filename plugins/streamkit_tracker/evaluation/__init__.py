@@ -1,4 +1,1 @@
-"""Scores tracks against ground truth: one target in one pass, or many with their identities.
-
-`one_pass` and `identities` work on arrays; `readers` knows the layouts; `command` is `streamkit trackeval`.
-"""
+"""Scores tracks against ground truth: `scores` on arrays, `readers` of files, `command` for users."""

@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from streamkit import SHOWN_STATES, RecordFile, StreamError
-from streamkit_tracker.evaluation.boxes import LEAST_OVERLAP, Labelled, without_distractors
-from streamkit_tracker.evaluation.hota import score_hota
-from streamkit_tracker.evaluation.identities import score_identities
-from streamkit_tracker.evaluation.one_pass import one_pass
 from streamkit_tracker.evaluation.readers import (
-    Rows,
+    Row,
     frames_of,
     frames_with_boxes,
     is_one_target,
     longest_lived,
     read_boxes,
-    read_classes,
-    read_identities,
-    read_tracked_boxes,
+    read_tracks,
+    read_truth,
     sides,
-    tracked_by_frame,
+    tracks_by_frame,
+)
+from streamkit_tracker.evaluation.scores import (
+    MIN_OVERLAP,
+    Labelled,
+    one_pass,
+    score_hota,
+    score_identities,
+    without_distractors,
 )
 
 
@@ -43,7 +48,7 @@ def trackeval(
     ],
     overlap: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="For MOTA and IDF1: the overlap that makes a match.")
-    ] = LEAST_OVERLAP,
+    ] = MIN_OVERLAP,
     first_pixel: Annotated[
         float, typer.Option(help="Number of the first pixel in the truth: 1 as published, or 0.")
     ] = 1.0,
@@ -84,47 +89,47 @@ def frame_range(text: str) -> tuple[int, int]:
     Raises:
         ValueError: it is something else.
     """
-    words = text.split(":")
-    if len(words) != 2 or not all(word.isascii() and word.isdigit() for word in words):
+    words = re.fullmatch(r"(\d+):(\d+)", text, re.ASCII)
+    if words is None:
         raise ValueError(f"--frames takes FIRST:LAST, got {text!r}; for example --frames 1:69")
-    first, last = int(words[0]), int(words[1])
+    first, last = int(words[1]), int(words[2])
     if not 1 <= first <= last:
         raise ValueError(f"--frames: the first frame is 1 or later and not behind the last, got {text!r}")
     return first, last
 
 
-def read_run(tracks: Path, number: int | None = None) -> list[Labelled]:
-    """The tracks of one run for each frame from 1; tells on the standard error output which of several it is.
+def read_run(path: Path, number: int | None) -> list[Labelled]:
+    """The tracks of one run of JSON lines for each frame from 1.
 
     Args:
-        tracks: JSON lines from tracksink.
-        number: of the run, from 1; None is the last.
+        path: JSON lines from tracksink.
+        number: of the run, from 1; None is the last, and a note on the standard error output tells which.
 
     Raises:
         ValueError: there is no such run.
         StreamError: a line is no track record.
     """
-    runs: list[Rows] = [{}]
-    records = RecordFile(tracks)
+    runs: list[list[Row]] = [[]]
+    records = RecordFile(path)
     for run, record in records:
         if run > len(runs):
-            runs.append({})
-        boxes = [(target.id, sides(target.bbox)) for target in record.tracks if target.state in SHOWN_STATES]
-        runs[-1].setdefault(record.seq + 1, []).extend(boxes)
+            runs.append([])
+        shown = [target for target in record.tracks if target.state in SHOWN_STATES]
+        runs[-1] += [(record.seq + 1, target.id, sides(target.bbox)) for target in shown]
     if number is not None and number > len(runs):
-        raise ValueError(f"{tracks}: no run {number}, it has {len(runs)}")
+        raise ValueError(f"{path}: no run {number}, it has {len(runs)}")
     chosen = number or len(runs)
     if number is None and len(runs) > 1:
-        typer.echo(f"note: {tracks} has {len(runs)} runs, this is run {chosen}; see --run", err=True)
+        typer.echo(f"note: {path} has {len(runs)} runs, this is run {chosen}; see --run", err=True)
     if records.is_cut_off:
-        typer.echo(f"note: the last line of {tracks} is only half written and left out", err=True)
-    return tracked_by_frame(tracks, runs[chosen - 1])
+        typer.echo(f"note: the last line of {path} is only half written and left out", err=True)
+    return tracks_by_frame(path, runs[chosen - 1])
 
 
 def score_files(
     tracks: Path,
     truth: Path,
-    overlap: float = LEAST_OVERLAP,
+    overlap: float = MIN_OVERLAP,
     first_pixel: float = 1.0,
     frames: tuple[int, int] | None = None,
     run: int | None = None,
@@ -135,36 +140,17 @@ def score_files(
         ValueError: a file is not what it should be.
         StreamError: a line is no track record.
     """
-    is_table = tracks.suffix in (".txt", ".csv")
-    found = read_tracked_boxes(tracks) if is_table else read_run(tracks, run)
+    found = read_tracks(tracks) if tracks.suffix in (".txt", ".csv") else read_run(tracks, run)
     if is_one_target(truth):
         boxes = read_boxes(truth, first_pixel)
         first, last = frames or (1, len(boxes))
-        scores = one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last])
-        return {
-            "success": scores.success,
-            "precision": scores.precision,
-            "centre_error": scores.centre_error,
-            "frames": scores.frames,
-        }
-    targets = read_identities(truth, first_pixel)
+        return asdict(one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last]))
+    targets, classes = read_truth(truth, first_pixel)
     first, last = frames or frames_with_boxes(targets)
     targets, found = frames_of(targets, first, last), frames_of(found, first, last)
     if frames and not any(len(boxes.ids) for boxes in targets):
         raise ValueError(f"--frames {first}:{last}: the truth has no box there; name frames that it covers")
-    if classes := read_classes(truth, first_pixel):
+    if classes:
         found = without_distractors(found, frames_of(classes, first, last))
-    identities, higher_order = score_identities(targets, found, overlap), score_hota(targets, found)
-    return {
-        "hota": higher_order.hota,
-        "detection_accuracy": higher_order.detection,
-        "association_accuracy": higher_order.association,
-        "mota": identities.mota,
-        "idf1": identities.idf1,
-        "switches": identities.switches,
-        "misses": identities.misses,
-        "false_alarms": identities.false_alarms,
-        "truths": identities.truths,
-        "overlap": identities.overlap,
-        "frames": len(targets),
-    }
+    higher_order, identities = score_hota(targets, found), score_identities(targets, found, overlap)
+    return asdict(higher_order) | asdict(identities) | {"frames": len(targets)}

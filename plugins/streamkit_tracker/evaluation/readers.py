@@ -3,51 +3,51 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from streamkit_tracker.evaluation.boxes import Labelled
+from streamkit_tracker.evaluation.scores import Labelled
 from streamkit_tracker.window_geometry import FloatArray
 
-SHOWN = ("confirmed", "coasting")
-ONE_TARGET_COLUMNS = 4
-MOT_COLUMNS = 6
+SHOWN_STATES = ("confirmed", "coasting")
+ONE_TARGET_COLUMNS, MOT_COLUMNS = 4, 6
 MOT_USED = 6  # column that says whether a ground truth box counts
 MOT_CLASS, MOT_CLASS_COLUMNS = 7, 9  # of the layout from MOT16 on
 CORNER = 0.5  # a box begins half a pixel before the centre of its first pixel
 
-Rows = dict[int, list[tuple[int, list[float]]]]  # id and box, by the number of the frame
+Row = tuple[int, int, list[float]]  # number of the frame, id, and left, top, width, height
 
 
-def read_tracked_boxes(path: Path) -> list[Labelled]:
-    """Tracks for each frame from 1, as `tracksink` writes them: MOT Challenge text (.txt) or CSV.
+def read_tracks(path: Path) -> list[Labelled]:
+    """Tracks for each frame from 1, as `tracksink` writes them: MOT text (.txt) or CSV.
 
     Raises:
         ValueError: a line is none of them, or a frame has the same id twice.
     """
-    return tracked_by_frame(path, _mot_rows(path, 1.0) if path.suffix == ".txt" else _csv_rows(path))
+    if path.suffix == ".csv":
+        return tracks_by_frame(path, list(_csv_rows(path)))
+    return tracks_by_frame(path, [row for row, numbers in _mot_rows(path, 1.0) if _counts(numbers)])
 
 
-def tracked_by_frame(path: Path, rows: Rows) -> list[Labelled]:
+def tracks_by_frame(path: Path, rows: list[Row]) -> list[Labelled]:
     """Tracks for each frame from 1, of the rows of a file.
 
     Raises:
         ValueError: a frame has the same id twice.
     """
-    found = _by_frame(rows)
-    for number, frame in enumerate(found, 1):
-        ids, counts = np.unique(frame.ids, return_counts=True)
-        if (counts > 1).any():
+    for (frame, target), count in Counter(row[:2] for row in sorted(rows)).items():
+        if count > 1:
             raise ValueError(
-                f"{path}: frame {number} has id {ids[counts.argmax()]} {counts.max()} times; "
+                f"{path}: frame {frame} has id {target} {count} times; "
                 "give the tracks of one run, not detections, which particletrack follows behind detectionsrc"
             )
-    return found
+    return _by_frame(rows)
 
 
-def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
+def read_truth(path: Path, first_pixel: float = 1.0) -> tuple[list[Labelled], list[Labelled]]:
     """Ground truth in the layout of MOT Challenge; rows whose seventh number is 0 do not count.
 
     Args:
@@ -55,36 +55,26 @@ def read_identities(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
         first_pixel: number of the frame's first pixel; MOT Challenge counts from 1.
 
     Returns:
-        Boxes in pixels of the frame as tracks have them, (0, 0) being the centre of the first one.
+        Boxes for each frame from 1 in pixels of the frame as tracks have them, (0, 0) being the centre of the
+        first one; and, where the layout has classes (MOT16 and later), every box with its class as its id.
 
     Raises:
         ValueError: a line has not at least six numbers.
     """
-    return _by_frame(_mot_rows(path, first_pixel))
-
-
-def read_classes(path: Path, first_pixel: float = 1.0) -> list[Labelled]:
-    """Every box of a ground truth that has classes (MOT16 and later), its class in place of its id.
-
-    Empty for other layouts.
-    """
-    rows: Rows = {}
-    for place, numbers in _numbers(path, MOT_COLUMNS):
-        if len(numbers) == MOT_CLASS_COLUMNS:
-            frame, _, box = _mot_row(place, numbers, first_pixel)
-            rows.setdefault(frame, []).append((int(numbers[MOT_CLASS]), box))
-    return _by_frame(rows)
+    rows = list(_mot_rows(path, first_pixel))
+    classes = [
+        (frame, int(numbers[MOT_CLASS]), box)
+        for (frame, _, box), numbers in rows
+        if len(numbers) == MOT_CLASS_COLUMNS
+    ]
+    return _by_frame([row for row, numbers in rows if _counts(numbers)]), _by_frame(classes)
 
 
 def read_boxes(path: Path, first_pixel: float = 1.0) -> FloatArray:
     """Ground truth of one target: float64[n, 4], a line `left,top,width,height` for each frame.
 
-    Args:
-        path: the file.
-        first_pixel: number of the frame's first pixel; OTB and UAV123 count from 1.
-
-    Returns:
-        Boxes in pixels of the frame as tracks have them, (0, 0) being the centre of the first one.
+    Boxes are in pixels of the frame as tracks have them, (0, 0) being the centre of the first one, which has
+    the number `first_pixel` in the file; OTB and UAV123 count from 1.
 
     Raises:
         ValueError: a line has not four numbers.
@@ -108,11 +98,8 @@ def is_one_target(path: Path) -> bool:
 def longest_lived(tracks: list[Labelled], frames: int) -> FloatArray:
     """Boxes float64[frames, 4] of the id that is there most often; NaN where it is not."""
     boxes = np.full((frames, 4), np.nan)
-    ids = np.concatenate([tracked.ids for tracked in tracks]) if tracks else np.zeros(0, np.int64)
-    if not len(ids):
-        return boxes
-    numbers, counts = np.unique(ids, return_counts=True)
-    chosen = numbers[np.argmax(counts)]
+    counts = Counter(number for tracked in tracks for number in sorted(tracked.ids.tolist()))
+    chosen = min(counts, key=lambda number: (-counts[number], number), default=None)
     for index, tracked in enumerate(tracks[:frames]):
         for box in tracked.boxes[tracked.ids == chosen]:
             boxes[index] = box
@@ -132,44 +119,41 @@ def frames_with_boxes(labelled: list[Labelled]) -> tuple[int, int]:
     return (numbers[0], numbers[-1]) if numbers else (1, 0)
 
 
-def _by_frame(rows: Rows) -> list[Labelled]:
-    frames = []
-    for number in range(1, max(rows, default=0) + 1):
-        found = rows.get(number, [])
-        ids = np.array([target for target, _ in found], np.int64)
-        frames.append(Labelled(ids, np.array([box for _, box in found], np.float64).reshape(-1, 4)))
-    return frames
+def _by_frame(rows: list[Row]) -> list[Labelled]:
+    frames: dict[int, list[Row]] = defaultdict(list)
+    for row in rows:
+        frames[row[0]].append(row)
+    labelled = []
+    for number in range(1, max(frames, default=0) + 1):
+        ids = np.array([target for _, target, _ in frames.get(number, [])], np.int64)
+        boxes = np.array([box for _, _, box in frames.get(number, [])], np.float64)
+        labelled.append(Labelled(ids, boxes.reshape(-1, 4)))
+    return labelled
 
 
-def _mot_rows(path: Path, first_pixel: float) -> Rows:
-    rows: Rows = {}
-    for place, numbers in _numbers(path, MOT_COLUMNS):
-        frame, target, box = _mot_row(place, numbers, first_pixel)
-        if len(numbers) <= MOT_USED or numbers[MOT_USED] != 0:
-            rows.setdefault(frame, []).append((target, box))
-    return rows
-
-
-def _mot_row(place: str, numbers: list[float], first_pixel: float) -> tuple[int, int, list[float]]:
-    """Frame, id and box of a row."""
-    if numbers[0] < 1 or numbers[0] > 1e7 or not np.isfinite(numbers[:MOT_COLUMNS]).all():
-        raise ValueError(f"{place}: frames count from 1, got frame {numbers[0]:g}")
-    left, top, width, height = numbers[2:6]
+def _mot_rows(path: Path, first_pixel: float) -> Iterator[tuple[Row, list[float]]]:
+    """Rows in the layout of MOT Challenge, with all their numbers."""
     shift = first_pixel + CORNER
-    return int(numbers[0]), int(numbers[1]), [left - shift, top - shift, width, height]
+    for place, numbers in _numbers(path, MOT_COLUMNS):
+        if numbers[0] < 1 or numbers[0] > 1e7 or not np.isfinite(numbers[:MOT_COLUMNS]).all():
+            raise ValueError(f"{place}: frames count from 1, got frame {numbers[0]:g}")
+        left, top, width, height = numbers[2:6]
+        yield (int(numbers[0]), int(numbers[1]), [left - shift, top - shift, width, height]), numbers
 
 
-def _csv_rows(path: Path) -> Rows:
-    rows: Rows = {}
+def _counts(numbers: list[float]) -> bool:
+    return len(numbers) <= MOT_USED or numbers[MOT_USED] != 0
+
+
+def _csv_rows(path: Path) -> Iterator[Row]:
     with path.open(encoding="utf-8", errors="replace", newline="") as lines:
         for number, row in enumerate(csv.DictReader(lines), 2):
             try:
                 box = sides([float(row[name]) for name in ("x0", "y0", "x1", "y1")])
-                if row["state"] in SHOWN:
-                    rows.setdefault(int(row["seq"]) + 1, []).append((int(row["id"]), box))
+                if row["state"] in SHOWN_STATES:
+                    yield int(row["seq"]) + 1, int(row["id"]), box
             except (ValueError, KeyError, TypeError) as error:
                 raise ValueError(f"{path}:{number}: not a row of tracks as tracksink writes it") from error
-    return rows
 
 
 def sides(corners: Sequence[float]) -> list[float]:
@@ -178,8 +162,8 @@ def sides(corners: Sequence[float]) -> list[float]:
     return [left, top, right - left, bottom - top]
 
 
-def _numbers(path: Path, least: int) -> Iterable[tuple[str, list[float]]]:
-    """Where a line is and its numbers, parted by commas, tabs or spaces."""
+def _numbers(path: Path, least: int) -> Iterator[tuple[str, list[float]]]:
+    """The place of a line and its numbers, separated by commas, tabs or spaces."""
     with path.open(encoding="utf-8", errors="replace") as lines:
         for number, line in enumerate(lines, 1):
             words = line.replace(",", " ").split()
