@@ -1,13 +1,27 @@
-"""detectionsrc: attaches the detections of a file to frames."""
+"""detectionsrc: attaches the detections of a file to frames.
+
+Files are the det.txt of the MOT Challenge, or the JSON lines of `detectionsink`.
+"""
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import override
 
 from streamkit import Detections, Frame, Property, ResourceError, StreamError, Transform
-from streamkit_differencer.detection_reader import DetectionTable, InvalidDetections, read_detections
+from streamkit_differencer.arrays import FloatArray
+
+MOT_CORNER = 1.5  # from the centre of the first pixel to the corner of MOT's pixel 1
+MAX_FRAME = 1e7
+
+Row = tuple[float, float, float, float, float, float]  # frame, x0, y0, x1, y1, score
 
 
 class DetectionSrc(Transform):
@@ -31,12 +45,12 @@ class DetectionSrc(Transform):
         if not self.location:
             raise ResourceError("location must be set; write for example location=det.txt")
         try:
-            self._table: DetectionTable = read_detections(self.location)
+            self._table = read_detections(self.location)
         except OSError as error:
             raise ResourceError(
                 f"location={self.location}: cannot be read: {error.strerror}; check the path"
             ) from error
-        except InvalidDetections as error:
+        except ValueError as error:
             raise StreamError(str(error)) from None
 
     @override
@@ -54,3 +68,74 @@ class DetectionSrc(Transform):
                 are_objects=True,
             )
         )
+
+
+@dataclass(frozen=True, eq=False)
+class DetectionTable:
+    """All detections of a file, in the order of their frames.
+
+    Attributes:
+        frames: float64[n], number of the frame.
+        boxes: float64[n, 4], x0 y0 x1 y1, px; (0, 0) is the centre of the first pixel.
+        scores: float64[n], in the units of the file.
+        relative_scores: float64[n], 0 to 1.
+    """
+
+    frames: FloatArray
+    boxes: FloatArray
+    scores: FloatArray
+    relative_scores: FloatArray
+
+    def of_frame(self, number: int) -> NDArray[np.int64]:
+        """The rows of a frame."""
+        return np.arange(*np.searchsorted(self.frames, [number, number + 1]))
+
+
+def read_detections(path: str) -> DetectionTable:
+    """Reads a file; a name that ends in .txt is MOT text, any other JSON lines.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: a line is no detection; the error names it.
+    """
+    read = _mot_rows if Path(path).suffix.lower() == ".txt" else _json_rows
+    rows: list[Row] = []
+    with Path(path).open(encoding="utf-8", errors="replace") as lines:
+        for number, line in enumerate(lines, 1):
+            if not line.strip():
+                continue
+            try:
+                rows += read(line)
+            except (ValueError, KeyError, TypeError, IndexError):
+                raise ValueError(
+                    f"{path}:{number}: a detection has a frame, a box with a positive size and a score, "
+                    f"got {line.strip()[:60]!r}"
+                ) from None
+    table = np.array(rows, np.float64).reshape(-1, 6)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    scores = relative = table[:, 5]
+    if len(scores) and (scores.min() < 0.0 or scores.max() > 1.0):
+        span = np.ptp(scores)
+        relative = (scores - scores.min()) / span if span else np.ones(len(scores))
+    return DetectionTable(table[:, 0], table[:, 1:5], scores, relative)
+
+
+def _mot_rows(line: str) -> Iterator[Row]:
+    # The world coordinates behind the score are not used.
+    frame, _, left, top, width, height, score, *_ = map(float, line.replace(",", " ").split())
+    left, top = left - MOT_CORNER, top - MOT_CORNER
+    yield _row(frame, [left, top, left + width, top + height], score)
+
+
+def _json_rows(line: str) -> Iterator[Row]:
+    record = json.loads(line)
+    for found in record["detections"]:
+        yield _row(record["frame"], found["box"], found["score"])
+
+
+def _row(frame: float, box: list[float], score: float) -> Row:
+    left, top, right, bottom = (float(value) for value in box)
+    is_sound = np.isfinite([frame, left, top, right, bottom, score]).all() and abs(frame) <= MAX_FRAME
+    if not is_sound or right <= left or bottom <= top:
+        raise ValueError("not a box")
+    return int(frame), left, top, right, bottom, float(score)

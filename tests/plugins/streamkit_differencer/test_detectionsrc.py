@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from streamkit import Detections, ElementFailure, Frame, Pipeline, Tracks, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_differencer.detection_reader import InvalidDetections, read_detections
+from streamkit_differencer.detectionsrc import read_detections
 
 MOT = "1,-1,1,1,10,20,0.9,-1,-1,-1\n1,-1,31,1,10,20,0.2,-1,-1,-1\n3,-1,1,1,10,20,0.5,-1,-1,-1\n"
 
@@ -129,6 +129,6 @@ def test_any_text_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, t
         path.write_text(text, encoding="utf-8", errors="replace")
         try:
             table = read_detections(str(path))
-        except InvalidDetections:
+        except ValueError:
             continue
         assert len(table.frames) == len(table.boxes)
