@@ -20,11 +20,11 @@ import pywt
 
 from streamkit import Detections, Frame, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
+from streamkit_wavelet_eigen.appearance import SpaceLearner
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
 from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, prepare_gallery
-from streamkit_wavelet_eigen.learner import SpaceLearner, learn_space
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, prepare
-from streamkit_wavelet_eigen.recipe import PRESETS, Recipe
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import PRESETS, Mode, Preprocessing, Recipe
 
 THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 ROUNDS = 5

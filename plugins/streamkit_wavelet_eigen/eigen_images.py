@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.blocks import join_blocks
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, join_blocks
 
 MIDDLE_GREY = 128.0
 GAP = 2

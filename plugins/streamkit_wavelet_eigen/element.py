@@ -28,8 +28,8 @@ from streamkit import (
     write_remedy,
 )
 from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings
+from streamkit_wavelet_eigen.feature_space import learn_space
 from streamkit_wavelet_eigen.gallery import empty_gallery, read_gallery
-from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.model_file import Model, load_model, save_model
 from streamkit_wavelet_eigen.recipe import PRESETS
 from streamkit_wavelet_eigen.target_features import TargetFeatures

@@ -1,5 +1,6 @@
-"""An immutable feature space that embeds windows."""
+"""A feature space that embeds windows, and how it is learnt from windows in one batch."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_kernels import product
-from streamkit_wavelet_eigen.blocks import cut_blocks, join_blocks
-from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray
+from streamkit_wavelet_eigen.eigenspace import Eigenspace, FloatArray, learn_eigenspace, learn_fisher_axes
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.virtual_views import check_gallery_size, prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
 # Standard deviation in grey levels; a window below it shows noise, not a target.
@@ -153,3 +154,74 @@ def flat_windows(patches: FloatBatch) -> NDArray[np.bool_]:
     """bool[n]: windows of float32[n, h, w] without structure."""
     result: NDArray[np.bool_] = patches.std(axis=(1, 2)) < FLAT_DEVIATION
     return result
+
+
+def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ()) -> WaveletEigenSpace:
+    """Learns a space from windows in one batch.
+
+    Args:
+        patches: float32[m, h, w], grey levels 0..255; flat ones are left out.
+        recipe: how to make the space.
+        labels: m names; needed for a Fisher step only.
+
+    Raises:
+        ValueError: the recipe is inconsistent, all windows are flat, there are too many of them, or the
+            labels do not suit a Fisher step.
+    """
+    recipe.check()
+    patches = validated_patches(patches, recipe.patch_size)
+    usable = ~flat_windows(patches)
+    if not usable.any():
+        raise ValueError(
+            f"learning a space: at least one window must show structure, got {len(patches)} windows, "
+            "all of them flat; give others"
+        )
+    check_gallery_size(int(usable.sum()), recipe)
+    prepared = prepared_views(patches[usable], recipe.views, recipe.preprocessing)
+    spaces = tuple(
+        learn_eigenspace(vectors, recipe.components, recipe.energy)
+        for vectors in vectors_by_space(prepared, recipe)
+    )
+    space = WaveletEigenSpace(spaces, recipe, 1)
+    if not recipe.discriminative:
+        return space
+    if len(labels) != len(patches):
+        raise ValueError(
+            f"Fisher step: each window needs a label, got {len(patches)} windows and {len(labels)} labels"
+        )
+    names = [name for name, kept in zip(labels, usable, strict=True) if kept] * view_count(recipe.views)
+    coordinates = space.embed_prepared(prepared, np.zeros(len(prepared), bool)).astype(np.float64)
+    varying = np.ptp(coordinates, axis=0) > 0
+    axes = np.zeros((coordinates.shape[1], min(int(varying.sum()), len(set(names)) - 1)))
+    if axes.size or len(set(names)) < 2:
+        axes[varying] = learn_fisher_axes(coordinates[:, varying], names, recipe.shrinkage)
+    return WaveletEigenSpace(spaces, recipe, 1, axes)
+
+
+def vectors_by_space(prepared: FloatBatch, recipe: Recipe) -> list[FloatArray]:
+    """Training vectors of each eigenspace, float64[m, d], from prepared windows float32[n, h, w]."""
+    blocks = cut_blocks(prepared, recipe.blocks).astype(np.float64)
+    if recipe.spaces == 1:
+        return [blocks.reshape(-1, blocks.shape[2])]
+    return [blocks[:, index] for index in range(blocks.shape[1])]
+
+
+def cut_blocks(images: FloatBatch, blocks: int) -> FloatBatch:
+    """Blocks float32[n, blocks * blocks, (h / blocks) * (w / blocks)] of float32[n, h, w].
+
+    `blocks` is their number per side, a divisor of h and w.
+
+    Source: Gottumukkal and Asari, An improved face recognition technique based on modular PCA approach, 2004.
+    """
+    count, height, width = images.shape
+    parts = images.reshape(count, blocks, height // blocks, blocks, width // blocks)
+    return parts.swapaxes(2, 3).reshape(count, blocks * blocks, height * width // (blocks * blocks))
+
+
+def join_blocks(vectors: NDArray[np.floating], size: tuple[int, int]) -> FloatBatch:
+    """Inverse of `cut_blocks`: float[n, blocks * blocks, d] to float32[n, h, w], `size` being (h, w)."""
+    height, width = size
+    count, parts = vectors.shape[:2]
+    blocks = int(np.sqrt(parts))
+    grid = vectors.reshape(count, blocks, blocks, height // blocks, width // blocks)
+    return np.asarray(grid.swapaxes(2, 3).reshape(count, height, width), np.float32)

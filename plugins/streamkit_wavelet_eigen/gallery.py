@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, flat_windows
 from streamkit_wavelet_eigen.recipe import Metric, Recipe
-from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count
+from streamkit_wavelet_eigen.virtual_views import check_gallery_size, prepared_views, view_count
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
-# Values of all prepared windows and views together: 256 MB of float32.
-MAX_VALUES = 64 * 1024 * 1024
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp"}
 MAX_IMAGES = 4096
 
@@ -33,6 +31,11 @@ class Gallery:
 
     def __len__(self) -> int:
         return len(self.labels)
+
+    def only(self, chosen: Sequence[bool]) -> "Gallery":
+        """The windows where `chosen`, one for each, is set."""
+        labels = (label for label, is_kept in zip(self.labels, chosen, strict=True) if is_kept)
+        return Gallery(self.patches[np.asarray(chosen, bool)], tuple(labels))
 
     def with_windows(self, patches: FloatBatch, label: str, limit: int) -> "Gallery":
         """This gallery and windows float32[n, h, w] of one label, up to `limit` of that label."""
@@ -115,45 +118,29 @@ class PreparedGallery:
     prepared: FloatBatch
     flat: NDArray[np.bool_]
 
-    def extended(self, gallery: Gallery, recipe: Recipe) -> "PreparedGallery":
-        """The same for a gallery with windows appended; only these are prepared.
 
-        Raises:
-            ValueError: there are too many windows.
-        """
-        added = Gallery(gallery.patches[len(self.gallery) :], gallery.labels[len(self.gallery) :])
-        if not len(added):
-            return self
-        more = prepare_gallery(added, recipe)
-        check_gallery_size(len(gallery), recipe)
-        return PreparedGallery(
-            gallery,
-            np.concatenate([self.prepared, more.prepared], axis=1),
-            np.concatenate([self.flat, more.flat]),
-        )
-
-
-def prepare_gallery(gallery: Gallery, recipe: Recipe) -> PreparedGallery:
+def prepare_gallery(
+    gallery: Gallery, recipe: Recipe, known: PreparedGallery | None = None
+) -> PreparedGallery:
     """Prepares the windows of a gallery and their virtual views.
+
+    Args:
+        gallery: the labelled windows.
+        recipe: how they are prepared.
+        known: of the first windows of the gallery, which are not prepared again.
 
     Raises:
         ValueError: there are too many windows.
     """
     check_gallery_size(len(gallery), recipe)
-    patches = gallery.patches.astype(np.float32)
+    patches = gallery.patches[len(known.flat) if known else 0 :].astype(np.float32)
     prepared = prepared_views(patches, recipe.views, recipe.preprocessing)
-    shape = (view_count(recipe.views), len(gallery), *recipe.prepared_size)
-    return PreparedGallery(gallery, prepared.reshape(shape), flat_windows(patches))
-
-
-def check_gallery_size(windows: int, recipe: Recipe) -> None:
-    """Raises ValueError when so many windows and their views need more than 256 MB."""
-    values = windows * view_count(recipe.views) * recipe.block_values * recipe.blocks**2
-    if values > MAX_VALUES:
-        raise ValueError(
-            f"labelled windows, their views and pixels make {values} values, the maximum is {MAX_VALUES}; "
-            "give fewer windows, views=none or a higher approximation"
-        )
+    prepared = prepared.reshape(view_count(recipe.views), len(patches), *recipe.prepared_size)
+    flat = flat_windows(patches)
+    if known is not None:
+        prepared = np.concatenate([known.prepared, prepared], axis=1)
+        flat = np.concatenate([known.flat, flat])
+    return PreparedGallery(gallery, prepared, flat)
 
 
 class Recogniser:
@@ -221,8 +208,3 @@ def _unit_rows(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     lengths = np.linalg.norm(rows, axis=1, keepdims=True)
     result: NDArray[np.float64] = np.divide(rows, lengths, out=np.zeros_like(rows), where=lengths > 0)
     return result
-
-
-def accuracy(labels: Sequence[str], truth: Sequence[str]) -> float:
-    """Share of labels that are right, 0 to 1."""
-    return sum(one == other for one, other in zip(labels, truth, strict=True)) / max(len(truth), 1)

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from streamkit_wavelet_eigen.eigenspace import Eigenspace
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, empty_gallery
-from streamkit_wavelet_eigen.preprocessing import Preprocessing
-from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.recipe import Preprocessing, Recipe
 
 Fields = dict[str, NDArray[Any]]
 

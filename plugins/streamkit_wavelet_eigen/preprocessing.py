@@ -1,14 +1,11 @@
 """Steps 1 to 5 of the paper: wavelet-domain equalisation and denoising of target windows, in batches."""
 
-from dataclasses import dataclass
-from enum import StrEnum
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit.settings import setting
-from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct, sub_bands, transform_matrix
+from streamkit_wavelet_eigen.recipe import Mode, Preprocessing, Threshold
+from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct, sub_bands
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
@@ -17,51 +14,6 @@ MAX_LEVEL = np.float32(255.0)
 CONSTANT_SPAN = np.float32(1e-3)
 # The median of |x| of a normal variable is 0.6745 standard deviations.
 MEDIAN_TO_SIGMA = np.float32(0.6745)
-
-
-class Mode(StrEnum):
-    """Preprocessing steps that are applied to a window."""
-
-    PAPER = "paper"
-    DENOISE = "denoise"
-    RAW = "raw"
-
-
-class Threshold(StrEnum):
-    """Rule for the soft threshold of the detail sub-bands."""
-
-    VISU = "visu"
-    BAYES = "bayes"
-    NONE = "none"
-
-
-@dataclass(frozen=True)
-class Preprocessing:
-    """Preprocessing of a window before projection."""
-
-    mode: Mode = setting(
-        Mode.PAPER, doc="paper: all five published steps; denoise: without equalisation; raw: none of them."
-    )
-    threshold: Threshold = setting(Threshold.VISU, doc="Rule for the threshold of the wavelet details.")
-    wavelet: str = setting("db8", doc="Wavelet, by its PyWavelets name.")
-    approximation: int = setting(
-        0, min=0, max=5, doc="Low-pass levels after these steps; each halves the sides."
-    )
-
-    def check(self, patch_size: tuple[int, int]) -> None:
-        """Raises ValueError when patches of this (height, width) cannot be prepared this way."""
-        if self.approximation < 0:
-            raise ValueError(f"preprocessing: approximation must be at least 0, got {self.approximation}")
-        for side in patch_size:
-            if self.mode is not Mode.RAW or self.approximation:
-                transform_matrix(self.wavelet, side)
-            for level in range(1, self.approximation):
-                transform_matrix(self.wavelet, side >> level if side % (1 << level) == 0 else 1)
-
-    def prepared_size(self, patch_size: tuple[int, int]) -> tuple[int, int]:
-        """(height, width) of a prepared window of (height, width) `patch_size`."""
-        height, width = patch_size
-        return height >> self.approximation, width >> self.approximation
 
 
 def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
@@ -89,12 +41,13 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
             coefficients = decompose(part, how.wavelet)
             denoised = threshold_details(coefficients, how.threshold)
             if how.mode is Mode.PAPER:
-                low = np.s_[:, : height // 2, : width // 2]
-                denoised[low] = equalised_in_own_range(coefficients[low])
+                low = np.s_[:, 0, :, 0]
+                sub_bands(denoised)[low] = equalised_in_own_range(sub_bands(coefficients)[low])
             part = reconstruct(denoised, how.wavelet)
             part = equalised(part) if how.mode is Mode.PAPER else np.clip(part, 0.0, 255.0)
         for _ in range(how.approximation):
-            part = _approximation(part, how.wavelet)
+            # The LL band, scaled back to grey levels.
+            part = np.float32(0.5) * sub_bands(decompose(part, how.wavelet))[:, 0, :, 0]
         prepared[first : first + chunk] = part
     return prepared
 
@@ -118,15 +71,6 @@ def equalised_in_own_range(bands: FloatBatch) -> FloatBatch:
     levels *= span / MAX_LEVEL
     levels += lowest
     return levels
-
-
-def _approximation(patches: FloatBatch, wavelet: str) -> FloatBatch:
-    """The LL band of one level, scaled back to grey levels."""
-    height, width = patches.shape[1:]
-    rows, columns = transform_matrix(wavelet, height), transform_matrix(wavelet, width)
-    low: FloatBatch = rows[: height // 2] @ (patches @ columns[: width // 2].T)
-    low *= np.float32(0.5)
-    return low
 
 
 def threshold_details(coefficients: FloatBatch, rule: Threshold) -> FloatBatch:

@@ -4,7 +4,52 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from streamkit.settings import setting
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
+from streamkit_wavelet_eigen.wavelet import transform_matrix
+
+
+class Mode(StrEnum):
+    """Preprocessing steps that are applied to a window."""
+
+    PAPER = "paper"
+    DENOISE = "denoise"
+    RAW = "raw"
+
+
+class Threshold(StrEnum):
+    """Rule for the soft threshold of the detail sub-bands."""
+
+    VISU = "visu"
+    BAYES = "bayes"
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """Preprocessing of a window before projection."""
+
+    mode: Mode = setting(
+        Mode.PAPER, doc="paper: all five published steps; denoise: without equalisation; raw: none of them."
+    )
+    threshold: Threshold = setting(Threshold.VISU, doc="Rule for the threshold of the wavelet details.")
+    wavelet: str = setting("db8", doc="Wavelet, by its PyWavelets name.")
+    approximation: int = setting(
+        0, min=0, max=5, doc="Low-pass levels after these steps; each halves the sides."
+    )
+
+    def check(self, patch_size: tuple[int, int]) -> None:
+        """Raises ValueError when patches of this (height, width) cannot be prepared this way."""
+        if self.approximation < 0:
+            raise ValueError(f"preprocessing: approximation must be at least 0, got {self.approximation}")
+        for side in patch_size:
+            if self.mode is not Mode.RAW or self.approximation:
+                transform_matrix(self.wavelet, side)
+            for level in range(1, self.approximation):
+                transform_matrix(self.wavelet, side >> level if side % (1 << level) == 0 else 1)
+
+    def prepared_size(self, patch_size: tuple[int, int]) -> tuple[int, int]:
+        """(height, width) of a prepared window of (height, width) `patch_size`."""
+        height, width = patch_size
+        return height >> self.approximation, width >> self.approximation
 
 
 class Basis(StrEnum):

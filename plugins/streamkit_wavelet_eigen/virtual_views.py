@@ -5,10 +5,12 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from streamkit_wavelet_eigen.preprocessing import Preprocessing, prepare
-from streamkit_wavelet_eigen.recipe import Views
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import Preprocessing, Recipe, Views
 from streamkit_wavelet_eigen.wavelet import FloatBatch
 
+# Values of all prepared windows and views together: 256 MB of float32.
+MAX_VALUES = 64 * 1024 * 1024
 # Share of the side, degrees and relative size: the placement error of a detector's window.
 SHIFT = 1 / 32
 ROTATION_DEGREES = 5.0
@@ -69,3 +71,13 @@ def prepared_views(patches: FloatBatch, views: Views, how: Preprocessing) -> Flo
     return np.concatenate(
         [prepare(np.ascontiguousarray(view), how) for view in virtual_views(patches, views)]
     )
+
+
+def check_gallery_size(windows: int, recipe: Recipe) -> None:
+    """Raises ValueError when so many windows and their views need more than 256 MB."""
+    values = windows * view_count(recipe.views) * recipe.block_values * recipe.blocks**2
+    if values > MAX_VALUES:
+        raise ValueError(
+            f"labelled windows, their views and pixels make {values} values, the maximum is {MAX_VALUES}; "
+            "give fewer windows, views=none or a higher approximation"
+        )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 FloatBatch: TypeAlias = NDArray[np.float32]
 
+
 # Largest element of W W^T - I; the filters of orthogonal wavelets are tabulated to about 1e-11.
 ORTHOGONALITY_LIMIT = 1e-6
 
@@ -59,8 +60,8 @@ def inverse_matrix(wavelet: str, length: int) -> FloatBatch:
         ValueError: as `transform_matrix`.
     """
     matrix = _exact_matrix(wavelet, length)
-    defect = float(np.abs(matrix @ matrix.T - np.eye(length)).max())
-    return _read_only(matrix.T if defect < ORTHOGONALITY_LIMIT else np.linalg.inv(matrix))
+    is_orthogonal = np.allclose(matrix @ matrix.T, np.eye(length), rtol=0.0, atol=ORTHOGONALITY_LIMIT)
+    return _read_only(matrix.T if is_orthogonal else np.linalg.inv(matrix))
 
 
 def _exact_matrix(wavelet: str, length: int) -> NDArray[np.float64]:
@@ -70,9 +71,7 @@ def _exact_matrix(wavelet: str, length: int) -> NDArray[np.float64]:
         raise ValueError(
             f'wavelet transform: no discrete wavelet "{wavelet}"; use e.g. db8, haar, sym4, coif2, bior2.2'
         )
-    low, high = pywt.dwt(np.eye(length), wavelet, mode="periodization", axis=0)
-    matrix: NDArray[np.float64] = np.vstack([low, high])
-    return matrix
+    return np.vstack(pywt.dwt(np.eye(length), wavelet, mode="periodization", axis=0))
 
 
 def _read_only(matrix: NDArray[np.floating]) -> FloatBatch:
@@ -87,15 +86,11 @@ def decompose(patches: FloatBatch, wavelet: str = "db8") -> FloatBatch:
     Raises:
         ValueError: as `transform_matrix`.
     """
-    height, width = patches.shape[1:]
-    rows, columns = transform_matrix(wavelet, height), transform_matrix(wavelet, width)
-    result: FloatBatch = rows @ (patches @ columns.T)
-    return result
+    rows, columns = (transform_matrix(wavelet, side) for side in patches.shape[1:])
+    return np.asarray(rows @ (patches @ columns.T))
 
 
 def reconstruct(coefficients: FloatBatch, wavelet: str = "db8") -> FloatBatch:
     """Inverse of `decompose`: float32[n, h, w]."""
-    height, width = coefficients.shape[1:]
-    rows, columns = inverse_matrix(wavelet, height), inverse_matrix(wavelet, width)
-    result: FloatBatch = rows @ (coefficients @ columns.T)
-    return result
+    rows, columns = (inverse_matrix(wavelet, side) for side in coefficients.shape[1:])
+    return np.asarray(rows @ (coefficients @ columns.T))

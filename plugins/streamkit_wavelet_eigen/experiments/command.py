@@ -33,9 +33,9 @@ def experiments(
     plots: Annotated[bool, typer.Option(help="Draw figure 3 (needs the extra `experiments`).")] = True,
 ) -> None:
     """Repeats the publication's experiments on ORL and COIL-20: tables 1 to 4, figure 3, and peers."""
-    from streamkit_wavelet_eigen.experiments.databases import MissingData, data_folder
-    from streamkit_wavelet_eigen.experiments.page import page
+    from streamkit_wavelet_eigen.experiments.page import draw_figure_3, page
     from streamkit_wavelet_eigen.experiments.run import run_all
+    from streamkit_wavelet_eigen.experiments.splits import MissingData, data_folder
 
     began = time.monotonic()
 
@@ -57,8 +57,6 @@ def experiments(
         (output / "paper-tables.json").write_text(text, encoding="utf-8")
         (output / "paper-tables.md").write_text(page(results), encoding="utf-8")
         if plots:
-            from streamkit_wavelet_eigen.experiments.plots import draw_figure_3
-
             draw_figure_3(results, output / "paper-figure-3.svg")
     except (MissingData, OSError) as error:
         typer.echo(f"error: {error}", err=True)

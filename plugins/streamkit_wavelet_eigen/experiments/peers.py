@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit
 from streamkit_wavelet_eigen.experiments.results import Figure, figure_of
+from streamkit_wavelet_eigen.experiments.splits import DatabaseSplit
 from streamkit_wavelet_eigen.gallery import Gallery
 
 COMPONENTS = 40

@@ -7,20 +7,18 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from streamkit.handoff.library_threads import ONE_THREAD
-from streamkit_wavelet_eigen.experiments.databases import read_coil20, read_orl
-from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED, TRADITIONAL, choose
+from streamkit_wavelet_eigen.experiments import recognition
 from streamkit_wavelet_eigen.experiments.peers import peer_rates
-from streamkit_wavelet_eigen.experiments.protocol import PARTITIONS, REPETITIONS, Partition, splits
-from streamkit_wavelet_eigen.experiments.published import RUNS
-from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, reading_b, reading_c
+from streamkit_wavelet_eigen.experiments.recognition import BEST, METHODS, MODULAR, PROPOSED, TRADITIONAL
 from streamkit_wavelet_eigen.experiments.results import SCHEMA, PartitionResult, Results
+from streamkit_wavelet_eigen.experiments.splits import PARTITIONS, read_coil20, read_orl, splits
 from streamkit_wavelet_eigen.experiments.tracking import Follow, by_runs, tracking_errors
 
 READING_A_METHODS = (PROPOSED, TRADITIONAL, MODULAR, BEST)
 
 
 def run_partition(
-    partition: Partition, folder: Path, repetitions: int, tracking_runs: int, follow: Follow
+    key: str, folder: Path, repetitions: int, tracking_runs: int, follow: Follow
 ) -> PartitionResult:
     """Measures one partition; see `run_all`.
 
@@ -28,17 +26,18 @@ def run_partition(
         MissingData: the databases are incomplete.
         ImportError: a peer is not installed.
     """
-    read = read_orl if partition.database == "orl" else read_coil20
-    parts = list(splits(read(folder), partition.training, repetitions))
+    database, training = PARTITIONS[key]
+    images = read_orl(folder) if database == "orl" else read_coil20(folder)
+    parts = list(splits(images, training, repetitions))
     return {
         "training_pictures": len(parts[0].training.labels),
         "test_pictures": len(parts[0].test.labels),
-        "recognition": {name: rates(recipe, parts) for name, recipe in METHODS.items()},
+        "recognition": {name: recognition.rates(recipe, parts) for name, recipe in METHODS.items()},
         "peers": peer_rates(parts),
-        "selection": choose(parts, partition.training),
-        "reading_a": {name: reading_a(METHODS[name], parts) for name in READING_A_METHODS},
-        "reading_b": reading_b(parts),
-        "reading_c": reading_c(parts),
+        "selection": recognition.choose(parts, training),
+        "reading_a": {name: recognition.reading_a(METHODS[name], parts) for name in READING_A_METHODS},
+        "reading_b": recognition.reading_b(parts),
+        "reading_c": recognition.reading_c(parts),
         "tracking": by_runs(tracking_errors(parts, follow, tracking_runs)),
     }
 
@@ -47,10 +46,10 @@ def run_all(
     folder: Path,
     follow: Follow,
     *,
-    repetitions: int = REPETITIONS,
-    tracking_runs: int = RUNS[-1],
-    workers: int = 2,
-    report: Callable[[str], None] = lambda _: None,
+    repetitions: int,
+    tracking_runs: int,
+    workers: int,
+    report: Callable[[str], None],
 ) -> Results:
     """Measures all partitions; the results do not depend on the number of workers.
 
@@ -66,8 +65,8 @@ def run_all(
     found: dict[str, PartitionResult] = {}
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         tasks = {
-            pool.submit(run_partition, partition, folder, repetitions, tracking_runs, follow): partition.key
-            for partition in PARTITIONS
+            pool.submit(run_partition, key, folder, repetitions, tracking_runs, follow): key
+            for key in PARTITIONS
         }
         try:
             for task in as_completed(tasks):
@@ -79,5 +78,5 @@ def run_all(
         "schema": SCHEMA,
         "repetitions": repetitions,
         "tracking_runs": tracking_runs,
-        "partitions": {partition.key: found[partition.key] for partition in PARTITIONS},
+        "partitions": {key: found[key] for key in PARTITIONS},
     }

@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit
-from streamkit_wavelet_eigen.experiments.published import RUNS
-from streamkit_wavelet_eigen.experiments.results import Figure, figure_of
+from streamkit_wavelet_eigen.experiments.results import RUNS, Figure, figure_of
+from streamkit_wavelet_eigen.experiments.splits import DatabaseSplit
+from streamkit_wavelet_eigen.feature_space import learn_space
 from streamkit_wavelet_eigen.gallery import empty_gallery
-from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.model_file import Model, save_model
 from streamkit_wavelet_eigen.recipe import Recipe
 
@@ -103,8 +102,8 @@ def tracking_errors(splits: Sequence[DatabaseSplit], follow: Follow, runs: int =
             names = sorted(set(split.training.labels))
             name = names[run % len(names)]
             training, test = (
-                sample.patches[[label == name for label in sample.labels]]
-                for sample in (split.training, split.test)
+                part.only([label == name for label in part.labels]).patches
+                for part in (split.training, split.test)
             )
             model = Path(folder) / f"{run}.npz"
             save_model(Model(learn_space(_halved(training), RECIPE), empty_gallery(RECIPE.patch)), model)

@@ -4,8 +4,7 @@ import numpy as np
 
 from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings
 from streamkit_wavelet_eigen.gallery import empty_gallery
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
-from streamkit_wavelet_eigen.recipe import Recipe
+from streamkit_wavelet_eigen.recipe import Mode, Preprocessing, Recipe
 from streamkit_wavelet_eigen.windows import Windows
 
 RECIPE = Recipe(16, Preprocessing(Mode.RAW), components=4)

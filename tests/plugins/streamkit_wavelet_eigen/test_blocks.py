@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.blocks import cut_blocks, join_blocks
+from streamkit_wavelet_eigen.feature_space import cut_blocks, join_blocks
 
 
 def test_blocks_run_row_by_row() -> None:

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from streamkit_wavelet_eigen.eigen_images import eigen_images, image_grid
-from streamkit_wavelet_eigen.learner import learn_space
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
-from streamkit_wavelet_eigen.recipe import Basis, Recipe
+from streamkit_wavelet_eigen.feature_space import learn_space
+from streamkit_wavelet_eigen.recipe import Basis, Mode, Preprocessing, Recipe
 
 
 def _windows(count: int = 12) -> np.ndarray:

@@ -7,14 +7,14 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from streamkit_wavelet_eigen.feature_file import (
+from streamkit import StreamError
+from streamkit_wavelet_eigen.featuresink import (
     COLUMNS,
     LABEL_CHARACTERS,
     ROWS_PER_GROUP,
     SCHEMA,
     FeatureWriter,
     Rows,
-    VectorLengthChanged,
     empty_rows,
 )
 
@@ -74,7 +74,7 @@ def test_another_length_is_refused(tmp_path: Path, suffix: str) -> None:
     """Vectors of two spaces do not fit one table; the error names both lengths."""
     writer = FeatureWriter(tmp_path / f"features.{suffix}")
     writer.write(_rows(2, length=3))
-    with pytest.raises(VectorLengthChanged, match="got 5 values after 3"):
+    with pytest.raises(StreamError, match="got 5 values after 3"):
         writer.write(_rows(2, length=5))
     writer.finish()
 

@@ -7,12 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.blocks import cut_blocks
 from streamkit_wavelet_eigen.eigenspace import learn_eigenspace
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
-from streamkit_wavelet_eigen.learner import learn_space
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, prepare
-from streamkit_wavelet_eigen.recipe import Basis, Recipe
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, cut_blocks, learn_space
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import Basis, Mode, Preprocessing, Recipe
 
 
 def _windows(count: int, side: int = 16, seed: int = 0) -> np.ndarray:

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
-from streamkit_wavelet_eigen.learner import SpaceLearner, learn_space
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
-from streamkit_wavelet_eigen.recipe import Basis, Recipe, Views
+from streamkit_wavelet_eigen.appearance import SpaceLearner
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
+from streamkit_wavelet_eigen.recipe import Basis, Mode, Preprocessing, Recipe, Views
 
 RECIPE = Recipe(8, Preprocessing(Mode.RAW), components=3)
 

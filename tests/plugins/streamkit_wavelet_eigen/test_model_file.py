@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from streamkit_wavelet_eigen.feature_space import learn_space
 from streamkit_wavelet_eigen.gallery import Gallery
-from streamkit_wavelet_eigen.learner import learn_space
 from streamkit_wavelet_eigen.model_file import (
     FILE_LIMIT_BYTES,
     InvalidModelFile,
@@ -16,8 +16,7 @@ from streamkit_wavelet_eigen.model_file import (
     load_model,
     save_model,
 )
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, Threshold
-from streamkit_wavelet_eigen.recipe import Basis, Metric, Recipe, Views
+from streamkit_wavelet_eigen.recipe import Basis, Metric, Mode, Preprocessing, Recipe, Threshold, Views
 
 WHOLE = Recipe(16, Preprocessing(Mode.RAW), components=4)
 RECIPES = [

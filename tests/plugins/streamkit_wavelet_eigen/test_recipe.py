@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing
-from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Recipe
+from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Mode, Preprocessing, Recipe
 
 RAW = Preprocessing(Mode.RAW)
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.preprocessing import Mode, Preprocessing, prepare
-from streamkit_wavelet_eigen.recipe import Views
+from streamkit_wavelet_eigen.preprocessing import prepare
+from streamkit_wavelet_eigen.recipe import Mode, Preprocessing, Views
 from streamkit_wavelet_eigen.virtual_views import prepared_views, view_count, virtual_views
 
 

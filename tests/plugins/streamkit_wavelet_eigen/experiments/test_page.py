@@ -7,11 +7,9 @@ from typing import cast
 
 import pytest
 
-from streamkit_wavelet_eigen.experiments.methods import BEST, CANDIDATES, METHODS, MODULAR, PROPOSED
-from streamkit_wavelet_eigen.experiments.page import page
-from streamkit_wavelet_eigen.experiments.plots import draw_figure_3
-from streamkit_wavelet_eigen.experiments.published import ERRORS, PERCENTAGES
-from streamkit_wavelet_eigen.experiments.results import SCHEMA, Results
+from streamkit_wavelet_eigen.experiments.page import draw_figure_3, page
+from streamkit_wavelet_eigen.experiments.recognition import BEST, CANDIDATES, METHODS, MODULAR, PROPOSED
+from streamkit_wavelet_eigen.experiments.results import ERRORS, PERCENTAGES, SCHEMA, Results
 
 DOCS = Path(__file__).parents[4] / "docs"
 

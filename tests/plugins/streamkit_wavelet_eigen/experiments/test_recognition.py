@@ -4,16 +4,30 @@ from pathlib import Path
 
 import pytest
 
-from streamkit_wavelet_eigen.experiments.databases import MissingData, data_folder, read_coil20, read_orl
-from streamkit_wavelet_eigen.experiments.methods import BEST, METHODS, MODULAR, PROPOSED
 from streamkit_wavelet_eigen.experiments.peers import (
     fisherfaces_rate,
     lbp_rate,
     pca_rate,
 )
-from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit, splits
-from streamkit_wavelet_eigen.experiments.published import TABLE_1, TABLE_3
-from streamkit_wavelet_eigen.experiments.recognition import rates, reading_a, reading_b, reading_c
+from streamkit_wavelet_eigen.experiments.recognition import (
+    BEST,
+    METHODS,
+    MODULAR,
+    PROPOSED,
+    rates,
+    reading_a,
+    reading_b,
+    reading_c,
+)
+from streamkit_wavelet_eigen.experiments.results import TABLE_1, TABLE_3
+from streamkit_wavelet_eigen.experiments.splits import (
+    DatabaseSplit,
+    MissingData,
+    data_folder,
+    read_coil20,
+    read_orl,
+    splits,
+)
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_wavelet_eigen.experiments.methods import RAW, choose
-from streamkit_wavelet_eigen.experiments.protocol import DatabaseSplit, splits
+from streamkit_wavelet_eigen.experiments.recognition import RAW, choose
+from streamkit_wavelet_eigen.experiments.splits import DatabaseSplit, splits
 from streamkit_wavelet_eigen.recipe import Recipe
 
 CANDIDATES = {

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from streamkit_wavelet_eigen.experiments.command import follow_target
-from streamkit_wavelet_eigen.experiments.databases import data_folder, read_coil20
-from streamkit_wavelet_eigen.experiments.protocol import splits
+from streamkit_wavelet_eigen.experiments.splits import data_folder, read_coil20, splits
 from streamkit_wavelet_eigen.experiments.tracking import (
     FRAMES,
     TARGET_SIDE,

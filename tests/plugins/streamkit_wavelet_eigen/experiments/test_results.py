@@ -2,7 +2,7 @@
 
 import pytest
 
-from streamkit_wavelet_eigen.experiments.published import ERRORS, PERCENTAGES, TABLE_1, PublishedTable
+from streamkit_wavelet_eigen.experiments.results import ERRORS, PERCENTAGES, TABLE_1, PublishedTable
 
 
 def test_table_1_is_printed_with_a_wrong_average() -> None:
