@@ -6,6 +6,7 @@ corner of the image, MOT from 1.
 
 import enum
 import json
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -108,7 +109,11 @@ class Coco(JsonLines):
         return b'],\n"images":[' + b",".join(self._images) + b'],"categories":' + listed + b"}\n"
 
 
-FORMATS = {DetectionFormat.JSONL: JsonLines, DetectionFormat.MOT: Mot, DetectionFormat.COCO: Coco}
+FORMATS: Mapping[str, type[JsonLines]] = {
+    DetectionFormat.JSONL: JsonLines,
+    DetectionFormat.MOT: Mot,
+    DetectionFormat.COCO: Coco,
+}
 KINDS = {".jsonl": DetectionFormat.JSONL, ".txt": DetectionFormat.MOT, ".json": DetectionFormat.COCO}
 
 
