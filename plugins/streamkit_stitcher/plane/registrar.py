@@ -187,8 +187,7 @@ class FrameRegistrar:
         image = working_image(images, self._level, self._settings.max_points)
         if image.is_blank or self._last_image is None:
             return self._predict()
-        last = working_image((self._last_image,), 0, self._settings.max_points)
-        last = replace(last, factor=image.factor)
+        last = replace(working_image((self._last_image,), 0, self._settings.max_points), factor=image.factor)
         expected, consecutive = self._motion.expected(self._planes.before), self._motion.predicted == 0
         guess = normalised(inverse(self._planes.last_to_plane) @ expected)
         limits = self._settings.limits
@@ -311,8 +310,7 @@ class FrameRegistrar:
         self._motion.predicted += 1
         to_previous = normalised(inverse(before) @ expected)
         std = self._std_before + corner_shift(to_previous, self._shape) + _LOST_STD
-        found = Placement(expected, std)
-        return self._publish(to_previous, expected, RegistrationStatus.LOST, found)
+        return self._publish(to_previous, expected, RegistrationStatus.LOST, Placement(expected, std))
 
     def _publish(
         self,
