@@ -74,7 +74,7 @@ class Planes:
         """Continues with another plane, unrelated to the current one: a new one, or that of `number`."""
         self.number = self._new_number() if number is None else number
         self.before, self.has_jumped = IDENTITY, True
-        if not self.keeps_earlier:
+        if number is None and not self.keeps_earlier:
             self.retire()
 
     def start(self, images: Sequence[GreyArray], level: int) -> None:

@@ -64,3 +64,17 @@ def test_a_plane_that_is_met_again_continues(aerial_ground, make_registrar):
         True,
         None,
     )
+
+
+def test_a_kept_plane_is_met_again_when_planes_are_kept_no_longer(aerial_ground, make_registrar):
+    """What is kept stays until a new plane begins, with which all end."""
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
+    registered(aerial_ground, registrar, (0, 1, 5))
+    registrar.keep_planes(False)
+    (back,) = registered(aerial_ground, registrar, (2,))
+    assert (back.reference, back.status, back.measured) == (0, RegistrationStatus.CUT, True)
+    assert registrar.take_plane() is None
+    registrar.restart()
+    plane = registrar.take_plane()
+    assert list(plane.planes) == [0, 1]
+    plane.close()
