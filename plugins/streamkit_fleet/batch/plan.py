@@ -35,13 +35,12 @@ class ClipPart:
     """A part of a file, s from its beginning.
 
     Attributes:
-        begin_s: first frame processed, a keyframe.
-        seam_s: first frame whose results are kept; those before it join the parts.
+        begin_s: first frame processed, a keyframe; it lies before the end of the part before, so that targets
+            seen in both can be matched.
         end_s: end; None is the file's.
     """
 
     begin_s: float = 0.0
-    seam_s: float = 0.0
     end_s: float | None = None
 
 
@@ -81,22 +80,25 @@ def keyframes_s(path: str) -> list[float]:
     """Times of the keyframes of a file's first video, s from the first frame."""
     with av.open(path) as container:
         stream = container.streams.video[0]
-        packets = [packet for packet in container.demux(stream) if packet.pts is not None]
-        first = min((packet.pts or 0 for packet in packets), default=0)
-        unit = float(stream.time_base or 0)
-        return sorted(
-            (packet.pts - first) * unit for packet in packets if packet.is_keyframe and packet.pts is not None
-        )
+        first, keyframes = None, []
+        for packet in container.demux(stream):  # none is kept: a long file would fill the memory
+            if packet.pts is None:
+                continue
+            first = packet.pts if first is None else min(first, packet.pts)
+            if packet.is_keyframe:
+                keyframes.append(packet.pts)
+        return sorted((pts - (first or 0)) * float(stream.time_base or 0) for pts in keyframes)
 
 
 def split(
     keyframes: Sequence[float], duration_s: float, part_s: float, overlap_s: float
 ) -> tuple[ClipPart, ...]:
     """Parts of at least `part_s` that begin and end at keyframes, s; one if there are too few keyframes."""
-    seams = [0.0]
-    while (index := bisect_left(keyframes, seams[-1] + part_s)) < len(keyframes):
-        if duration_s - keyframes[index] < part_s / 2:  # the rest is no part of its own
+    ends, last_s = list[float](), 0.0
+    while (index := bisect_left(keyframes, last_s + part_s)) < len(keyframes):
+        last_s = keyframes[index]
+        if duration_s - last_s < part_s / 2:  # the rest is no part of its own
             break
-        seams.append(keyframes[index])
-    begins = [0.0, *(keyframes[max(0, bisect_right(keyframes, seam - overlap_s) - 1)] for seam in seams[1:])]
-    return tuple(map(ClipPart, begins, seams, [*seams[1:], None]))
+        ends.append(last_s)
+    begins = [0.0, *(keyframes[max(0, bisect_right(keyframes, end - overlap_s) - 1)] for end in ends)]
+    return tuple(map(ClipPart, begins, [*ends, None]))

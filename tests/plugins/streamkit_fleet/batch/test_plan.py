@@ -12,9 +12,9 @@ def test_parts_begin_and_end_at_keyframes() -> None:
     """Each begins at the last keyframe that leaves the overlap before its seam."""
     every_two = [2.0 * number for number in range(10)]
     assert split(every_two, 20.0, 5.0, 3.0) == (
-        ClipPart(0.0, 0.0, 6.0),
-        ClipPart(2.0, 6.0, 12.0),
-        ClipPart(8.0, 12.0, None),
+        ClipPart(0.0, 6.0),
+        ClipPart(2.0, 12.0),
+        ClipPart(8.0, None),
     )
 
 
@@ -35,7 +35,7 @@ def test_a_file_is_planned_by_its_content(tmp_path: Path) -> None:
     assert keyframes_s(str(clip)) == [0.0, 1.0, 2.0]
     plan = plan_file(str(clip), RECIPE)
     assert plan.duration_s == 3.0
-    assert plan.parts == (ClipPart(0.0, 0.0, 1.0), ClipPart(0.0, 1.0, 2.0), ClipPart(1.0, 2.0, None))
+    assert plan.parts == (ClipPart(0.0, 1.0), ClipPart(0.0, 2.0), ClipPart(1.0, None))
     assert plan == plan_file(str(clip), RECIPE)
     clip.write_bytes(b"junk")
     junk = plan_file(str(clip), RECIPE)
