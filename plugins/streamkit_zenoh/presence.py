@@ -55,13 +55,13 @@ class LivelinessWatch:
 
     def _add(self, token: str, ends: int) -> bool:
         """Adds a live token; False if it has ended more often than `ends`."""
-        self._appeared(token)
         with self._lock:
             if self._closed or self._ends.get(token, 0) != ends:
                 return False
             if len(self._tokens) < TOKEN_LIMIT:
                 self._tokens.add(token)
             count = len(self._tokens)
+        self._appeared(token)
         self._changed(count)
         return True
 
