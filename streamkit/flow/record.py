@@ -251,11 +251,12 @@ def _finite(*numbers: float) -> tuple[float, ...] | None:
 
 def _registration_record(registration: Registration, provenance: bool) -> RegistrationRecord:
     rows = [_finite(*row) for row in registration.to_reference.tolist()]
+    std = _finite_or_none(registration.corner_std)
     found = RegistrationRecord(
         reference=int(registration.reference),
         to_reference=None if None in rows else cast("tuple[Row3, Row3, Row3]", tuple(rows)),
         status=registration.status,
-        corner_std=None if registration.corner_std is None else round(float(registration.corner_std), 3),
+        corner_std=None if std is None else round(std, 3),
     )
     if not provenance:
         return found

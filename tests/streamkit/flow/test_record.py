@@ -50,8 +50,8 @@ def _frame(*items: object, capture: Capture | None = None) -> Frame:
     return frame.attach(*items)
 
 
-def _registration(to_reference: np.ndarray) -> Registration:
-    return Registration(to_previous=np.eye(3), to_reference=to_reference, reference=3)
+def _registration(to_reference: np.ndarray, corner_std: float | None = None) -> Registration:
+    return Registration(to_previous=np.eye(3), to_reference=to_reference, reference=3, corner_std=corner_std)
 
 
 @pytest.mark.parametrize(
@@ -128,12 +128,12 @@ def test_missing_values_are_left_out() -> None:
 def test_numbers_that_are_not_finite_are_left_out() -> None:
     """JSON has no NaN."""
     track = _track(velocity=(math.nan, 1.0), covariance=np.full((2, 2), np.inf))
-    frame = _frame(Tracks((track,)), _registration(np.full((3, 3), np.nan)))
+    frame = _frame(Tracks((track,)), _registration(np.full((3, 3), np.nan), math.nan))
     record = track_record(frame, source="a", published_ns=5)
     written = encode_record(record)
     assert b"null" not in written
     assert record.registration is not None
-    assert record.registration.to_reference is None
+    assert (record.registration.to_reference, record.registration.corner_std) == (None, None)
     assert not {"vx", "vy", "position_covariance"} & set(json.loads(written)["tracks"][0])
 
 
