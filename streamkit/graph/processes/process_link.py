@@ -166,7 +166,7 @@ class ProcessLink(Element):
                     channel = self._reader_connection().channel
                     if channel.send(self._encoder.event(event), (), self.stopping.is_set):
                         self._has_sent_eos = isinstance(event, EosEvent)
-                        return
+                    return  # it is sent, or the pipeline stops
 
     def _put(self, frame: Frame) -> None:
         """Sends a frame; to another reader, if the first one dies meanwhile and is started again.
