@@ -57,7 +57,7 @@ class KeyframeAnchor:
     """Places frames on the reference plane by keyframes. All homographies given are to the plane.
 
     Args:
-        settings: the tracker's settings.
+        settings: of the registration.
         level: how often frames are halved to working size.
         plane: number of the first plane.
 

@@ -45,7 +45,7 @@ class KeyframeMap:
     Those of the most recent `max_keyframes` that cover the ground best are stored, to match frames with.
 
     Args:
-        settings: the tracker's settings.
+        settings: of the registration.
         plane: number of the first plane.
 
     Attributes:

@@ -19,7 +19,7 @@ class Planes:
     """The current plane, its number and keyframes, and the earlier planes, which may be met again.
 
     Args:
-        settings: the tracker's settings.
+        settings: of the registration.
 
     Attributes:
         number: of the current plane.

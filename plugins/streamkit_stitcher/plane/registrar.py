@@ -41,21 +41,21 @@ _OK_STEP_STD: Final = 1.0
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
-# Share of the contrast that agrees with a dense alignment: certainly, beyond chance, and, where the camera is
-# at rest and nothing was searched for, twice that of another scene (at most 0.028 over 132 pairs of scenes).
-_AGREEING: Final = 0.2
-_RELATED: Final = 0.12
-_SAME_SCENE: Final = 0.06
-# By how much more must agree under the motion of the corners.
-_MORE: Final = 2.0
+# Smallest share of the contrast that must agree with the keyframe for the area to decide: alone, beside the
+# corners, and beside them at rest, where nothing is searched (other scenes: at most 0.028 in 132 pairs).
+_MIN_SHARE: Final = 0.2
+_MIN_SHARE_BESIDE_CORNERS: Final = 0.12
+_MIN_SHARE_AT_REST: Final = 0.06
+# The corners decide where so many times more agrees with their motion.
+_MIN_SHARE_RATIO: Final = 2.0
 _ADOPT_AFTER: Final = 10
-# Features are tried at every second frame that no keyframe matches, after so many at every sixteenth only.
-_OFTEN: Final = 4
-_RARELY: Final = 16
+# Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
+_FREQUENT_TRIES: Final = 4
+_RARE_PERIOD: Final = 16
 # Part of the width that successive photographs are apart, and frames of a video are not.
-_JUMP: Final = 0.15
+_MIN_JUMP: Final = 0.15
 # Correlation with the previous frame above which a frame that nothing matches is not a photograph.
-_LIKE: Final = 0.7
+_MAX_LIKENESS: Final = 0.7
 
 
 class FrameRegistrar:
@@ -63,13 +63,13 @@ class FrameRegistrar:
 
     The first method that succeeds registers a frame:
 
-    1. Patches of the current keyframe near the predicted place, or all of its area: `ok` or `still`, `weak`
+    1. Patches of the current keyframe near the predicted place; 2. all of its area: `ok` or `still`, `weak`
        where the predicted error is large. Left out after a lost frame.
-    2. Corners of the last frame, then patches of the current keyframe near where these lead: as above, `weak`
+    3. Corners of the last frame, then patches of the current keyframe near where these lead: as above, `weak`
        where no patches match.
-    3. Features of the stored keyframes, at a cut, and at some of the frames that no keyframe matches.
-    4. The predicted motion: `lost`. Not at a cut, not for photographs, and for 25 frames at most.
-    5. A new plane that begins with the frame: `cut`.
+    4. Features of the stored keyframes, at a cut, and at some of the frames that no keyframe matches.
+    5. The predicted motion: `lost`. Not at a cut, not for photographs, and for 25 frames at most.
+    6. A new plane that begins with the frame: `cut`.
 
     Keyframes are adjusted together in the background; where the camera returns to one of them, it becomes
     current again, which removes drift. A new frame size starts a new plane, too. So does a frame that the
@@ -80,7 +80,7 @@ class FrameRegistrar:
     identity where `change` is None. Close it, or its threads stay.
 
     Args:
-        settings: the tracker's settings.
+        settings: of the registration.
     """
 
     def __init__(self, settings: PlaneSettings) -> None:
@@ -170,7 +170,7 @@ class FrameRegistrar:
         before, near = self._planes.before, None
         if self._motion.predicted == 0:
             near = anchor.match_near(images, before, self._std_before, self._motion.expected(before))
-        if near is None or near.share < _AGREEING:
+        if near is None or near.share < _MIN_SHARE:
             return self._register_by_motion(images, anchor, near)
         self._is_video = True
         found = placed(anchor.keyframes.active, near)
@@ -205,7 +205,7 @@ class FrameRegistrar:
         is_photograph = self._is_photograph(last, image, motion)
         found, recognised = anchor.place(images, predicted, is_photograph), None
         # Where the motion is known but keyframes never match, as over relief, the tries become rarer.
-        pause = _RARELY if is_known and self._unmeasured > _OFTEN else 2
+        pause = _RARE_PERIOD if is_known and self._unmeasured > _FREQUENT_TRIES else 2
         if found.match is None and (motion.is_cut or self._unmeasured % pause == 0):
             recognised = self._recognise(images, anchor)
             if recognised is not None:
@@ -229,22 +229,22 @@ class FrameRegistrar:
         near: KeyframeMatch,
         by_corners: Placement | None,
     ) -> bool:
-        """Whether the little area that agrees decides, against the motion of the corners if known.
+        """Whether a weak agreement of the area is believed rather than the motion of the corners, if known.
 
         Movers may win among the corners; but a camera at rest is the wrong explanation where much more agrees
         with the corners.
         """
-        if near.share < (_SAME_SCENE if near.at_rest else _RELATED):
+        if near.share < (_MIN_SHARE_AT_REST if near.at_rest else _MIN_SHARE_BESIDE_CORNERS):
             return False
         if by_corners is None:
             return True
         before = self._planes.before
         moved = anchor.match_area(images, before, self._std_before, by_corners.to_reference)
-        return moved is None or moved.share <= _MORE * near.share
+        return moved is None or moved.share <= _MIN_SHARE_RATIO * near.share
 
     def _is_jump(self, step: FloatArray) -> bool:
         """Whether a motion, float64[3, 3], is as large as between photographs."""
-        return corner_shift(step, self._shape) > _JUMP * self._shape[1]
+        return corner_shift(step, self._shape) > _MIN_JUMP * self._shape[1]
 
     def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
         """Whether a frame that no keyframe matches is one: unlike the last one, and not near it.
@@ -253,7 +253,7 @@ class FrameRegistrar:
         """
         likeness = float(np.corrcoef(last.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
         is_near = motion.model is not None and not self._is_jump(motion.matrix)
-        return not self._is_video and likeness < _LIKE and not is_near
+        return not self._is_video and likeness < _MAX_LIKENESS and not is_near
 
     def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
         """Matches a frame by features; the plane of the matching keyframe becomes current."""
@@ -334,17 +334,17 @@ class FrameRegistrar:
             to_reference,
             planes.number,
             status,
-            planes.change,
-            found.is_keyframe,
-            matches,
-            inliers,
-            rmse,
-            found.std,
-            is_measured,
-            0 if active is None else active.index,
-            IDENTITY if active is None else normalised(inverse(active.to_reference) @ to_reference),
-            planes.rebase,
-            planes.has_opened,
+            reference_change=planes.change,
+            keyframe=found.is_keyframe,
+            matches=matches,
+            inliers=inliers,
+            rmse=rmse,
+            corner_std=found.std,
+            measured=is_measured,
+            key_index=0 if active is None else active.index,
+            to_key=IDENTITY if active is None else normalised(inverse(active.to_reference) @ to_reference),
+            rebase=planes.rebase,
+            opens_plane=planes.has_opened,
         )
         planes.before, self._std_before = to_reference, found.std
         return self._previous

@@ -34,7 +34,7 @@ class PlaneSettings:
 
     Attributes:
         limits: what a motion must reach; the threshold is in px at registration width.
-        adjustment: settings of the bundle adjustment; the motion model is set by the tracker.
+        adjustment: settings of the bundle adjustment; the registration sets the motion model.
         keyframe_interval: frames after which one becomes a keyframe in any case, 0 for never.
         max_keyframes: keyframes kept for matching.
         max_adjusted: most keyframes of an adjustment of the whole plane.
