@@ -141,7 +141,7 @@ class AnnexBConverter:
         self._length_bytes = length_field(codec, extradata)
 
     def packet(self, data: bytes, is_keyframe: bool) -> bytes:
-        """The packet; a key frame begins with the parameter sets, so that playing can begin there.
+        """The packet; a keyframe begins with the parameter sets, so that playing can begin there.
 
         Raises:
             BadPacket: a length exceeds the packet.

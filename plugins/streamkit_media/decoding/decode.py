@@ -70,7 +70,7 @@ class Decode(Transform):
     skip: Skip = Property(
         Skip.NONE,
         live=True,
-        doc="Skip frames that no other depends on, or all but key frames; they count as dropped.",
+        doc="Skip frames that no other depends on, or all but keyframes; they count as dropped.",
     )
     hwaccel: str = Property(
         "auto", doc="Device to decode on: auto, none, or one of FFmpeg's (vaapi, cuda); else software."

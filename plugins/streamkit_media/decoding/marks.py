@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-# Frames that depend on a damaged one are damaged, too, until a key frame; streams without one heal in time.
+# Frames that depend on a damaged one are damaged, too, until a keyframe; streams without one heal in time.
 DAMAGE_LASTS = 300
 # No codec holds more frames back.
 PENDING_LIMIT = 256
@@ -28,7 +28,7 @@ class FrameMarks:
             self._damaged_frames_left = DAMAGE_LASTS
 
     def next_frame(self, *, is_corrupt: bool, is_key: bool) -> bool:
-        """Whether the next decoded frame, or one that it depends on, is damaged; a key frame has none."""
+        """Whether the next decoded frame, or one that it depends on, is damaged; a keyframe has none."""
         if is_corrupt:
             self._damaged_frames_left = DAMAGE_LASTS
         elif self._damaged_frames_left:

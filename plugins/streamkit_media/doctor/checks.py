@@ -105,7 +105,7 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
 def _format_check(seen: Seen, transport: str) -> Check:
     caps = seen.kept[0].caps
     width, height = caps.get("width"), caps.get("height")
-    size = f"{width!s} x {height!s}" if width else "size unknown before the first key frame"
+    size = f"{width!s} x {height!s}" if width else "size unknown before the first keyframe"
     over = f" over {transport.upper()}" if transport else ""
     facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}
     return good("stream", f"{caps.name}, {size}{over}", **facts)
@@ -157,13 +157,13 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
         is_good, text = False, f"none in {found.packets} packets: nothing can be decoded whole"
     elif interval is None:
         text = (
-            "one" if is_good else f"{found.keyframes} seen; set the camera's key-frame interval to 1 or 2 s"
+            "one" if is_good else f"{found.keyframes} seen; set the camera's keyframe interval to 1 or 2 s"
         )
     elif is_good:
         text = f"every {interval:.1f} s at most"
     else:
         text = f"every {interval:.1f} s; after a loss the video recovers only then: 1 or 2 s are better"
-    return good_if(is_good, "key frames", text, interval_s=interval, seen=found.keyframes)
+    return good_if(is_good, "keyframes", text, interval_s=interval, seen=found.keyframes)
 
 
 def _jitter_check(found: Measured) -> Check:

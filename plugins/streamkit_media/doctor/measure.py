@@ -38,7 +38,7 @@ class Measured:
     packets: int  # seen
     rate: float | None  # frames per second, by the times of the packets
     bit_rate: float | None  # bit/s
-    keyframe_interval_s: float | None  # longest time from key frame to key frame
+    keyframe_interval_s: float | None  # longest time from keyframe to keyframe
     keyframes: int  # seen, with a time or without
     has_times: bool  # whether packets have times; a bare stream has none
     jitter_ms: float | None  # how unevenly packets arrive, as RFC 3550 counts it
@@ -92,7 +92,7 @@ class Decoded:
 
 
 def try_decoding(frames: Sequence[Frame]) -> Decoded:
-    """Decodes packets from the first key frame on, for a few seconds at most."""
+    """Decodes packets from the first keyframe on, for a few seconds at most."""
     first = next((index for index, frame in enumerate(frames) if frame.flags & FrameFlags.KEYFRAME), 0)
     frames, found = frames[first:], Decoded()
     if not frames:

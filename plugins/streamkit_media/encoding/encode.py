@@ -45,7 +45,7 @@ class Encode(Transform):
         return None
 
     def transform(self, frame: Frame) -> Iterable[Frame]:
-        """The packets complete with this frame; a new size, format or epoch begins with a key frame."""
+        """The packets complete with this frame; a new size, format or epoch begins with a keyframe."""
         packets: list[Frame] = []
         try:
             if frame.caps is not self._raw_caps or frame.epoch != self._epoch:

@@ -60,7 +60,7 @@ class EncoderSettings:
     codec: Codec = setting(Codec.H264, doc="What to encode to.")
     bitrate: int = setting(0, min=0, max=1_000_000, unit="kbit/s", doc="0 is constant quality instead.")
     quality: int = setting(23, min=0, max=51, doc="Without bitrate: 0 best, 51 worst, as x264 counts.")
-    gop: int = setting(50, min=1, max=10_000, unit="frames", doc="From key frame to key frame.")
+    gop: int = setting(50, min=1, max=10_000, unit="frames", doc="From keyframe to keyframe.")
     preset: Preset = setting(Preset.VERYFAST, doc="Trade of time for size, for h264 and h265.")
     live: bool = setting(False, doc="Hold no frame back; costs some quality.")
 

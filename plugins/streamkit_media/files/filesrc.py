@@ -303,7 +303,7 @@ class FileSrc(Source):
         return begin, None if self.stop_s is None else _tick(self.stop_s, stream)
 
     def _seek(self, container: InputContainer, stream: Stream) -> None:
-        """Goes to the key frame at or before the start."""
+        """Goes to the keyframe at or before the start."""
         if not self.start_s:
             return
         try:

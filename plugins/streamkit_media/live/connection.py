@@ -36,7 +36,7 @@ OVERRUN = "consumer too slow, older packets dropped"
 MAX_WAIT_NS = 500_000_000
 MAX_PAUSE_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
-# Streams with intra refresh have no key frames: after so many refused packets the next one is accepted.
+# Streams with intra refresh have no keyframes: after so many refused packets the next one is accepted.
 KEYFRAME_PATIENCE = 300
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000
@@ -135,7 +135,7 @@ class LiveConnection:
         """Whether newer frames go first: once one has waited too long, all but the newest are late.
 
         Where decoding is slower than the stream there are always newer ones: then the first frame after a
-        jump to a key frame is shown, and in any case one per second.
+        jump to a keyframe is shown, and in any case one per second.
         """
         now = self._clock.monotonic_ns()
         if not len(self.queue) or has_jumped or now - self._shown_ns > MAX_PAUSE_NS:
@@ -215,12 +215,12 @@ def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[Frame]:
 
 
 class DropToKeyframe:
-    """Has a full queue drop the oldest packets up to a key frame, so that frames stay decodable.
+    """Has a full queue drop the oldest packets up to a keyframe, so that frames stay decodable.
 
-    Without a later key frame it drops all, and refuses packets until the next one.
+    Without a later keyframe it drops all, and refuses packets until the next one.
 
     Args:
-        longest_wait_ns: once the oldest packet has waited longer, the next key frame replaces all before it.
+        longest_wait_ns: once the oldest packet has waited longer, the next keyframe replaces all before it.
     """
 
     def __init__(self, longest_wait_ns: int) -> None:

@@ -30,7 +30,7 @@ from streamkit_media.recording.replaysrc import arrival_line, arrivals_path
 from streamkit_media.streams import KLV_CAPS, nanoseconds
 
 KLV_NAME = Caps(KLV_CAPS).name
-BEFORE_KEYFRAME = "before the first key frame"
+BEFORE_KEYFRAME = "before the first keyframe"
 DAMAGED = "damaged packet"
 EARLY_LIMIT = 256
 
@@ -39,7 +39,7 @@ class PacketSink(NumberedFilesSink):
     """Records coded video and KLV telemetry without encoding.
 
     Packets are in the file within two seconds, so that a recording plays also when the process was killed. A
-    new segment begins with a key frame once the one before is long or large enough, or when the format
+    new segment begins with a keyframe once the one before is long or large enough, or when the format
     changes. Telemetry needs .ts. A damaged packet is left out and counted. A recording is never overwritten
     unless if-exists=replace; behind a tee, a full disk ends the recording and not the pipeline.
 
@@ -83,7 +83,7 @@ class PacketSink(NumberedFilesSink):
         return bool(self.max_size_time or self.max_size_bytes)
 
     def start(self) -> None:
-        """Checks the name; the file is made when the first key frame comes."""
+        """Checks the name; the file is made when the first keyframe comes."""
         self._writer = self._arrivals = None
         self._caps: Caps | None = None
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
@@ -93,7 +93,7 @@ class PacketSink(NumberedFilesSink):
         super().start()
 
     def begin(self) -> None:
-        """Files begin with key frames."""
+        """Files begin with keyframes."""
 
     def write(self, frame: Frame) -> None:
         """Writes one packet of either kind.
@@ -120,10 +120,10 @@ class PacketSink(NumberedFilesSink):
             return
         if damaged := self.drops[DAMAGED]:
             raise StreamError(
-                f"{self.location}: nothing is written: {damaged} packets are damaged, and no whole key frame "
+                f"{self.location}: nothing is written: {damaged} packets are damaged, and no whole keyframe "
                 "came; the video is damaged or encrypted"
             )
-        self.post_warning(f"{self.location}: no key frame came, nothing is written", "shortfall")
+        self.post_warning(f"{self.location}: no keyframe came, nothing is written", "shortfall")
 
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
@@ -164,8 +164,8 @@ class PacketSink(NumberedFilesSink):
                 self._warn_once(
                     "length",
                     f"a segment of {length_ns / SECOND_NS:.1f} s, max-size-time is "
-                    f"{self.max_size_time / SECOND_NS:g} s: no key frame has come at which another can "
-                    "begin; set the key-frame interval of the camera or encoder to it, or less",
+                    f"{self.max_size_time / SECOND_NS:g} s: no keyframe has come at which another can "
+                    "begin; set the keyframe interval of the camera or encoder to it, or less",
                 )
             return False
         if self._writer is None or self._caps is None:
@@ -197,7 +197,7 @@ class PacketSink(NumberedFilesSink):
         self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, caps
 
     def _drop_damaged(self, error: BadPacket) -> None:
-        """Counts a damaged packet; where it was a file's first, the next key frame restarts the file."""
+        """Counts a damaged packet; where it was a file's first, the next keyframe restarts the file."""
         self.count_drop(DAMAGED)
         if self._writer is not None and not self._writer.has_begun:
             self.end()

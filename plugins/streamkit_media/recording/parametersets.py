@@ -30,7 +30,7 @@ TRIAL_LIMIT_S = 4.0
 
 
 def check_parameter_sets(codec: str, data: bytes) -> None:
-    """Checks the parameter sets in a key frame's packet.
+    """Checks the parameter sets in a keyframe's packet.
 
     Args:
         codec: FFmpeg's name; only h264 and hevc are checked.

@@ -36,7 +36,7 @@ Transport = enum.StrEnum("Transport", "TCP UDP")
 class RtspClientSink(Endpoint, Sink):
     """Pushes coded video to an RTSP server that takes recordings, such as MediaMTX or gst-rtsp-server.
 
-    It begins with a key frame. Every change of the connection is an element message `connection` as that of
+    It begins with a keyframe. Every change of the connection is an element message `connection` as that of
     `rtspsrc`. Frames are sent as they come; `sync=true` paces those of a file.
 
     Example:
@@ -58,11 +58,11 @@ class RtspClientSink(Endpoint, Sink):
     )
     max_packets: int = Property(256, min=1, max=8192, doc="Packets held for a server that is slower.")
     drop: bool = Property(
-        False, doc="When that many are held, drop frames up to the next key frame rather than wait."
+        False, doc="When that many are held, drop frames up to the next keyframe rather than wait."
     )
 
     def start(self) -> None:
-        """Checks the location and starts the process that will connect when the first key frame comes."""
+        """Checks the location and starts the process that will connect when the first keyframe comes."""
         self._working = threading.Lock()
         self._process: PushProcess | None = None
         self._caps: Caps | None = None

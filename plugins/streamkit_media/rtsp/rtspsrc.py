@@ -23,7 +23,7 @@ class RtspSrc(LiveSource):
     """Receives the video of an RTSP server as coded packets; connects again when the server goes away.
 
     Each connection is an epoch of its own; times ascend over all of them. Live never lags: for a consumer
-    that is too slow, older packets are decoded but not shown, or dropped up to a key frame, and counted.
+    that is too slow, older packets are decoded but not shown, or dropped up to a keyframe, and counted.
     Every change of the connection is an element message `connection` with `state` (connecting, connected,
     stalled, retrying, gave-up), `attempt`, `delay_s` and `reason`.
 

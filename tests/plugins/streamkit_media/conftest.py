@@ -74,7 +74,7 @@ def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
 
 @pytest.fixture(scope="session")
 def small_video(make_video: MakeVideo) -> Path:
-    """12 frames of 64 x 48 at 25/s, H.264 with B-frames and a key frame every 6."""
+    """12 frames of 64 x 48 at 25/s, H.264 with B-frames and a keyframe every 6."""
     return make_video("small.mp4")
 
 
@@ -148,7 +148,7 @@ def proxy() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def units(fake: ModuleType) -> list[bytes]:
-    """60 frames of 64 x 48; frame i is of brightness 40 + 2 * i, every 15th a key frame."""
+    """60 frames of 64 x 48; frame i is of brightness 40 + 2 * i, every 15th a keyframe."""
     return fake.access_units()
 
 

@@ -7,7 +7,7 @@ SETS = bytes.fromhex("00000001 67aabb 00000001 68cc".replace(" ", ""))
 
 
 def test_lengths_become_start_codes() -> None:
-    """Two units with lengths are two with start codes; a key frame has the parameter sets before it."""
+    """Two units with lengths are two with start codes; a keyframe has the parameter sets before it."""
     writer = AnnexBConverter("h264", AVCC)
     data = bytes.fromhex("00000002 0901 00000003 658899".replace(" ", ""))
     plain = bytes.fromhex("00000001 0901 00000001 658899".replace(" ", ""))

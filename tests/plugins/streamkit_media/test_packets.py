@@ -29,7 +29,7 @@ def test_nothing_drifts_in_ten_hours() -> None:
 
 
 def test_packets_become_frames(small_video: Path) -> None:
-    """Each packet has its time, duration and key frame mark, and shares its bytes."""
+    """Each packet has its time, duration and keyframe mark, and shares its bytes."""
     with open_container(str(small_video)) as container:
         packets = list(read_packets(container, video_stream(container, "small")))
         frames = [packet_frame(packet, CAPS) for packet in packets]

@@ -168,7 +168,7 @@ def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> Non
 
 
 def test_frames_of_a_lost_key_frame_are_marked(small_video: Path) -> None:
-    """Frames whose reference is missing come out marked corrupt, those after the next key frame whole."""
+    """Frames whose reference is missing come out marked corrupt, those after the next keyframe whole."""
     packets = packets_of(small_video)[1:]
     with Harness(Decode(threads_type="slice")) as harness:
         frames = decoded(harness, packets)
@@ -265,7 +265,7 @@ def test_a_discontinuity_of_a_hidden_frame_is_the_next_ones(small_video: Path) -
 
 
 def test_damage_of_a_hidden_frame_marks_those_built_on_it(make_video: MakeVideo) -> None:
-    """A damaged frame that is not shown still leaves the next ones damaged, up to a key frame."""
+    """A damaged frame that is not shown still leaves the next ones damaged, up to a keyframe."""
     packets = packets_of(make_video("hidden.mp4", bframes=0))
     packets[2] = packets[2].replace(flags=FrameFlags.CORRUPT).attach(DECODE_ONLY)
     with Harness(Decode(threads=1, threads_type="slice")) as harness:
@@ -275,7 +275,7 @@ def test_damage_of_a_hidden_frame_marks_those_built_on_it(make_video: MakeVideo)
 
 
 def test_frames_after_one_that_is_missing_are_marked(make_video: MakeVideo) -> None:
-    """A frame lost whole, of which FFmpeg says nothing, leaves those up to the next key frame marked."""
+    """A frame lost whole, of which FFmpeg says nothing, leaves those up to the next keyframe marked."""
     packets = packets_of(make_video("missing.mp4", bframes=0))
     with Harness("decode") as harness:
         frames = decoded(harness, [packet for packet in packets if packet.seq != 7])

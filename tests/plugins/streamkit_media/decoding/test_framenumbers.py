@@ -12,7 +12,7 @@ Packets = list[tuple[bytes, bool]]
 
 
 def encoded(options: dict[str, str], pixel_format: str = "yuv420p") -> tuple[Packets, bytes]:
-    """Packets of a moving ramp with whether each is a key frame, and the extradata."""
+    """Packets of a moving ramp with whether each is a keyframe, and the extradata."""
     encoder = av.CodecContext.create("libx264", "w")
     encoder.width, encoder.height, encoder.pix_fmt = 64, 48, pixel_format
     encoder.time_base, encoder.framerate = Fraction(1, 30), Fraction(30)

@@ -2,7 +2,7 @@ from streamkit_media.decoding.marks import DAMAGE_LASTS, FrameMarks
 
 
 def test_damage_lasts_until_a_key_frame() -> None:
-    """Frames after a damaged one are damaged too, up to the next key frame."""
+    """Frames after a damaged one are damaged too, up to the next keyframe."""
     marks = FrameMarks()
     seen = []
     for is_corrupt, is_key in ((False, True), (True, False), (False, False), (False, True), (False, False)):
@@ -11,7 +11,7 @@ def test_damage_lasts_until_a_key_frame() -> None:
 
 
 def test_a_damaged_key_frame_heals_nothing() -> None:
-    """Frames that depend on a damaged key frame are damaged."""
+    """Frames that depend on a damaged keyframe are damaged."""
     marks = FrameMarks()
     marks.next_frame(is_corrupt=True, is_key=True)
     assert marks.next_frame(is_corrupt=False, is_key=False)
@@ -27,7 +27,7 @@ def test_a_packet_that_could_not_be_decoded_is_damage() -> None:
 
 
 def test_streams_without_key_frames_heal_in_time() -> None:
-    """Damage ends after a while where no key frame ever comes."""
+    """Damage ends after a while where no keyframe ever comes."""
     marks = FrameMarks()
     assert marks.next_frame(is_corrupt=True, is_key=False)
     for _ in range(DAMAGE_LASTS - 1):

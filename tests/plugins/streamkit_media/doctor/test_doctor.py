@@ -40,7 +40,7 @@ def test_a_live_stream(fake: ModuleType) -> None:
         "stream",
         "decoding",
         "frame rate",
-        "key frames",
+        "keyframes",
         "jitter",
         "clock",
         "loss",
@@ -48,7 +48,7 @@ def test_a_live_stream(fake: ModuleType) -> None:
     } == set(verdicts(report))
     facts = {check.name: check.facts for check in report.checks}
     assert facts["frame rate"]["measured"] == pytest.approx(30, rel=0.05)
-    assert facts["key frames"]["interval_s"] == pytest.approx(0.5, abs=0.05)
+    assert facts["keyframes"]["interval_s"] == pytest.approx(0.5, abs=0.05)
     assert facts["loss"]["missing"] == 0
     assert verdicts(report)["clock"] == "good"
     assert "hunter2" not in json.dumps(report.as_json())
@@ -111,8 +111,8 @@ def test_a_file_without_a_key_frame(small_video: Path, tmp_path: Path) -> None:
                 packet.stream = stream
                 output.mux(packet)
     report = examine(str(cut), 1, 5, "tcp")
-    assert verdicts(report)["key frames"] == "note"
-    assert "key frames  none in 8 packets" in report.as_text()
+    assert verdicts(report)["keyframes"] == "note"
+    assert "keyframes   none in 8 packets" in report.as_text()
 
 
 def test_a_url_without_a_file(tmp_path: Path) -> None:
@@ -230,12 +230,12 @@ def test_a_video_of_one_frame_is_no_photograph(make_video: Callable[..., Path]) 
 
 
 def test_a_bare_stream(streamkit_data: Path) -> None:
-    """It has key frames and no times."""
+    """It has keyframes and no times."""
     path = streamkit_data / "odd_media" / "corpus" / "h264" / "MIDR_MW_D.264"
     checks = {check.name: check for check in examine(str(path), 1, 5, "tcp").checks}
     assert "no times" in checks["frame rate"].text
-    assert checks["key frames"].facts["seen"] == 2
-    assert (checks["key frames"].verdict, checks["loss"].facts) == (Verdict.GOOD, {})
+    assert checks["keyframes"].facts["seen"] == 2
+    assert (checks["keyframes"].verdict, checks["loss"].facts) == (Verdict.GOOD, {})
 
 
 def test_telemetry_beside_the_video(small_video: Path, streamkit_data: Path, tmp_path: Path) -> None:

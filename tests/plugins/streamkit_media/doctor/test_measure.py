@@ -17,7 +17,7 @@ def packets(
 
 
 def test_an_even_stream() -> None:
-    """Rate, bit rate and key-frame interval are what they were made with; jitter and loss are none."""
+    """Rate, bit rate and keyframe interval are what they were made with; jitter and loss are none."""
     found = measure(packets())
     assert found.rate == pytest.approx(25)
     assert found.bit_rate == pytest.approx(25 * 8000, rel=0.02)

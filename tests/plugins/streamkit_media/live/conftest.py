@@ -22,7 +22,7 @@ Start = Callable[..., subprocess.Popen[bytes]]
 
 @pytest.fixture(scope="session")
 def clip(tmp_path_factory: pytest.TempPathFactory, klv_packet: Callable[..., bytes]) -> Path:
-    """100 frames of 64 x 48 at 25/s, a key frame every 10, each with a position in two KLV streams."""
+    """100 frames of 64 x 48 at 25/s, a keyframe every 10, each with a position in two KLV streams."""
     path = tmp_path_factory.mktemp("live") / "clip.ts"
     options = {"bf": "0", "g": "10", "tune": "zerolatency"}
     with av.open(str(path), "w", format="mpegts") as container:

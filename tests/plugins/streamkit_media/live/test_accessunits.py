@@ -52,7 +52,7 @@ def plain(fake: ModuleType, data: bytes) -> list[bytes]:
 
 @pytest.fixture(autouse=True)
 def _small_packets(fake: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Packets so small that every key frame needs some."""
+    """Packets so small that every keyframe needs some."""
     monkeypatch.setattr(fake, "PAYLOAD_LIMIT", 40)
 
 

@@ -47,7 +47,7 @@ def unparsed(source: Bytes) -> Iterator[Any]:
 
 @pytest.mark.parametrize("name", STREAMS)
 def test_frames_are_those_of_the_parser(streamkit_data: Path, name: str) -> None:
-    """Times, key frames and bytes are the same."""
+    """Times, keyframes and bytes are the same."""
     data = (streamkit_data / "telemetry" / name).read_bytes()
     expected, found = (
         [(packet.pts, packet.dts, packet.is_keyframe, bytes(packet)) for packet in read(Bytes(data))]

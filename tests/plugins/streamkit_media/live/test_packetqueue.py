@@ -16,7 +16,7 @@ def packet(number: int, is_keyframe: bool, arrival_ns: int = 0) -> Frame:
 
 
 def fill(ring: BoundedQueue[Frame], numbers: range, keyframe_every: int) -> None:
-    """Puts packets in, every so many a key frame."""
+    """Puts packets in, every so many a keyframe."""
     for number in numbers:
         ring.put(packet(number, number % keyframe_every == 0))
 
@@ -38,7 +38,7 @@ def test_packets_come_out_in_order() -> None:
 
 
 def test_a_full_ring_drops_up_to_its_newest_key_frame() -> None:
-    """The oldest go, and what stays begins with a key frame."""
+    """The oldest go, and what stays begins with a keyframe."""
     ring = packet_queue(8, SECOND)
     fill(ring, range(9), 3)
     assert ring.statistics.dropped == 6
@@ -46,7 +46,7 @@ def test_a_full_ring_drops_up_to_its_newest_key_frame() -> None:
 
 
 def test_a_key_frame_replaces_everything_when_full() -> None:
-    """A key frame that does not fit makes all older packets needless."""
+    """A keyframe that does not fit makes all older packets needless."""
     ring = packet_queue(8, SECOND)
     fill(ring, range(9), 8)
     assert ring.statistics.dropped == 8
@@ -54,7 +54,7 @@ def test_a_key_frame_replaces_everything_when_full() -> None:
 
 
 def test_without_a_key_frame_it_waits_for_the_next() -> None:
-    """Where no later key frame is held, packets are dropped until one comes."""
+    """Where no later keyframe is held, packets are dropped until one comes."""
     ring = packet_queue(4, SECOND)
     fill(ring, range(13), 12)
     assert ring.statistics.dropped == 12
@@ -64,7 +64,7 @@ def test_without_a_key_frame_it_waits_for_the_next() -> None:
 @settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.one_of(st.booleans(), st.none()), max_size=200), st.integers(2, 9))
 def test_every_packet_is_taken_or_counted(steps: list[bool | None], capacity: int) -> None:
-    """Delivered and dropped make received; the order is kept; a gap is followed by a key frame."""
+    """Delivered and dropped make received; the order is kept; a gap is followed by a keyframe."""
     ring = packet_queue(capacity, SECOND)
     taken: list[Frame] = []
     count = 0
@@ -83,7 +83,7 @@ def test_every_packet_is_taken_or_counted(steps: list[bool | None], capacity: in
 
 
 def test_a_packet_that_waits_too_long_makes_way_for_a_key_frame() -> None:
-    """Once the oldest has waited for a second, the next key frame takes over; without one nothing is lost."""
+    """Once the oldest has waited for a second, the next keyframe takes over; without one nothing is lost."""
     ring = packet_queue(100, SECOND)
     for number in range(40):
         ring.put(packet(number, number == 0, number * SECOND // 30))
@@ -95,7 +95,7 @@ def test_a_packet_that_waits_too_long_makes_way_for_a_key_frame() -> None:
 
 
 def test_a_stream_without_key_frames_continues() -> None:
-    """Where key frames never come (gradual refresh), packets pass again after a while."""
+    """Where keyframes never come (gradual refresh), packets pass again after a while."""
     ring = packet_queue(4, SECOND)
     fill(ring, range(1, 308), 1000)
     assert empty(ring) == [306, 307]

@@ -115,7 +115,7 @@ def test_killing_the_process_loses_two_seconds_at_most(tmp_path: Path, name: str
 
 
 def test_segments_by_time(make_video: MakeVideo, tmp_path: Path) -> None:
-    """Each segment begins with a key frame, is as long as asked, and together they hold every frame."""
+    """Each segment begins with a keyframe, is as long as asked, and together they hold every frame."""
     source = make_video("long_for_segments.mp4", count=60)
     text = f"filesrc location={source} ! packetsink location={tmp_path}/part-%03d.ts max-size-time=700000000"
     with Pipeline.parse(text) as pipeline:
@@ -130,7 +130,7 @@ def test_segments_by_time(make_video: MakeVideo, tmp_path: Path) -> None:
 
 
 def test_a_segment_that_cannot_end_is_told(make_video: MakeVideo, tmp_path: Path) -> None:
-    """Once, where the key frames are too far apart for the length asked."""
+    """Once, where the keyframes are too far apart for the length asked."""
     source = make_video("one_key_frame.mp4", count=60, options={"g": "250"})
     text = f"filesrc location={source} ! packetsink location={tmp_path}/part-%03d.ts max-size-time=500000000"
     with Pipeline.parse(text) as pipeline:
@@ -139,7 +139,7 @@ def test_a_segment_that_cannot_end_is_told(make_video: MakeVideo, tmp_path: Path
         told, ended = (pipeline.bus.pop(20, kinds) for _ in range(2))
     assert told is not None
     assert ended is not None
-    assert "max-size-time is 0.5 s: no key frame has come" in told.text
+    assert "max-size-time is 0.5 s: no keyframe has come" in told.text
     assert ended.kind is MessageKind.EOS
 
 
@@ -155,7 +155,7 @@ def test_segments_by_size_get_a_number(make_video: MakeVideo, tmp_path: Path) ->
 
 
 def test_what_comes_before_a_key_frame_is_counted(small_video: Path, tmp_path: Path) -> None:
-    """A recording begins with a key frame; what cannot be decoded is left out and counted."""
+    """A recording begins with a keyframe; what cannot be decoded is left out and counted."""
     with Pipeline.parse(f"filesrc location={small_video} ! appsink name=out max-buffers=0") as pipeline:
         pipeline.play()
         frames = list(pipeline["out"])
@@ -163,7 +163,7 @@ def test_what_comes_before_a_key_frame_is_counted(small_video: Path, tmp_path: P
         for frame in frames[3:]:
             harness.push(frame)
         harness.drain()
-        assert harness.element.drops == {"before the first key frame": 3}
+        assert harness.element.drops == {"before the first keyframe": 3}
     assert len(video_frames(tmp_path / "late.ts")) == 6
 
 
@@ -342,7 +342,7 @@ def first_units(path: Path) -> list[bytes]:
 def test_a_damaged_header_does_not_freeze_the_process(
     make_video: MakeVideo, tmp_path: Path, ending: str
 ) -> None:
-    """Parameter sets that keep FFmpeg's muxer busy are left out, and the next key frame begins the file."""
+    """Parameter sets that keep FFmpeg's muxer busy are left out, and the next keyframe begins the file."""
     whole = first_units(make_video("header.ts", codec="libx265"))
     damaged = [ENDLESS_SET if unit[0] >> 1 == 33 else unit for unit in whole]
     assert damaged != whole
@@ -369,7 +369,7 @@ def damage_sets(frame: Frame) -> Frame:
 def test_a_recording_begins_behind_a_damaged_key_frame(
     make_video: MakeVideo, tmp_path: Path, codec: str, ending: str
 ) -> None:
-    """A file that cannot begin with its first key frame begins with the next; no descriptor stays open."""
+    """A file that cannot begin with its first keyframe begins with the next; no descriptor stays open."""
     options = {"g": "6"} if codec == "libx264" else {"x265-params": "log-level=error:keyint=6:bframes=0"}
     source = make_video(f"behind_{codec}.ts", codec=codec, bframes=0, options=options, count=18)
     with Pipeline.parse(f"filesrc location={source} ! appsink name=out max-buffers=0") as pipeline:
@@ -381,7 +381,7 @@ def test_a_recording_begins_behind_a_damaged_key_frame(
     before = len(list(Path("/proc/self/fd").iterdir()))
     damaged = [damage_sets(frames[0]), *frames[1:]]
     drops, warnings = recorded(path, damaged, "arrivals=true")
-    assert drops == {"damaged packet": 1, "before the first key frame": 5}
+    assert drops == {"damaged packet": 1, "before the first keyframe": 5}
     assert len(warnings) == 1
     assert "a packet is left out" in warnings[0]
     assert len(list(Path("/proc/self/fd").iterdir())) == before
@@ -392,7 +392,7 @@ def test_a_recording_begins_behind_a_damaged_key_frame(
 
 
 def test_a_recording_of_nothing_but_damage_is_an_error(make_video: MakeVideo, tmp_path: Path) -> None:
-    """Where no key frame is whole EOS turns into an error with the count, and no file is left."""
+    """Where no keyframe is whole EOS turns into an error with the count, and no file is left."""
     source = make_video("all_damaged.ts", bframes=0)
     with Pipeline.parse(f"filesrc location={source} ! appsink name=out max-buffers=0") as pipeline:
         pipeline.play()

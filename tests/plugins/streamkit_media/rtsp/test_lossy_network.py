@@ -27,7 +27,7 @@ ALL = "latency=5000"  # a slow test machine must not drop frames
 
 @pytest.fixture(scope="module")
 def film() -> list[bytes]:
-    """60 access units of a moving texture, a dozen RTP packets each, every 15th a key frame."""
+    """60 access units of a moving texture, a dozen RTP packets each, every 15th a keyframe."""
     chance = np.random.default_rng(7)
     coarse = chance.integers(40, 216, (SIZE[1] // 4 + 40, SIZE[0] // 4 + 40), dtype=np.uint8)
     texture = np.kron(coarse, np.ones((4, 4), np.uint8))

@@ -340,7 +340,7 @@ def test_telemetry_comes_beside_the_video(start_server: StartServer, streamkit_d
 def test_the_video_continues_after_lost_packets(
     start_server: StartServer, fake: ModuleType, transport: str
 ) -> None:
-    """One RTP packet in 20 lost: frames come on, times ascend, damage is marked up to a key frame."""
+    """One RTP packet in 20 lost: frames come on, times ascend, damage is marked up to a keyframe."""
     server = start_server(units=fake.access_units((320, 240), count=60), loses_every=20)
     text = f"rtspsrc location={server.url} transport={transport} ! decode ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:

@@ -115,7 +115,7 @@ def fails(text: str) -> tuple[str, float]:
 
 
 def coded(codec: str, count: int) -> list[Frame]:
-    """Packets of frames that move, as `encode` gives them, a key frame every ten."""
+    """Packets of frames that move, as `encode` gives them, a keyframe every ten."""
     text = (
         f"videotestsrc num-buffers={count} pattern=ball ! video/x-raw, width=320, height=240, framerate=25/1"
     )
@@ -223,7 +223,7 @@ def test_a_server_that_closes_is_reported(closing_server: Close) -> None:
 
 
 def test_it_connects_again(closing_server: Close) -> None:
-    """A server that closes is connected again, from a key frame each time; every packet is counted."""
+    """A server that closes is connected again, from a keyframe each time; every packet is counted."""
     location = f"rtsp://127.0.0.1:{closing_server(3)}/live"
     harness = Harness("rtspclientsink", location=location, retry_delay_s=0.0, max_retries=3, timeout_s=10.0)
     frames = coded("h264", 40)
@@ -292,8 +292,8 @@ def test_other_locations_fail_before_playing(location: str) -> None:
 
 
 def test_it_begins_with_a_key_frame(serve: Serve) -> None:
-    """Packets before the first key frame are dropped and counted."""
+    """Packets before the first keyframe are dropped and counted."""
     frame = Frame(b"\0\0\0\1\x41", Caps("video/x-h264, width=64, height=48"), pts=0, flags=FrameFlags.NONE)
     with Harness("rtspclientsink", location=f"rtsp://127.0.0.1:{serve(0)}/live") as harness:
         harness.push(frame)
-        assert harness.element.drops == {"before the first key frame": 1}
+        assert harness.element.drops == {"before the first keyframe": 1}
