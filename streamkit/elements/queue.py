@@ -46,6 +46,10 @@ class Queue(Element):
 
     The queue is full if any level has reached its limit before a frame is added.
 
+    At the start and at the end of a flush, the sink pad calls `flush`, then `receive_event`, in the flushing
+    thread. From the start on, frames are refused, and the queue's thread parks. The end waits until it has,
+    drops the frames, keeps the newest event of each kind, and takes frames again once downstream has flushed.
+
     Attributes:
         on_overrun: called with the queue when a frame arrives at a full queue.
         on_underrun: called with the queue when it becomes empty.
@@ -178,10 +182,8 @@ class Queue(Element):
             if isinstance(event, FlushStop):
                 if self._refusal is Flushing and not self.stopping.is_set():
                     self._refusal = None
-            elif not isinstance(event, FlushStart) and self._refusal in (
-                None,
-                Flushing,
-            ):  # a flush keeps events
+            elif not isinstance(event, FlushStart) and self._refusal in (None, Flushing):
+                # A flush keeps events.
                 if isinstance(event, EosEvent) and self.flush_on_eos:
                     self.count_drop("dropped at EOS", self.pending.drop_frames())
                 self.pending.append(event)

@@ -18,7 +18,8 @@ from streamkit.flow.frame import Frame
 class Tee(Split):
     """Sends every frame to each branch, without a copy; put a queue into each branch.
 
-    A branch that ends or fails ends the tee's stream; unlinked branches matter only if all are unlinked.
+    A branch that ends or fails ends the tee's stream, unless its sinks have `on-error=drop-branch`. Unlinked
+    branches matter only if all are unlinked.
 
     Example:
         fakesrc num-buffers=3 ! tee name=t  t. ! queue ! fakesink  t. ! queue ! fakesink

@@ -156,9 +156,7 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
     elif not found.keyframes and not is_live:
         is_good, text = False, f"none in {found.packets} packets: nothing can be decoded whole"
     elif interval is None:
-        text = (
-            "one" if is_good else f"{found.keyframes} seen; set the camera's keyframe interval to 1 or 2 s"
-        )
+        text = "one" if is_good else f"{found.keyframes} seen; set the camera's keyframe interval to 1 or 2 s"
     elif is_good:
         text = f"every {interval:.1f} s at most"
     else:
