@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from streamkit import Registration
-from streamkit_differencer.differencer import downsampled
 from streamkit_differencer.objects import find_objects
+from streamkit_differencer.sampling import downsampled
 from streamkit_differencer.settings import ObjectSettings
 
 ByteImage = npt.NDArray[np.uint8]

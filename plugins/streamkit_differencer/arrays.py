@@ -11,6 +11,7 @@ ByteImage = NDArray[np.uint8]
 FloatImage = NDArray[np.float32]
 LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.int32]
 # Points [n, 2], boxes [n, 4] and homographies [3, 3].
 FloatArray = NDArray[np.float64]
 # First column and row of boxes, and those after the last, [n, 4].
@@ -31,6 +32,11 @@ def overlaps(boxes: FloatArray, others: FloatArray) -> Flags:
     left, top, right, bottom = boxes.T[:, :, None]
     first, upper, last, lower = others.T[:, None, :]
     return np.asarray((left < last) & (first < right) & (top < lower) & (upper < bottom))
+
+
+def above(image: ByteImage, limit: int) -> ByteImage:
+    """uint8[h, w], mask of the values above a limit."""
+    return cast("ByteImage", cv2.threshold(image, limit, 255, cv2.THRESH_BINARY)[1])
 
 
 def local_range(image: ByteImage) -> ByteImage:

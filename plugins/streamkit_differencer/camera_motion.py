@@ -76,11 +76,9 @@ class CameraMotion:
         if not self._keyframe or not len(self._keyframe[0]):
             # Without texture the camera counts as still.
             self._set_keyframe(levels, self._placed)
-            placed: FloatArray | None = self._placed
-        else:
-            placed = self._fit(levels)
-            placed = self._miss(levels) if placed is None else self._follow(levels, placed)
-        return placed
+            return self._placed
+        placed = self._fit(levels)
+        return self._miss(levels) if placed is None else self._follow(levels, placed)
 
     def _follow(self, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
         """Accepts the place of a frame."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, normalised, project, translation
+from streamkit.geometry.homography import IDENTITY, inverse, is_convex, normalised, project, translation
 from streamkit_differencer.arrays import FloatArray
 
 MARGIN_RATIO = 0.12
@@ -74,7 +74,8 @@ class FramePosition:
     working_to_canvas: FloatArray
 
 
-STILL = FramePosition(CanvasChange.NONE, IDENTITY, IDENTITY)
+# The motion of a fixed camera.
+FIXED = Motion(IDENTITY)
 
 
 def working_to_frame(scale: int) -> FloatArray:
@@ -85,15 +86,10 @@ def working_to_frame(scale: int) -> FloatArray:
 
 def is_homography(matrix: FloatArray) -> bool:
     """Whether a matrix is a finite, well-conditioned homography."""
-    if matrix.shape != (3, 3):
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or matrix[2, 2] == 0.0:
         return False
-    a, b, c, d, e, f, g, h, last = matrix.ravel().tolist()
-    if not all(map(math.isfinite, (a, b, c, d, e, f, g, h, last))) or last == 0.0:
-        return False
-    # Of the matrix whose last element is 1.
-    determinant = a * (e * last - f * h) - b * (d * last - f * g) + c * (d * h - e * g)
     smallest, largest = DETERMINANT_LIMITS
-    return smallest < abs(determinant / last / last / last) < largest
+    return bool(smallest < abs(np.linalg.det(matrix / matrix[2, 2])) < largest)
 
 
 @dataclass(slots=True)
@@ -109,19 +105,16 @@ class Canvas:
     working_size: tuple[int, int]
     scale: int
     size: tuple[int, int] = field(init=False)
+    # An anchor's working pixels to the canvas.
     _margin: FloatArray = field(init=False)
+    _outline: FloatArray = field(init=False)
     _plane_to_canvas: FloatArray | None = None
     _previous: FloatArray | None = None
     _reference: int = 0
-    _outline: FloatArray = field(init=False)
-    _grid: FloatArray = field(init=False)
-    _from_grid: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         width, height = self.working_size
         self._outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5
-        self._grid = working_to_frame(self.scale)
-        self._from_grid = np.asarray(np.linalg.inv(self._grid), np.float64)
         left, top = math.ceil(width * MARGIN_RATIO), math.ceil(height * MARGIN_RATIO)
         self._margin = translation(np.array([left, top]))
         self.size = width + 2 * left, height + 2 * top
@@ -139,46 +132,38 @@ class Canvas:
         matrices = (motion.to_reference, motion.to_previous, motion.reference_change)
         if not all(matrix is None or is_homography(matrix) for matrix in matrices):
             return None
-        on_plane = motion.to_reference @ self._grid
-        plane_to_canvas = self._plane_to_canvas
-        is_same_plane = motion.reference == self._reference or motion.reference_change is not None
-        if plane_to_canvas is None or not is_same_plane:
-            return self._begin(motion, on_plane)
-        if motion.reference_change is not None:
-            plane_to_canvas = plane_to_canvas @ np.linalg.inv(motion.reference_change)
-        placed = normalised(self._without_adjustment(plane_to_canvas @ on_plane, motion.to_previous))
+        on_plane, known = motion.to_reference @ working_to_frame(self.scale), self._plane_to_canvas
+        if motion.reference_change is not None and known is not None:
+            known = known @ inverse(motion.reference_change)
+        elif motion.reference != self._reference:
+            known = None
+        placed = on_plane if known is None else self._without_adjustment(known @ on_plane, motion.to_previous)
+        placed = normalised(placed)
         corners = self._corners(placed)
         if corners is None:
             return None
-        change, canvas_change = self._canvas_change(placed, corners)
-        placed = normalised(canvas_change @ placed)
-        self._plane_to_canvas = normalised(placed @ np.linalg.inv(on_plane))
+        change, canvas_change = CanvasChange.NEW, IDENTITY
+        if known is not None:
+            change, canvas_change = self._canvas_change(placed, corners)
+        placed = self._margin if known is None else normalised(canvas_change @ placed)
+        self._plane_to_canvas = normalised(placed @ inverse(on_plane))
         self._previous, self._reference = placed, motion.reference
         return FramePosition(change, canvas_change, placed)
-
-    def _begin(self, motion: Motion, on_plane: FloatArray) -> FramePosition | None:
-        if self._corners(normalised(on_plane)) is None:
-            return None
-        self._plane_to_canvas = self._margin @ np.linalg.inv(on_plane)
-        self._previous, self._reference = self._margin, motion.reference
-        return FramePosition(CanvasChange.NEW, IDENTITY, self._margin)
 
     def _without_adjustment(self, placed: FloatArray, to_previous: FloatArray | None) -> FloatArray:
         """The chained homography if the reference plane was adjusted since the last frame, else `placed`."""
         if self._previous is None or to_previous is None:
             return placed
-        chained = self._previous @ self._from_grid @ to_previous @ self._grid
+        grid = working_to_frame(self.scale)
+        chained = self._previous @ inverse(grid) @ to_previous @ grid
         step = np.abs(project(placed, self._outline) - project(chained, self._outline)).max()
-        return chained if not step <= ADJUSTMENT_PX else placed
+        return placed if step <= ADJUSTMENT_PX else chained
 
     def _corners(self, placed: FloatArray) -> FloatArray | None:
         """The frame's corners on the canvas, float64[4, 2]; None if they are not a convex quadrilateral."""
         depth = self._outline @ placed[2, :2] + placed[2, 2]
-        if depth.min() * depth.max() <= 0.0:
-            return None
         corners = project(placed, self._outline)
-        convex = cv2.isContourConvex(corners.astype(np.float32).reshape(-1, 1, 2))
-        return corners if convex else None
+        return corners if depth.min() * depth.max() > 0.0 and is_convex(corners) else None
 
     def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[CanvasChange, FloatArray]:
         low, high = corners.min(axis=0), corners.max(axis=0)
@@ -186,7 +171,7 @@ class Canvas:
         area_ratio = float(cv2.contourArea(corners.astype(np.float32))) / math.prod(self.working_size)
         smallest, largest = AREA_RATIO_LIMITS
         if not (smallest <= area_ratio <= largest and (high - low <= size - 1.0).all()):
-            return CanvasChange.REANCHOR, self._margin @ np.linalg.inv(placed)
+            return CanvasChange.REANCHOR, self._margin @ inverse(placed)
         if (low >= -0.5).all() and (high <= size - 0.5).all():
             return CanvasChange.NONE, IDENTITY
         return CanvasChange.SCROLL, translation(np.round((size - 1.0 - low - high) / 2.0))

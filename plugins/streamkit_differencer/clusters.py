@@ -12,6 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
+from streamkit_differencer.settings import Criterion
+
+# Merging by scatter is quadratic: more fragments than this are noise.
+MAX_FRAGMENTS = 1500
+
+
+def clustered(cells: ByteImage, criterion: Criterion, gap: int) -> tuple[LabelImage, int]:
+    """The object of each cell, int32[h, w] from 1, undefined between cells; and the number of objects.
+
+    Args:
+        cells: uint8[h, w], mask.
+        criterion: J_mn; that of the gap also where there are too many fragments for the other.
+        gap: see `label_by_gap` and `merge_by_scatter`.
+    """
+    if criterion is Criterion.GAP:
+        return label_by_gap(cells, gap)
+    count, labels, statistics, centres = cv2.connectedComponentsWithStats(cells, connectivity=8)
+    if count > MAX_FRAGMENTS:
+        return label_by_gap(cells, gap)
+    areas = statistics[1:, cv2.CC_STAT_AREA].astype(np.float64)
+    cluster = merge_by_scatter(centres[1:].astype(np.float64), areas, gap)
+    numbers = np.concatenate([[0], cluster + 1]).astype(np.int32)
+    return numbers[labels], int(cluster.max()) + 1
 
 
 def label_by_gap(cells: ByteImage, gap: int) -> tuple[LabelImage, int]:

@@ -2,40 +2,45 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass, field, replace
 from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from streamkit.geometry.homography import corners, inverse, project, translation
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices
+from streamkit.geometry.homography import inverse, project, translation
+from streamkit_differencer.arrays import ByteImage, FloatArray
 from streamkit_differencer.camera_motion import CameraMotion
-from streamkit_differencer.canvas import STILL, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
-from streamkit_differencer.cleaning import cleaned
+from streamkit_differencer.canvas import FIXED, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
 from streamkit_differencer.confidence import Persistence, confidence, contrasts
 from streamkit_differencer.cuts import Cut, CutDetector
-from streamkit_differencer.filters.parallax import SMALLEST_STEP_PX
-from streamkit_differencer.model import BackgroundModel, ModelChange
+from streamkit_differencer.filters.parallax import MIN_STEP_PX
+from streamkit_differencer.filters.shadow import shadow_mask
+from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
+from streamkit_differencer.model import BackgroundModel, Comparison
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
-from streamkit_differencer.sampling import warp_frame, warp_mask_back
+from streamkit_differencer.sampling import downsampled, draw_on_canvas
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
+from streamkit_differencer.warping import warp_mask_back
 from streamkit_kernels import prepare
 
-# The outermost pixels of a warped frame mix with the border.
-BORDER_PX = 2
-INWARDS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64)
 # Smaller frames, in working pixels, are processed at full resolution.
-SMALLEST_WORKING = 8
-# A frame within this distance of whole canvas pixels is not interpolated.
-WHOLE_PIXEL_PX = 0.02
+MIN_WORKING_PX = 8
 # Widest frames processed at full resolution, and at half of it, px.
 WIDEST_FULL, WIDEST_HALF = 640, 2048
 # Objects of a frame that get a confidence; a flood of noise has more.
-MOST_SCORED = 400
+MAX_SCORED = 400
+
+
+class ModelChange(enum.StrEnum):
+    """What happened to the model at a frame, besides learning."""
+
+    NONE = "none"
+    GAIN = "gain"
+    RESET = "reset"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +57,8 @@ class Result:
 
     objects: Objects
     foreground: ByteImage
-    change: CanvasChange = CanvasChange.NONE
-    event: ModelChange = ModelChange.NONE
+    change: CanvasChange
+    event: ModelChange
 
 
 @dataclass(slots=True)
@@ -73,15 +78,13 @@ class Differencer:
     region: ByteImage | None = None
     _shape: tuple[int, int] | None = None
     _scale: int = 1
-    _is_registered: bool = False
     _canvas: Canvas | None = None
-    _model: BackgroundModel | None = None
+    _model: BackgroundModel = field(init=False)
     _camera: CameraMotion = field(default_factory=CameraMotion)
     _cuts: CutDetector = field(default_factory=CutDetector)
-    _persistence: Persistence = field(default_factory=Persistence)
+    _persistence: Persistence = field(init=False)
     # Centres of the last frames on the canvas, px.
-    _centres: list[FloatArray] = field(default_factory=list)
-    _pairs: NDArray[np.uint16] = field(default_factory=lambda: np.empty((0, 0), np.uint16))
+    _centres: list[FloatArray] = field(init=False)
 
     def reset(self) -> None:
         """Discards the model: the next frame starts a new one."""
@@ -89,7 +92,7 @@ class Differencer:
         self._cuts.reset()
 
     def _forget(self) -> None:
-        self._canvas = self._model = None
+        self._canvas = None
         self._camera.reset()
 
     def miss(self) -> None:
@@ -111,83 +114,78 @@ class Differencer:
             self.reset()
             self._shape = cast("tuple[int, int]", image.shape)
             wanted = self.settings.working_scale or automatic_scale(image.shape[1])
-            self._scale = wanted if min(image.shape) >= SMALLEST_WORKING * wanted else 1
+            self._scale = wanted if min(image.shape) >= MIN_WORKING_PX * wanted else 1
         working = downsampled(image, self._scale)
         # An element that registers frames reports cuts, too.
         cut = Cut.NONE if motion else self._cuts.update(working, self.settings.background.frame_threshold)
-        if cut is Cut.SUSPECTED:
-            self.miss()
-            return None
         if cut is Cut.CONFIRMED:
             self._forget()
-        if self._model is not None:
-            self._model.settings = self.settings.background
-        self._is_registered = motion is not None
-        if motion is None and self.own_motion:
-            motion = self._measured(working)
-            if motion is None:
-                self.miss()
-                return None
-        result = (
-            self._update_fixed(image, working)
-            if motion is None
-            else self._update_moving(image, working, motion)
-        )
-        return result if cut is Cut.NONE or result is None else replace(result, event=ModelChange.RESET)
+        position = None if cut is Cut.SUSPECTED else self._place(working, motion or self._measured(working))
+        if position is None:
+            self.miss()
+            return None
+        frame = self._model.next_frame()
+        region, is_resampled = draw_on_canvas(working, position.working_to_canvas, frame)
+        self._model.settings = self.settings.background
+        parallax = self._parallax(position, working.shape, is_registered=motion is not None)
+        found = self._model.update(frame, region, parallax, is_resampled)
+        to_region = translation(np.array([-region[1].start, -region[0].start])) @ position.working_to_canvas
+        mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
+        if self.settings.background.shadow:
+            mask[shadow_mask(found.image, found.background, found.mask) > 0] = SHADOW
+        if is_resampled:
+            mask = warp_mask_back(mask, to_region, inverse(to_region), *working.shape)
+        objects, mask = self._objects(image, working, mask, found, position, to_region, motion)
+        event = ModelChange.GAIN if found.follows_exposure else ModelChange.NONE
+        if cut is Cut.CONFIRMED:
+            event = ModelChange.RESET
+        return Result(objects, mask, position.change, event)
 
     def _measured(self, working: ByteImage) -> Motion | None:
+        """The motion of a frame without registration; None if it is unknown."""
+        if not self.own_motion:
+            return FIXED
         placed = self._camera.place(working)
         if placed is None:
             return None
         grid = working_to_frame(self._scale)
         # Negative numbers keep these planes apart from those of a registration.
-        return Motion(grid @ placed @ np.linalg.inv(grid), reference=-1 - self._camera.plane)
+        return Motion(grid @ placed @ inverse(grid), reference=-1 - self._camera.plane)
 
-    def _update_fixed(self, image: ByteImage, working: ByteImage) -> Result:
-        if self._canvas is not None or self._model is None:
-            self._canvas, self._model = None, self._new_model((working.shape[1], working.shape[0]))
-        frame = self._model.next_frame()
-        frame.image[:], frame.seen[:] = working, 255
-        whole = np.s_[0 : working.shape[0], 0 : working.shape[1]]
-        mask, event = self._model.update(whole, is_resampled=False)
-        return self._objects(image, working, mask, np.eye(3), STILL, event, 1.0)
-
-    def _update_moving(self, image: ByteImage, working: ByteImage, motion: Motion) -> Result | None:
-        if self._canvas is None or self._model is None:
+    def _place(self, working: ByteImage, motion: Motion | None) -> FramePosition | None:
+        """Places a frame on the canvas, and moves what is kept there along with it."""
+        if motion is None:
+            return None
+        if self._canvas is None:
             self._canvas = Canvas((working.shape[1], working.shape[0]), self._scale)
-            self._model = self._new_model(self._canvas.size)
         position = self._canvas.place(motion)
         if position is None:
-            self.miss()
             return None
-        self._follow(self._model, position)
-        to_canvas = position.working_to_canvas
-        if self._pairs.shape != working.shape:
-            self._pairs = np.empty(working.shape, np.uint16)
-        region, is_resampled = draw_on_canvas(working, to_canvas, self._model, self._pairs)
-        parallax = self._parallax(self._model, to_canvas, working.shape)
-        found, event = self._model.update(region, parallax, is_resampled)
-        to_region = translation(np.array([-region[1].start, -region[0].start])) @ to_canvas
-        mask = np.empty_like(working)
-        warp_mask_back(found, to_region, inverse(to_region), mask)
-        return self._objects(image, working, mask, to_region, position, event, motion.quality)
-
-    def _new_model(self, size: tuple[int, int]) -> BackgroundModel:
-        self._persistence, self._centres = Persistence(), []
-        return BackgroundModel(size, self.settings.background, self._scale)
+        change = position.canvas_change
+        if position.change is CanvasChange.NONE:
+            return position
+        if position.change is CanvasChange.NEW:
+            self._model = BackgroundModel(self._canvas.size, self.settings.background, self._scale)
+            self._persistence, self._centres = Persistence(), []
+            return position
+        self._model.move(change, is_scroll=position.change is CanvasChange.SCROLL)
+        self._persistence.boxes = mapped_boxes(change, self._persistence.boxes)
+        self._centres = [project(change, point[None])[0] for point in self._centres]
+        return position
 
     def _parallax(
-        self, model: BackgroundModel, working_to_canvas: FloatArray, shape: tuple[int, ...]
+        self, position: FramePosition, shape: tuple[int, ...], is_registered: bool
     ) -> FloatArray | None:
         """Vector on the canvas, px, to where tall objects may have shifted from; None for no shift."""
-        self._centres.append(project(working_to_canvas, np.array([[shape[1], shape[0]]]) / 2)[0])
+        middle = np.array([[shape[1], shape[0]]]) / 2
+        self._centres.append(project(position.working_to_canvas, middle)[0])
         del self._centres[: -self.settings.background.frame_interval - 1]
         step = self._centres[-1] - self._centres[0]
-        if np.hypot(*step) < SMALLEST_STEP_PX:
+        if np.hypot(*step) < MIN_STEP_PX:
             return None
-        if self._is_registered:
+        if is_registered:
             # A flight comes to new ground all the time: its first second is not worth the ghosts.
-            model.begins_at_once = False
+            self._model.begins_at_once = False
         return step * self.settings.objects.parallax if self.settings.objects.parallax > 0.0 else None
 
     def _objects(
@@ -195,52 +193,38 @@ class Differencer:
         image: ByteImage,
         working: ByteImage,
         mask: ByteImage,
-        to_region: FloatArray,
+        found: Comparison,
         position: FramePosition,
-        event: ModelChange,
-        registration: float,
-    ) -> Result:
-        """The objects of a frame with confidences, refined at full resolution.
+        to_region: FloatArray,
+        motion: Motion | None,
+    ) -> tuple[Objects, ByteImage]:
+        """The objects of a frame with confidences, refined at full resolution, and the finished mask.
 
-        `to_region`, float64[3, 3], maps working pixels to those of the model's region of the frame.
+        `to_region`, float64[3, 3], maps working pixels to the frame's part of the canvas.
         """
-        settings, scale, model = self.settings.objects, self._scale, self._model
-        assert model is not None
+        settings, scale = self.settings.objects, self._scale
         mask = cleaned(mask, settings.median // scale, settings.fill_holes)
         if self.region is not None:
             size = mask.shape[1], mask.shape[0]
-            mask = mask & cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
-        contrast = object_contrasts(mask, working, model.background, to_region)
+            mask &= cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
+        contrast = object_contrasts(mask, working, found.background, to_region)
         trim(mask, working, *contrast, 0.0, SHADOW_SHARE)
-        objects = find_objects(mask, scale, settings, max(settings.max_objects, MOST_SCORED))
-        from_frame = np.linalg.inv(working_to_frame(scale))
+        objects = find_objects(mask, scale, settings, max(settings.max_objects, MAX_SCORED))
+        from_frame = inverse(working_to_frame(scale))
         to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
-        clearness = contrasts(objects.boxes, to_background, *model.compared)
-        objects = replace(objects, confidences=confidence(clearness, ages, registration))
+        clearness = contrasts(
+            objects.boxes, to_background, found.image, found.background, found.thresholds, found.known
+        )
+        quality = motion.quality if motion else 1.0
+        objects = replace(objects, confidences=confidence(clearness, ages, quality))
         objects = most_confident(objects, settings.max_objects)
-        refined = refine_objects(objects, image, model.background, to_background, mask, scale)
-        if model.tolerance > 0:
+        refined = refine_objects(objects, image, found.background, to_background, mask, scale)
+        if self._model.tolerance > 0:
             # Small objects are found with their halo.
             trim(mask, working, *contrast, HALO_SHARE, 0.0)
         mark_moving(mask, objects, scale)
-        return Result(refined, mask, position.change, event)
-
-    def _follow(self, model: BackgroundModel, position: FramePosition) -> None:
-        """Moves what is kept on the canvas along with it."""
-        change = position.canvas_change
-        match position.change:
-            case CanvasChange.NEW:
-                model.reset()
-                self._persistence, self._centres = Persistence(), []
-            case CanvasChange.SCROLL:
-                model.scroll(round(change[0, 2]), round(change[1, 2]))
-            case CanvasChange.REANCHOR:
-                model.warp(change)
-            case CanvasChange.NONE:
-                return
-        self._persistence.boxes = mapped_boxes(change, self._persistence.boxes)
-        self._centres = [project(change, point[None])[0] for point in self._centres]
+        return refined, mask
 
 
 def automatic_scale(width: int) -> int:
@@ -252,56 +236,9 @@ def automatic_scale(width: int) -> int:
 
 def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
     """Bounding boxes of boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
-    if not len(boxes):
-        return boxes
     outlines = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
     placed = project(matrix, outlines).reshape(len(boxes), 4, 2)
     return np.hstack([placed.min(axis=1), placed.max(axis=1)])
-
-
-def downsampled(image: ByteImage, scale: int) -> ByteImage:
-    """Means of blocks of `scale` by `scale` pixels; the remainder at the right and bottom is cut off."""
-    while scale > 1:
-        height, width = image.shape[0] // 2, image.shape[1] // 2
-        whole = image[: 2 * height, : 2 * width]
-        image = cast("ByteImage", cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
-        scale //= 2
-    return image
-
-
-def draw_on_canvas(
-    working: ByteImage, to_canvas: FloatArray, model: BackgroundModel, pairs: NDArray[np.uint16]
-) -> tuple[Slices, bool]:
-    """Resamples a frame onto the part of the canvas that it covers.
-
-    Args:
-        working: uint8[h, w], the frame at working resolution.
-        to_canvas: float64[3, 3], working pixels to canvas.
-        model: owner of the canvas; the frame is drawn in its buffer for the next frame.
-        pairs: uint16[h, w], scratch memory.
-
-    Returns:
-        Rows and columns of the canvas; and whether the frame was resampled.
-    """
-    shape = working.shape[0], working.shape[1]
-    outline = corners(shape)
-    placed = project(to_canvas, outline)
-    low, high = placed.min(axis=0) + WHOLE_PIXEL_PX, placed.max(axis=0) - WHOLE_PIXEL_PX
-    left, top = np.clip(np.floor(low), 0, model.size).astype(int).tolist()
-    right, bottom = np.clip(np.ceil(high) + 1, 0, model.size).astype(int).tolist()
-    region = np.s_[top:bottom, left:right]
-    frame = model.next_frame()
-    is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
-    if is_whole and (bottom - top, right - left) == shape:
-        frame.image[region], frame.seen[region] = working, 255
-        return region, False
-    warp_frame(
-        np.ascontiguousarray(working), pairs, inverse(to_canvas), frame.image, (top, bottom, left, right)
-    )
-    # A wider border than the one that interpolation mixes with.
-    inner = outline + INWARDS * BORDER_PX
-    cv2.fillConvexPoly(frame.seen, np.round(project(to_canvas, inner)).astype(np.int32), 255)
-    return region, True
 
 
 def warm_up() -> None:

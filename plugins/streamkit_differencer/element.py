@@ -28,11 +28,10 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit_differencer.canvas import CanvasChange, Motion
-from streamkit_differencer.differencer import Differencer, Result, warm_up
-from streamkit_differencer.mask_values import full_size
-from streamkit_differencer.model import ModelChange
+from streamkit_differencer.differencer import Differencer, ModelChange, Result, warm_up
+from streamkit_differencer.foreground import full_size
 from streamkit_differencer.objects import NO_OBJECTS
-from streamkit_differencer.region import RegionOfInterest
+from streamkit_differencer.region import region_mask
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_kernels import COMPILING, on_compilation
 
@@ -102,7 +101,7 @@ class FrameDiff(Transform):
                 "use 0 to go by the frame's width"
             )
         try:
-            self._region = RegionOfInterest(self.roi) if self.roi else None
+            region_mask(self.roi or "0,0 1,0 1,1", 1, 1)
         except ValueError as error:
             raise ResourceError(f"{self.name}: roi: {error}") from error
         with on_compilation(lambda: self.post_warning(COMPILING)):
@@ -119,7 +118,7 @@ class FrameDiff(Transform):
     @override
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
         width, height = sink_caps.integer("width"), sink_caps.integer("height")
-        self._differencer.region = self._region.mask(width, height) if self._region is not None else None
+        self._differencer.region = region_mask(self.roi, width, height) if self.roi else None
         rate = sink_caps.get("framerate", None)
         self._mask_caps = raw_video_caps("GRAY8", width, height, rate if isinstance(rate, Fraction) else None)
 

@@ -1,7 +1,7 @@
-"""The foreground of a frame: equation 4, and hysteresis where it tolerates a registration error.
+"""The foreground mask: equation 4 with hysteresis, cleaning, and the mask at the frame's size.
 
-A tolerance hides the grey parts of an object. Pixels above the lower threshold that touch clear foreground
-belong to it.
+A tolerance of registration errors hides the grey parts of an object. Pixels above the lower threshold that
+touch clear foreground belong to it.
 
 Source: Canny, "A Computational Approach to Edge Detection", PAMI 1986.
 """
@@ -16,11 +16,15 @@ import numpy as np
 from streamkit_differencer.arrays import ByteImage
 from streamkit_differencer.equations import excess_over_range, foreground_mask
 
+# Values of a finished mask: foreground that changed within quiet_frames, foreground that is quiet, shadow.
+# Values up to the last number are background or shadow.
+MOVING, STOPPED, SHADOW = 255, 128, 50
+HIGHEST_BACKGROUND = 100
 # Smallest lower threshold, grey levels.
-LEAST_WEAK = 5
-MEDIAN_PX = 3
+MIN_WEAK = 5
+MAX_MEDIAN_PX = 7
 GROWTH_STEPS = 2
-GROWTH_SQUARE = np.ones((5, 5), np.uint8)  # two pixels in each direction
+_GROWTH = np.ones((5, 5), np.uint8)  # two pixels in each direction
 
 
 def find_foreground(
@@ -47,10 +51,70 @@ def find_foreground(
     strong = foreground_mask(excess_over_range(image, background, tolerance), thresholds) & known
     if tolerance <= 0 or hysteresis_ratio >= 1.0:
         return strong
-    difference = cv2.threshold(cv2.absdiff(image, background), LEAST_WEAK, 0, cv2.THRESH_TOZERO)[1]
+    difference = cv2.threshold(cv2.absdiff(image, background), MIN_WEAK, 0, cv2.THRESH_TOZERO)[1]
     lower = cast("ByteImage", cv2.convertScaleAbs(thresholds, alpha=hysteresis_ratio))
-    mask = cast("ByteImage", cv2.medianBlur(strong, MEDIAN_PX))
+    mask = cast("ByteImage", cv2.medianBlur(strong, 3))
     weak = (foreground_mask(cast("ByteImage", difference), lower) | mask) & known
     for _ in range(GROWTH_STEPS):
-        mask = weak & cast("ByteImage", cv2.dilate(mask, GROWTH_SQUARE))
+        mask = weak & cast("ByteImage", cv2.dilate(mask, _GROWTH))
     return mask
+
+
+def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:
+    """The foreground after a median filter, with holes filled.
+
+    Args:
+        mask: uint8[h, w], values of a finished mask.
+        median: width of the median filter, px; raised to an odd number; none below 2.
+        fill_holes: whether pixels enclosed by foreground become foreground.
+
+    Returns:
+        uint8[h, w], a new array.
+    """
+    result = _median(mask, min(median | 1, MAX_MEDIAN_PX))
+    if fill_holes:
+        outlines, _ = cv2.findContours(result, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        whole = np.zeros_like(result)
+        cv2.drawContours(whole, outlines, -1, MOVING, cv2.FILLED)
+        cv2.copyTo(result, result, whole)
+        result = whole
+    return result
+
+
+def _median(mask: ByteImage, width: int) -> ByteImage:
+    """`cv2.medianBlur` of a mask; for 7 px in a tenth of its time, by counting the pixels of each value."""
+    if width == 1:
+        return mask.copy()
+    if width < MAX_MEDIAN_PX:
+        return cast("ByteImage", cv2.medianBlur(mask, width))
+    size, border, half = (width, width), cv2.BORDER_REPLICATE, width * width // 2
+    result = np.zeros_like(mask)
+    for value in (SHADOW, STOPPED, MOVING):
+        votes = cv2.threshold(mask, value - 1, 1, cv2.THRESH_BINARY)[1]
+        cv2.boxFilter(votes, -1, size, dst=votes, normalize=False, borderType=border)
+        cv2.max(result, cv2.threshold(votes, half, value, cv2.THRESH_BINARY)[1], dst=result)
+    return result
+
+
+def full_size(mask: ByteImage | None, width: int, height: int) -> ByteImage:
+    """The mask at the frame's size, uint8[height, width]; zeros for a frame without one.
+
+    Args:
+        mask: uint8[h, w] at the working scale, or None.
+        width: of the frame, px.
+        height: of the frame, px.
+    """
+    if mask is None:
+        return np.zeros((height, width), np.uint8)
+    scale = round(width / mask.shape[1])
+    size = mask.shape[1] * scale, mask.shape[0] * scale
+    larger = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
+    # Downsampling cut off a remainder at the right and bottom.
+    rest = max(0, height - size[1]), max(0, width - size[0])
+    larger = cv2.copyMakeBorder(larger, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE)
+    return cast("ByteImage", larger[:height, :width])
+
+
+def binary_mask(mask: ByteImage) -> ByteImage:
+    """uint8[h, w]: 255 for foreground, 0 for shadow and background."""
+    return cast("ByteImage", cv2.threshold(mask, HIGHEST_BACKGROUND, 255, cv2.THRESH_BINARY)[1])

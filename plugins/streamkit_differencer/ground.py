@@ -1,10 +1,9 @@
-"""What is known of each pixel of the canvas: its images, scrolled and warped together."""
+"""What is known of each pixel of the canvas: its images, moved together."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, TypeVar, cast
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -28,9 +27,19 @@ class CanvasFrame(NamedTuple):
     image: ByteImage
     seen: ByteImage
 
+    @classmethod
+    def empty(cls, size: tuple[int, int]) -> CanvasFrame:
+        """A frame that covers nothing, for a canvas of this width and height."""
+        return cls(np.zeros(size[::-1], np.uint8), np.zeros(size[::-1], np.uint8))
+
     def part(self, region: Slices) -> CanvasFrame:
         """Views of a region of the canvas."""
         return CanvasFrame(self.image[region], self.seen[region])
+
+    def moved(self, change: FloatArray, is_scroll: bool) -> CanvasFrame:
+        """The frame on another canvas, see `Ground.move`."""
+        image = moved(self.image, change, is_scroll, interpolation=cv2.INTER_LINEAR)
+        return CanvasFrame(image, moved(self.seen, change, is_scroll))
 
 
 @dataclass(slots=True)
@@ -62,53 +71,53 @@ class Ground:
     @classmethod
     def unknown(cls, size: tuple[int, int]) -> Ground:
         """Ground of which nothing is known, for a canvas of this width and height."""
-        shape = size[1], size[0]
-        return cls(
-            **{
-                field.name: np.full(
-                    shape, FILLS.get(field.name, 0), np.float32 if field.name in FLOATS else np.uint8
-                )
-                for field in fields(cls)
-            }
-        )
+        images = {
+            name: np.full(size[::-1], FILLS.get(name, 0), np.float32 if name in FLOATS else np.uint8)
+            for name in cls.__slots__
+        }
+        return cls(**images)
 
     def part(self, region: Slices) -> Ground:
         """Views of a region of the canvas."""
-        return Ground(*(getattr(self, field.name)[region] for field in fields(self)))
+        return Ground(*(getattr(self, name)[region] for name in self.__slots__))
 
-    def scroll(self, dx: int, dy: int) -> None:
-        """Moves everything by whole pixels: what was at (x, y) is then at (x + dx, y + dy)."""
-        for name, image, fill in self._used():
-            setattr(self, name, scrolled(image, dx, dy, fill))
+    def move(self, change: FloatArray, is_scroll: bool) -> None:
+        """Moves everything onto another canvas of the same size.
 
-    def warp(self, change: FloatArray) -> None:
-        """Resamples everything onto another canvas: float64[3, 3] maps this canvas to that one."""
-        for name, image, fill in self._used():
+        Args:
+            change: float64[3, 3], maps this canvas to that one.
+            is_scroll: whether that is a shift by whole pixels, which changes no value.
+        """
+        for name in self.__slots__:
             interpolation = cv2.INTER_CUBIC if name == "background" else cv2.INTER_NEAREST
-            setattr(self, name, warped(image, change, fill, interpolation))
-        # Cubic resampling of the background mixes pixels across the border of what is known.
-        self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
-
-    def _used(self) -> Iterator[tuple[str, Any, float]]:
-        """Name, image and fill value of the images that may hold anything else."""
-        for field in fields(self):
-            image, fill = getattr(self, field.name), FILLS.get(field.name, 0)
-            if fill or cv2.countNonZero(image):
-                yield field.name, image, fill
+            image = moved(getattr(self, name), change, is_scroll, FILLS.get(name, 0), interpolation)
+            setattr(self, name, image)
+        if not is_scroll:
+            # Cubic resampling of the background mixes pixels across the border of what is known.
+            self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
 
 
-def scrolled(image: Image, dx: int, dy: int, fill: float) -> Image:
-    """The image moved by whole pixels, with `fill` in the strips that enter."""
+def moved(
+    image: Image,
+    change: FloatArray,
+    is_scroll: bool,
+    fill: float = 0,
+    interpolation: int = cv2.INTER_NEAREST,
+) -> Image:
+    """The image under a homography, of the same size, with `fill` where it has no value."""
     height, width = image.shape
-    if abs(dx) >= width or abs(dy) >= height:
-        return np.full_like(image, fill)
+    if not fill and not cv2.countNonZero(image):
+        return image
+    if not is_scroll:
+        flags = interpolation
+        return cast(
+            "Image", cv2.warpPerspective(image, change, (width, height), flags=flags, borderValue=fill)
+        )
+    dx, dy = np.clip(np.round(change[:2, 2]), (-width, -height), (width, height)).astype(int).tolist()
     top, bottom, left, right = max(dy, 0), max(-dy, 0), max(dx, 0), max(-dx, 0)
     inside = image[bottom : height - top, right : width - left]
-    border = cv2.BORDER_CONSTANT
-    return cast("Image", cv2.copyMakeBorder(inside, top, bottom, left, right, border, value=fill))
-
-
-def warped(image: Image, change: FloatArray, fill: float, interpolation: int = cv2.INTER_NEAREST) -> Image:
-    """The image under a homography, of the same size, with `fill` where it has no value."""
-    size = image.shape[1], image.shape[0]
-    return cast("Image", cv2.warpPerspective(image, change, size, flags=interpolation, borderValue=fill))
+    if not inside.size:
+        return np.full_like(image, fill)
+    return cast(
+        "Image", cv2.copyMakeBorder(inside, top, bottom, left, right, cv2.BORDER_CONSTANT, value=fill)
+    )

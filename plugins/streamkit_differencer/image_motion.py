@@ -17,25 +17,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.geometry.homography import corners, project
 from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage
+from streamkit_differencer.sampling import downsampled
 
 PointArray = NDArray[np.float32]
 
 # Patches of an image, and the least gradient in the middle of one, grey levels per px.
-MOST_PATCHES = 300
+MAX_PATCHES = 300
 PATCH_PX = 9
-LEAST_GRADIENT = 4.0
+MIN_GRADIENT = 4.0
 # A patch is explained where the image correlates with it; one that correlates less than the second number has
 # no weight in the fit.
-LEAST_CORRELATION, OUTLIER_CORRELATION = 0.9, 0.3
+MIN_CORRELATION, OUTLIER_CORRELATION = 0.9, 0.3
 # Weight of an image in the trust in a patch.
 TRUST_RATE = 0.1
 # Cells of a 4 by 4 grid that explained patches must lie in: a single moving object is no camera motion.
 SPREAD_CELLS = 6
 # Levels of a pyramid, each of half the size; images are not made smaller than this.
-MOST_LEVELS, SMALLEST_LEVEL_PX = 3, 36
+MAX_LEVELS, SMALLEST_LEVEL_PX = 3, 36
 # The fit ends when a step moves no corner by more, px.
-SMALLEST_STEP_PX = 0.02
+MIN_STEP_PX = 0.02
 # Weight of the previous step in the normal equations, per patch: none drifts along an edge without end.
 DAMPING = 1e-3
 # Columns of the parameters of a homography that a similarity combines: turn, scale, shift along x and y.
@@ -102,7 +104,7 @@ class Patches:
         to those of the image.
         """
         likeness = (self._sampled(image, to_image) * self.texture).sum(axis=1)
-        is_like = likeness > LEAST_CORRELATION
+        is_like = likeness > MIN_CORRELATION
         is_spread = len(np.unique(self.cells[is_like])) >= SPREAD_CELLS
         share = float(self.trust[is_like].sum() / max(self.trust.sum(), 1.0)) if is_spread else 0.0
         return share, float(_weights(likeness) @ self.trust)
@@ -134,7 +136,7 @@ class Patches:
             moved = np.linalg.inv(self.grid) @ np.linalg.inv(step) @ self.grid
             to_image = to_image @ moved
             to_image = to_image / to_image[2, 2]
-            if np.abs(step - np.eye(3)).max() / self.grid[0, 0] < SMALLEST_STEP_PX:
+            if np.abs(step - np.eye(3)).max() / self.grid[0, 0] < MIN_STEP_PX:
                 break
         return to_image
 
@@ -142,7 +144,7 @@ class Patches:
         """The image in the patches, normalised, float32[n, PATCH_PX**2]."""
         if not len(self):
             return self.texture
-        across, down = cv2.split(transformed(to_image, self.points.reshape(-1, 2)).reshape(self.points.shape))
+        across, down = cv2.split(cv2.perspectiveTransform(self.points, to_image))
         return _normalised(np.asarray(cv2.remap(image, across, down, cv2.INTER_LINEAR), np.float32))[0]
 
 
@@ -151,11 +153,11 @@ def _points(gradient: FloatImage) -> PointArray:
     # Patches do not leave the image.
     border = PATCH_PX // 2
     inner = gradient[border:-border, border:-border] if min(gradient.shape) > PATCH_PX else gradient[:0, :0]
-    size = max(PATCH_PX, round(math.sqrt(gradient.size / MOST_PATCHES)))
+    size = max(PATCH_PX, round(math.sqrt(gradient.size / MAX_PATCHES)))
     rows, columns = (length // size for length in inner.shape)
     grid = inner[: rows * size, : columns * size].reshape(rows, size, columns, size)
     cells = grid.swapaxes(1, 2).reshape(rows * columns, size * size)
-    number = np.flatnonzero(cells.max(axis=1, initial=0.0) > LEAST_GRADIENT)
+    number = np.flatnonzero(cells.max(axis=1, initial=0.0) > MIN_GRADIENT)
     best = cells[number].argmax(axis=1) if len(number) else number
     x, y = number % max(columns, 1) * size + best % size, number // max(columns, 1) * size + best // size
     steps = np.arange(PATCH_PX)
@@ -189,22 +191,12 @@ def _normalised(values: FloatImage) -> tuple[FloatImage, FloatImage]:
 def pyramid(image: ByteImage) -> list[ByteImage]:
     """A smoothed image in several sizes, the full one first, each half as wide as the one before."""
     levels = [cast("ByteImage", cv2.GaussianBlur(image, (5, 5), 1.0))]
-    while len(levels) < MOST_LEVELS and min(levels[-1].shape) >= 2 * SMALLEST_LEVEL_PX:
-        height, width = levels[-1].shape
-        whole = levels[-1][: height // 2 * 2, : width // 2 * 2]
-        levels.append(
-            cast("ByteImage", cv2.resize(whole, (width // 2, height // 2), interpolation=cv2.INTER_AREA))
-        )
+    while len(levels) < MAX_LEVELS and min(levels[-1].shape) >= 2 * SMALLEST_LEVEL_PX:
+        levels.append(downsampled(levels[-1], 2))
     return levels
-
-
-def transformed(matrix: FloatArray, points: PointArray) -> PointArray:
-    """float32[n, 2] points under a homography."""
-    return cast("PointArray", cv2.perspectiveTransform(points[None], matrix)[0])
 
 
 def corner_distance(first: FloatArray, second: FloatArray, shape: tuple[int, ...]) -> float:
     """Largest distance, along an axis, of an image corner under two homographies, px."""
-    height, width = shape[:2]
-    outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
-    return float(np.abs(transformed(first, outline) - transformed(second, outline)).max())
+    outline = corners((shape[0], shape[1]))
+    return float(np.abs(project(first, outline) - project(second, outline)).max())

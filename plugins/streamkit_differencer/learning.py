@@ -19,13 +19,9 @@ from numba import types
 
 from streamkit_differencer.arrays import FLOAT32_OUTPUT, UINT8_OUTPUT, ByteImage, FloatImage
 from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
-from streamkit_kernels import UINT8, UINT8_STRIDED, compiled, kernel
+from streamkit_kernels import UINT8, UINT8_STRIDED, kernel
 
-MOST_FRAMES = 255
-# Frames for which the other value of a provisional background still follows small changes.
-SETTLING_FRAMES = 4
-# Parts of a row without undecided pixels are skipped.
-BLOCK_PX = 64
+MAX_FRAMES = 255
 
 
 @kernel(UINT8, UINT8_STRIDED, *[UINT8] * 4, FLOAT32_OUTPUT, *[UINT8_OUTPUT] * 4, *[types.int64] * 4)
@@ -44,7 +40,7 @@ def choose_values(
     quiet_frames: int,
     absorb_frames: int,
     same: int,
-    fewest: int,
+    min_frames: int,
 ) -> None:
     """Learns from foreground and from pixels that were never quiet; the rest follows equation 3.
 
@@ -63,56 +59,45 @@ def choose_values(
         quiet_frames: lambda, the frames that quiet pixels were seen at rest.
         absorb_frames: frames after which a stationary object becomes background at the latest.
         same: largest difference of values that are the same to a provisional background, grey levels.
-        fewest: frames in which the value that replaces a provisional background was seen, at least.
+        min_frames: frames in which the value that replaces a provisional background was seen.
     """
-    height, width = undecided.shape
-    for row in range(height):
-        for start in range(0, width, BLOCK_PX):
-            stop = min(start + BLOCK_PX, width)
-            for column in range(start, stop if _is_any_set(undecided, row, start, stop) else start):
-                if undecided[row, column] == 0:
-                    continue
-                is_provisional = bool(valid[row, column] == PROVISIONAL)
-                is_quiet = bool(quiet[row, column] > 0)
-                is_foreground = bool(mask[row, column] > 0)
-                known = int(np.int64(known_frames[row, column]))
-                count = int(np.int64(other_frames[row, column]))
-                # Signed: differences of bytes wrap.
-                value, here = int(np.int64(image[row, column])), int(np.int64(rounded[row, column]))
-                limit = int(np.int64(thresholds[row, column]))
-                is_refused = False
-                if is_provisional and abs(value - here) <= min(limit, same):
-                    known, count = min(known + 1, MOST_FRAMES), max(count - 1, 0)
-                elif valid[row, column] != UNKNOWN:
-                    limit = min(limit, same) if is_provisional else limit
-                    is_like = abs(value - int(np.int64(other[row, column]))) <= limit
-                    # A value that does not show loses a frame; without any left, another one takes its place.
-                    begins = not is_like and count <= 1
-                    more = min(count + int(is_provisional or is_quiet), MOST_FRAMES)
-                    less = int(is_provisional) if begins else count - 1
-                    count = more if is_like else less
-                    if begins or (is_provisional and is_like and count <= SETTLING_FRAMES):
-                        other[row, column] = value
-                    # What is quiet was there for quiet_frames.
-                    age = max(count, quiet_frames) if is_provisional and is_quiet else count
-                    if is_provisional:
-                        wins = (is_like or begins or is_quiet) and age > known and age >= fewest
-                    else:
-                        wins = is_quiet and (is_like or begins) and age >= min(known, absorb_frames)
-                    if is_foreground and wins:
-                        background[row, column], other[row, column] = value, here
-                        known, count = age, known
-                    is_refused = is_foreground and not wins
-                if is_quiet and valid[row, column] != KNOWN and not is_refused:
-                    background[row, column], valid[row, column] = value, KNOWN
-                    known = max(known, quiet_frames)
-                known_frames[row, column], other_frames[row, column] = known, count
-
-
-@compiled
-def _is_any_set(mask: ByteImage, row: int, start: int, stop: int) -> bool:
-    """Whether any pixel of a part of a row is not 0."""
-    united = np.uint8(0)
-    for column in range(start, stop):
-        united |= mask[row, column]
-    return bool(united > 0)
+    for row in range(undecided.shape[0]):
+        for column in range(undecided.shape[1]):
+            if undecided[row, column] == 0:
+                continue
+            is_provisional = bool(valid[row, column] == PROVISIONAL)
+            is_quiet = bool(quiet[row, column] > 0)
+            is_foreground = bool(mask[row, column] > 0)
+            known = int(np.int64(known_frames[row, column]))
+            count = int(np.int64(other_frames[row, column]))
+            # Signed: differences of bytes wrap.
+            value, here = int(np.int64(image[row, column])), int(np.int64(rounded[row, column]))
+            limit = int(np.int64(thresholds[row, column]))
+            limit = min(limit, same) if is_provisional else limit
+            is_refused = False
+            if is_provisional and abs(value - here) <= limit:
+                known, count = min(known + 1, MAX_FRAMES), max(count - 1, 0)
+            elif valid[row, column] != UNKNOWN:
+                is_like = abs(value - int(np.int64(other[row, column]))) <= limit
+                # A value that does not show loses a frame; without any left, another one takes its place.
+                begins = not is_like and count <= 1
+                if begins:
+                    count, other[row, column] = int(is_provisional), value
+                elif is_like:
+                    count = min(count + int(is_provisional or is_quiet), MAX_FRAMES)
+                else:
+                    count -= 1
+                # What is quiet was there for quiet_frames.
+                age = max(count, quiet_frames) if is_provisional and is_quiet else count
+                if is_provisional:
+                    wins = (is_like or begins or is_quiet) and age > known and age >= min_frames
+                else:
+                    wins = is_quiet and (is_like or begins) and age >= min(known, absorb_frames)
+                if is_foreground and wins:
+                    background[row, column], other[row, column] = value, here
+                    known, count = age, known
+                is_refused = is_foreground and not wins
+            if is_quiet and valid[row, column] != KNOWN and not is_refused:
+                background[row, column], valid[row, column] = value, KNOWN
+                known = max(known, quiet_frames)
+            known_frames[row, column], other_frames[row, column] = known, count

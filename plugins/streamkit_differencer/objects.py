@@ -9,15 +9,15 @@ Source: Zhang, Liu, Qu, section 2.2, last two paragraphs; for the criterion J_mn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, FloatArray, LabelImage
-from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
-from streamkit_differencer.mask_values import HIGHEST_BACKGROUND, MOVING
+from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
+from streamkit_differencer.clusters import clustered
+from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING, binary_mask
 from streamkit_differencer.measurement import (
     BOTTOM,
     CHANGED,
@@ -25,20 +25,16 @@ from streamkit_differencer.measurement import (
     PIXELS,
     SUM_X,
     SUM_Y,
-    downsampled_by_vote,
     measure_objects,
 )
-from streamkit_differencer.settings import Criterion, ObjectSettings
-from streamkit_kernels import UINT8, kernel
+from streamkit_differencer.settings import ObjectSettings
 
 CELL_SIZE = 4
-# Empty cells around the foreground, which closing and merging need.
-MARGIN_CELLS = 2
 _SQUARE = np.ones((3, 3), np.uint8)
 # At full resolution the tolerance is 0, without hysteresis: objects are more fragmented.
 GAP_FULL, GAP_REDUCED = 3, 1
-# Clustering is quadratic: more fragments than this are noise, and the largest are kept.
-MOST_FRAGMENTS = 1500
+# Empty cells around the foreground, which closing and merging need.
+MARGIN_CELLS = 2
 # An object of which this share changed moves as a whole.
 MOVES = 0.5
 
@@ -73,15 +69,15 @@ NO_OBJECTS = Objects(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0
 
 
 def find_objects(
-    foreground: ByteImage, scale: int, settings: ObjectSettings, most: int | None = None
+    foreground: ByteImage, scale: int, settings: ObjectSettings, max_objects: int | None = None
 ) -> Objects:
     """Objects in the foreground of one frame.
 
     Args:
-        foreground: uint8[h, w], see `mask_values`; what is too small for an object is cleared.
+        foreground: uint8[h, w], see `foreground`; what is too small for an object is cleared.
         scale: frame pixels per pixel of `foreground`: 1, 2 or 4.
         settings: what counts as an object.
-        most: number of objects to keep, the largest, instead of `max_objects`.
+        max_objects: number of objects to keep, the largest; None for that of the settings.
     """
     cells = cells_of(foreground, scale)
     left, top, width, height = cv2.boundingRect(cells)
@@ -96,29 +92,17 @@ def find_objects(
     labels, count = clustered(inside, settings.merge_criterion, gap)
     inside, labels = closed(inside, labels)
     place = first_row, first_column, CELL_SIZE // scale
-    table = measure_objects(
-        foreground, inside, labels, count, *place, settings.min_area, HIGHEST_BACKGROUND + 1
-    )
+    table = measure_objects(foreground, inside, labels, count, *place, settings.min_area)
     table = table[table[:, PIXELS] > 0.0]
     changes = table[:, CHANGED] / table[:, PIXELS]
     moving = np.flatnonzero(changes >= settings.min_change)
     order = moving[np.argsort(-table[moving, PIXELS], kind="stable")]
-    kept = order[: settings.max_objects if most is None else most]
+    kept = order[: max_objects or settings.max_objects]
     rows = table[kept]
     pixels = rows[:, PIXELS]
     centroids = rows[:, SUM_X : SUM_Y + 1] / pixels[:, None] * scale + (scale - 1) / 2
     boxes = (rows[:, LEFT : BOTTOM + 1] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
     return Objects(centroids, boxes, pixels * scale**2, changes[kept], order.size - kept.size)
-
-
-def clustered(cells: ByteImage, criterion: Criterion, gap: int) -> tuple[LabelImage, int]:
-    """The object of each cell, int32[h, w] from 1; and the number of objects."""
-    if criterion is Criterion.GAP:
-        return label_by_gap(cells, gap)
-    fragment, areas, centres = fragments(cells)
-    cluster = merge_by_scatter(centres, areas, gap)
-    labels = np.concatenate([[0], cluster + 1]).astype(np.int32)[fragment]
-    return labels, int(cluster.max()) + 1
 
 
 def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]:
@@ -143,65 +127,45 @@ def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]
     return whole, filled
 
 
-def most_confident(objects: Objects, most: int) -> Objects:
-    """The `most` objects of the highest confidence, in their order.
+def most_confident(objects: Objects, count: int) -> Objects:
+    """The `count` objects of the highest confidence, in their order.
 
     A choice by size would leave out the same small objects in every frame of dense traffic, and let a flood
     of noise, which is large and new, push out older objects.
     """
-    if len(objects) <= most:
+    if len(objects) <= count:
         return objects
-    kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:most])
-    return Objects(
-        objects.centroids[kept],
-        objects.boxes[kept],
-        objects.areas[kept],
-        objects.changes[kept],
-        objects.dropped + len(objects) - most,
-        objects.confidences[kept],
-    )
+    kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:count])
+    names = "centroids", "boxes", "areas", "changes", "confidences"
+    rows = {name: getattr(objects, name)[kept] for name in names}
+    return replace(objects, dropped=objects.dropped + len(objects) - count, **rows)
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
-    """Sub-samples the foreground to cells by vote: uint8, 255 where set."""
-    if scale == CELL_SIZE:
-        return cast("ByteImage", cv2.threshold(foreground, HIGHEST_BACKGROUND, 255, cv2.THRESH_BINARY)[1])
-    cells = downsampled_by_vote(foreground, HIGHEST_BACKGROUND + 1)
-    return cells if 2 * scale == CELL_SIZE else downsampled_by_vote(cells, HIGHEST_BACKGROUND + 1)
+    """Sub-samples the foreground to cells by vote: uint8, 255 where at least half of the pixels are set.
 
-
-def fragments(cells: ByteImage) -> tuple[LabelImage, FloatArray, FloatArray]:
-    """Connected components of the cells.
-
-    Returns:
-        labels int32[h, w], 0 for none and then from 1; areas float64[n] in cells; centres float64[n, 2].
+    Each halving is a vote of two by two pixels; beyond the border nothing is set.
     """
-    count, labels, statistics, centres = cv2.connectedComponentsWithStats(cells, connectivity=8)
-    areas = statistics[1:, cv2.CC_STAT_AREA].astype(np.float64)
-    if count - 1 > MOST_FRAGMENTS:
-        kept = np.sort(np.argsort(-areas, kind="stable")[:MOST_FRAGMENTS])
-        renumber = np.zeros(count, np.int32)
-        renumber[kept + 1] = np.arange(1, kept.size + 1)
-        labels, centres, areas = renumber[labels], centres[[0, *(kept + 1)]], areas[kept]
-    return labels.astype(np.int32, copy=False), areas, centres[1:].astype(np.float64)
+    cells = binary_mask(foreground)
+    while scale < CELL_SIZE:
+        height, width = cells.shape
+        even = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
+        means = cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        # The mean of two set pixels of four is 128.
+        cells = cast("ByteImage", cv2.threshold(means, 127, 255, cv2.THRESH_BINARY)[1])
+        scale *= 2
+    return cells
 
 
 def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:
     """Marks all of an object as moving where most of it changed: the middle of a slow one looks as before.
 
     Args:
-        mask: uint8[h, w], see `mask_values`; updated in place.
+        mask: uint8[h, w], see `foreground`; updated in place.
         objects: found in it.
         scale: frame pixels per pixel of `mask`.
     """
-    moving = objects.boxes[objects.changes >= MOVES]
-    _mark(mask, np.rint((moving + 0.5) / scale).astype(np.int64))
-
-
-@kernel(UINT8, CORNERS)
-def _mark(mask: ByteImage, corners: Corners) -> None:
-    for left, top, right, bottom in corners:
-        for row in range(top, min(bottom, mask.shape[0])):
-            for column in range(left, min(right, mask.shape[1])):
-                if mask[row, column] > HIGHEST_BACKGROUND:
-                    mask[row, column] = MOVING
+    boxes = np.rint((objects.boxes[objects.changes >= MOVES] + 0.5) / scale).astype(int)
+    for left, top, right, bottom in boxes.tolist():
+        inside = mask[top:bottom, left:right]
+        inside[inside > HIGHEST_BACKGROUND] = MOVING

@@ -13,16 +13,16 @@ from numba import types
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray, overlaps
-from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
+from streamkit_differencer.foreground import HIGHEST_BACKGROUND
 from streamkit_differencer.objects import Objects
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
 # Share of the mean contrast at an object's edge; pixels around the object lower that mean.
 EDGE_SHARE = 0.4
 # An object that would shrink below this share has parts as grey as the background, and stays as it is.
-LEAST_AREA = 0.35
+MIN_AREA = 0.35
 # Larger objects gain nothing.
-LARGEST_PX = 256
+MAX_PX = 256
 # Columns of the result.
 BOX, CENTROID, AREA = slice(0, 4), slice(4, 6), 6
 
@@ -87,14 +87,14 @@ def measured_at_full_resolution(
         small.
     """
     found = np.zeros((len(corners), 7))
-    contrasts = np.empty(LARGEST_PX * LARGEST_PX, np.int16)
+    contrasts = np.empty(MAX_PX * MAX_PX, np.int16)
     # A division for each pixel takes as long as all else.
-    columns = np.empty(LARGEST_PX, np.uint32)
+    columns = np.empty(MAX_PX, np.uint32)
     for number in range(len(corners)):
         left, top = max(corners[number, 0], 0), max(corners[number, 1], 0)
         right, bottom = min(corners[number, 2], image.shape[1]), min(corners[number, 3], image.shape[0])
         width, height = right - left, bottom - top
-        if not chosen[number] or min(width, height) <= 0 or max(width, height) > LARGEST_PX:
+        if not chosen[number] or min(width, height) <= 0 or max(width, height) > MAX_PX:
             continue
         inside, total = 0, 0
         for column in range(left, right):
@@ -111,7 +111,7 @@ def measured_at_full_resolution(
                     inside += 1
                     total += contrasts[index]
         edge = EDGE_SHARE * total / max(inside, 1)
-        _outline(contrasts, (left, top, width, height), edge, LEAST_AREA * inside, found[number])
+        _outline(contrasts, (left, top, width, height), edge, MIN_AREA * inside, found[number])
     return found
 
 

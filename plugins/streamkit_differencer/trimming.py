@@ -11,7 +11,7 @@ from numba import types
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, LabelImage
 from streamkit_differencer.filters.components import components_of
-from streamkit_differencer.mask_values import HIGHEST_BACKGROUND
+from streamkit_differencer.foreground import HIGHEST_BACKGROUND
 from streamkit_differencer.refinement import background_at
 from streamkit_kernels import FLOAT32, FLOAT64, INT32, UINT8, UINT8_STRIDED, compiled, kernel
 
@@ -21,7 +21,7 @@ HALO_SHARE = 0.12
 # A soft shadow has less than this share of that contrast, takes less than this share of the light, and keeps
 # the texture of the ground: the ratio of frame to background hardly varies, beyond noise in grey levels.
 SHADOW_SHARE, SHADOW_DEPTH = 0.5, 0.25
-LARGEST_DEVIATION, NOISE_LEVELS = 0.04, 3.0
+MAX_DEVIATION, NOISE_LEVELS = 0.04, 3.0
 # Marks removed pixels until all are found.
 TRIMMED = 1
 
@@ -150,7 +150,7 @@ def _is_even(mask: ByteImage, image: ByteImage, ground: ByteImage, row: int, col
                 ratio = image[y, x] / np.int64(ground[y, x])
                 count, total, squares = count + 1, total + ratio, squares + ratio * ratio
     mean, noise = total / count, NOISE_LEVELS / np.int64(ground[row, column])
-    return bool(squares / count - mean * mean <= LARGEST_DEVIATION**2 + noise * noise)
+    return bool(squares / count - mean * mean <= MAX_DEVIATION**2 + noise * noise)
 
 
 @compiled

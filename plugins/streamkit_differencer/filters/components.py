@@ -8,18 +8,10 @@ import cv2
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import (
-    FLOAT32_OUTPUT,
-    UINT8_OUTPUT,
-    ByteImage,
-    Flags,
-    FloatImage,
-    LabelImage,
-)
-from streamkit_kernels import BOOL_1D, INT32, UINT8_STRIDED, compiled, kernel
+from streamkit_differencer.arrays import ByteImage, Flags, FloatImage, Indices, LabelImage
+from streamkit_kernels import INT32, kernel
 
-# Larger components are sampled.
-MOST_POINTS = 1000
+_BLOCK = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]], np.int32)
 
 
 def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
@@ -54,7 +46,13 @@ def _listed(labels: LabelImage, total: int) -> LabelImage:
     return blocks
 
 
-@kernel(INT32, BOOL_1D, BOOL_1D, UINT8_OUTPUT, UINT8_STRIDED, UINT8_STRIDED, FLOAT32_OUTPUT)
+def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[Indices, Indices, Indices]:
+    """Rows, columns and components, int32[n] each, of the pixels of blocks that are set in the mask."""
+    rows, columns, numbers = (blocks[:, None] + _BLOCK).reshape(-1, 3).T
+    is_set = mask[rows, columns] > 0
+    return rows[is_set], columns[is_set], numbers[is_set]
+
+
 def remove_components(
     blocks: LabelImage,
     ghosts: Flags,
@@ -75,23 +73,8 @@ def remove_components(
         image: uint8[h, w], f(t).
         background: float32[h, w], B.
     """
-    for index in range(len(blocks)):
-        component = blocks[index, 2]
-        if not (ghosts[component] or shifted[component]):
-            continue
-        for row in range(blocks[index, 0], blocks[index, 0] + 2):
-            for column in range(blocks[index, 1], blocks[index, 1] + 2):
-                if mask[row, column] > 0:
-                    mask[row, column] = 0
-                    if ghosts[component] or quiet[row, column] > 0:
-                        background[row, column] = image[row, column]
-
-
-@compiled
-def is_all_set(mask: ByteImage, row: int, column: int, border: int) -> bool:
-    """Whether all pixels within `border` of a pixel are not 0."""
-    for y in range(max(row - border, 0), min(row + border + 1, mask.shape[0])):
-        for x in range(max(column - border, 0), min(column + border + 1, mask.shape[1])):
-            if mask[y, x] == 0:
-                return False
-    return True
+    rows, columns, numbers = pixels_of(blocks[(ghosts | shifted)[blocks[:, 2]]], mask)
+    mask[rows, columns] = 0
+    is_learnt = ghosts[numbers] | (quiet[rows, columns] > 0)
+    learnt = rows[is_learnt], columns[is_learnt]
+    background[learnt] = image[learnt]

@@ -10,9 +10,7 @@ import numpy as np
 from streamkit_differencer.arrays import ByteImage
 
 # Each transition adds, each frame subtracts: more than one transition in eight frames is flicker.
-TRANSITION = 16
-DECAY = 2
-LIMIT = 80
+TRANSITION, DECAY, LIMIT = 16, 2, 80
 
 
 def update_flicker(count: ByteImage, before: ByteImage, foreground: ByteImage) -> ByteImage:
@@ -20,7 +18,7 @@ def update_flicker(count: ByteImage, before: ByteImage, foreground: ByteImage) -
 
     Args:
         count: uint8[h, w], updated in place.
-        before: uint8[h, w], mask of the previous frame's foreground.
+        before: uint8[h, w], mask of the previous frame's foreground; updated in place.
         foreground: uint8[h, w], mask of this frame's foreground.
 
     Returns:
@@ -28,9 +26,8 @@ def update_flicker(count: ByteImage, before: ByteImage, foreground: ByteImage) -
 
     Source: the blinking pixels of St-Charles, Bilodeau and Bergevin, "SuBSENSE", IEEE TIP 2015.
     """
-    changed = cv2.bitwise_xor(before, foreground)
-    step = cv2.threshold(changed, 0, TRANSITION, cv2.THRESH_BINARY)[1]
+    changed = before ^ foreground
     cv2.subtract(count, np.full_like(count, DECAY), dst=count)
-    cv2.add(count, step, dst=count)
-    often = cv2.threshold(count, LIMIT, 255, cv2.THRESH_BINARY)[1]
-    return cast("ByteImage", cv2.bitwise_and(often, foreground))
+    cv2.add(count, changed & np.uint8(TRANSITION), dst=count)
+    before[:] = foreground
+    return cast("ByteImage", np.where(count > LIMIT, foreground, np.uint8(0)))

@@ -13,16 +13,17 @@ import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
-from streamkit_differencer.filters.components import MOST_POINTS, is_all_set
 from streamkit_kernels import INT32, UINT8_STRIDED, compiled, kernel
 
 # Smallest camera step with parallax, px.
-SMALLEST_STEP_PX = 2.0
+MIN_STEP_PX = 2.0
 # The background lags: it shows edges where they were some multiples of tau before; the earlier frame shows
 # them where they were one tau before, with a margin in px.
 LAG, EARLY_PX = 5.0, 0.5
 # Share of a component that the shift must explain.
 EXPLAINED = 0.8
+# More blocks are sampled.
+MAX_BLOCKS = 1000
 
 
 @kernel(*[UINT8_STRIDED] * 7, INT32, types.int64, types.int64, types.float64, types.float64)
@@ -64,7 +65,7 @@ def find_parallax(
     """
     pixels, explained = np.zeros(count, np.int64), np.zeros(count, np.int64)
     beyond = 1.0 + EARLY_PX / np.sqrt(shift_x * shift_x + shift_y * shift_y)
-    for index in range(0, len(blocks), max(1, -(-len(blocks) // MOST_POINTS))):
+    for index in range(0, len(blocks), max(1, -(-len(blocks) // MAX_BLOCKS))):
         row, column, component = blocks[index, 0], blocks[index, 1], blocks[index, 2]
         # The diagonal corner where this one is not in the mask; blocks with neither are skipped.
         other = int(mask[row, column] == 0)
@@ -109,7 +110,7 @@ def _explains(
         part = step / max(steps, 1)
         y = min(max(row + int(np.rint(part * path[1])), 0), bottom - 1)
         x = min(max(column + int(np.rint(part * path[0])), 0), right - 1)
-        if not is_all_set(known, y, x, border):
+        if not _is_all_set(known, y, x, border):
             continue
         for y_near in range(max(y - radius, 0), min(y + radius + 1, bottom)):
             for x_near in range(max(x - radius, 0), min(x + radius + 1, right)):
@@ -118,3 +119,13 @@ def _explains(
         if lowest <= high and highest >= low:
             return True
     return False
+
+
+@compiled
+def _is_all_set(mask: ByteImage, row: int, column: int, border: int) -> bool:
+    """Whether all pixels within `border` of a pixel are not 0."""
+    for y in range(max(row - border, 0), min(row + border + 1, mask.shape[0])):
+        for x in range(max(column - border, 0), min(column + border + 1, mask.shape[1])):
+            if mask[y, x] == 0:
+                return False
+    return True

@@ -12,17 +12,17 @@ from streamkit_differencer.arrays import ByteImage
 WINDOW_PX = 5
 DARKEST, BRIGHTEST = 0.4, 0.93
 # Largest standard deviation of the ratio within a window of shadow, beyond noise.
-LARGEST_DEVIATION = 0.04
+MAX_DEVIATION = 0.04
 NOISE_LEVELS = 3.0
 # A component with more shadow is a dark vehicle on plain ground.
-LARGEST_SHARE = 0.7
+MAX_SHARE = 0.7
 
 
 def shadow_mask(current: ByteImage, background: ByteImage, foreground: ByteImage) -> ByteImage:
     """The foreground that is shadow.
 
     The ratio of frame to background is constant within a shadow and varies on an object. A component that
-    would lose more than `LARGEST_SHARE` counts as a dark object and stays whole.
+    would lose more than `MAX_SHARE` counts as a dark object and stays whole.
 
     Args:
         current: uint8[h, w], f(t).
@@ -48,7 +48,7 @@ def shadow_mask(current: ByteImage, background: ByteImage, foreground: ByteImage
     count = np.maximum(cv2.boxFilter(inside, -1, size, normalize=False), 1.0)
     mean = cv2.boxFilter(ratio * inside, -1, size, normalize=False) / count
     square = cv2.boxFilter(ratio * ratio * inside, -1, size, normalize=False) / count
-    allowed = LARGEST_DEVIATION**2 + np.square(NOISE_LEVELS / ground)
+    allowed = MAX_DEVIATION**2 + np.square(NOISE_LEVELS / ground)
     even = square - mean * mean <= allowed
     dark = (mean > DARKEST) & (mean < BRIGHTEST)
     candidate = np.where(even & dark & (inside > 0), np.uint8(255), np.uint8(0))
@@ -62,5 +62,5 @@ def without_dark_objects(candidate: ByteImage, foreground: ByteImage) -> ByteIma
     count, labels = cv2.connectedComponents(whole, connectivity=8)
     pixels = np.bincount(labels.ravel(), minlength=count)
     dark = np.bincount(labels[candidate > 0], minlength=count)
-    kept = (dark <= LARGEST_SHARE * pixels) & (np.arange(count) > 0)
+    kept = (dark <= MAX_SHARE * pixels) & (np.arange(count) > 0)
     return cast("ByteImage", candidate * kept[labels].astype(np.uint8))

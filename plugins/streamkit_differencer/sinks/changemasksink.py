@@ -5,7 +5,7 @@ import numpy as np
 
 from streamkit import Frame, IfExists, OutputFileSink, Property
 from streamkit.output.file import OutputFile
-from streamkit_differencer.mask_values import binary_mask
+from streamkit_differencer.foreground import binary_mask
 
 
 class ChangeMaskSink(OutputFileSink):

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from streamkit_differencer.canvas import CanvasChange, Motion
-from streamkit_differencer.differencer import Differencer, downsampled
-from streamkit_differencer.model import ModelChange
+from streamkit_differencer.differencer import Differencer, ModelChange
+from streamkit_differencer.sampling import downsampled
 from streamkit_differencer.settings import BackgroundSettings, DifferencerSettings
 
 WARM_UP = 32

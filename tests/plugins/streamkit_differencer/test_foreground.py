@@ -1,8 +1,10 @@
-"""Foreground by equation 4, grown to the whole of objects."""
+"""Foreground by equation 4, grown to the whole of objects, cleaned, and its values."""
 
+import cv2
 import numpy as np
+import pytest
 
-from streamkit_differencer.foreground import find_foreground
+from streamkit_differencer.foreground import binary_mask, cleaned, find_foreground, full_size
 
 SHAPE = (40, 60)
 
@@ -40,3 +42,68 @@ def test_unknown_ground_is_no_foreground():
     known[:, 20:] = 255
     for tolerance in (0, 1):
         np.testing.assert_array_equal(found(image, tolerance, known=known), known)
+
+
+def ring():
+    """A ring with a hole, and a lone pixel."""
+    mask = np.zeros((40, 40), np.uint8)
+    mask[5:25, 5:25] = 255
+    mask[12:18, 12:18] = 0
+    mask[33, 33] = 255
+    return mask
+
+
+def test_a_median_takes_lone_pixels_and_keeps_holes():
+    """A hole that is wider than the median stays; objects keep their marks."""
+    mask = ring()
+    mask[5:25, 5:10] = 128
+    result = cleaned(mask, 5, False)
+    assert result[33, 33] == 0
+    assert result[15, 15] == 0
+    assert set(np.unique(result)) == {0, 128, 255}
+
+
+@pytest.mark.parametrize("width", [3, 5, 7])
+@pytest.mark.parametrize("share", [0.02, 0.5])
+def test_the_median_is_that_of_the_marks(width, share):
+    """Of all marks together, as OpenCV sorts them."""
+    random = np.random.default_rng(width)
+    mask = np.where(random.random((45, 70)) < share, random.choice([50, 128, 255], (45, 70)), 0)
+    mask = mask.astype(np.uint8)
+    mask[20:30, 20:40] = random.choice([50, 128, 255], (10, 20))
+    np.testing.assert_array_equal(cleaned(mask, width, False), cv2.medianBlur(mask, width))
+
+
+def test_holes_are_filled():
+    """What is enclosed becomes foreground, what is outside does not."""
+    result = cleaned(ring(), 0, True)
+    assert result[5:25, 5:25].all()
+    assert (result > 0).sum() == 400 + 1
+
+
+def test_nothing_asked_nothing_done():
+    """The mask is the same, in an array of its own."""
+    mask = ring()
+    same = cleaned(mask, 0, False)
+    np.testing.assert_array_equal(same, mask)
+    assert not np.shares_memory(same, mask)
+
+
+@pytest.mark.parametrize(("width", "height"), [(8, 6), (9, 7)])
+def test_each_working_pixel_becomes_its_square(width, height):
+    """An odd last row or column takes its neighbour's mark."""
+    small = np.array([[0, 255, 0, 0], [0, 0, 0, 128], [50, 0, 0, 0]], np.uint8)
+    large = full_size(small, width, height)
+    assert large.shape == (height, width)
+    np.testing.assert_array_equal(large[:6, :8], small.repeat(2, axis=0).repeat(2, axis=1))
+
+
+def test_a_frame_that_was_not_judged_is_black():
+    """Its size is the frame's all the same."""
+    assert full_size(None, 5, 4).shape == (4, 5)
+    assert not full_size(None, 5, 4).any()
+
+
+def test_shadow_is_no_thing():
+    """What moves and what has stopped become 255, shadow and ground 0."""
+    assert binary_mask(np.array([[0, 50, 128, 255]], np.uint8)).tolist() == [[0, 0, 255, 255]]

@@ -10,12 +10,12 @@ SHAPE = (17, 150)
 SAME = 7
 
 
-def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, fewest=3):
+def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min_frames=3):
     """Learns from a frame; updates `state`."""
     rounded = np.rint(state["background"]).astype(np.uint8)
     names = "background", "valid", "known_frames", "other", "other_frames"
     states = (state[name] for name in names)
-    limits = quiet_frames, absorb_frames, SAME, fewest
+    limits = quiet_frames, absorb_frames, SAME, min_frames
     undecided = mask | np.where(state["valid"] == KNOWN, np.uint8(0), np.uint8(255))
     choose_values(undecided, image, mask, quiet, rounded, state["thresholds"], *states, *limits)
 
@@ -116,7 +116,7 @@ def test_a_leaf_at_rest_does_not_replace_ground_that_was_seen_more_often():
 def test_a_vehicle_on_new_ground_is_no_background_after_a_few_frames():
     """Under a camera that flies a value must be seen as long as quiet ground."""
     state = a_provisional_state(150)
-    show(state, [60] * 11, fewest=12)
+    show(state, [60] * 11, min_frames=12)
     np.testing.assert_allclose(state["background"], 150)
-    show(state, [60], fewest=12)
+    show(state, [60], min_frames=12)
     np.testing.assert_allclose(state["background"], 60)

@@ -20,7 +20,7 @@ def test_the_deviation_of_noise_is_learnt():
     everywhere, deviation = np.full((400, 3), 255, np.uint8), np.repeat([[2.0, 5.0, 9.0]], 400, axis=0)
     for _ in range(300):
         difference = np.abs(np.round(random.normal(0.0, deviation))).astype(np.uint8)
-        learn_noise(ground, difference, everywhere, 0.02)
+        learn_noise(ground, difference, np.zeros_like(everywhere), everywhere)
     np.testing.assert_allclose(DEVIATION_RATIO * ground.deviation.mean(axis=0), [2.0, 5.0, 9.0], rtol=0.1)
 
 
