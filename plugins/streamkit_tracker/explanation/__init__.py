@@ -1,5 +1,5 @@
 """Explains where a track came from, by the file that tracksink wrote.
 
-`command` takes the moments of one track from the file, `life` sums them up, `wording` puts them in words;
-`command` is `streamkit explain`.
+`command` is `streamkit explain`: it reads the moments of one track. `history` sums them up, and
+`wording` puts them in words.
 """

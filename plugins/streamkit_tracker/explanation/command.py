@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, NamedTuple, NoReturn
 
@@ -14,8 +14,7 @@ import typer
 
 from streamkit import RecordFile, StreamError, TrackRecord
 from streamkit_tracker.associate.gated_pairs import GATE
-from streamkit_tracker.explanation.life import life, moment_at
-from streamkit_tracker.explanation.moment import FramePlace, Moment, Target
+from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
 from streamkit_tracker.explanation.wording import explanation
 
 MOST_NAMED = 12
@@ -58,13 +57,9 @@ def explain(
         file = read_track(tracks, question.track, run)
     except (OSError, StreamError, ValueError) as error:
         _fail(str(error))
-    if run is None and file.runs > 1:
-        typer.echo(f"note: {tracks} has {file.runs} runs, this is run {file.run}; see --run", err=True)
     index = _index(file, question, epoch)
     if index is None:
         _fail(absence(tracks, file, question))
-    if file.cut_off:
-        typer.echo(f"note: the last line of {tracks} is only half written and left out", err=True)
     if as_json:
         typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
         return
@@ -99,23 +94,17 @@ def absence(path: Path, file: TrackFile, question: Question) -> str:
 
 @dataclass
 class TrackFile:
-    """What a file says about one track.
+    """What one run of a file says about one track.
 
     Attributes:
         moments: of the track, in the order of the file.
         others: ids of all tracks that were ever confirmed.
         frames: number of records.
-        run: number of the run that this is of, from 1.
-        runs: number of runs in the file, of which the later ones were appended.
-        cut_off: whether the last line was only half written, as by a process that was killed.
     """
 
     moments: list[Moment] = field(default_factory=list)
     others: set[int] = field(default_factory=set)
     frames: int = 0
-    run: int = 1
-    runs: int = 1
-    cut_off: bool = False
 
 
 def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
@@ -124,7 +113,8 @@ def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
     Args:
         path: the file.
         number: id of the track.
-        run: which run; None is the last that has the track, else the last.
+        run: which run; None is the last that has the track, else the last, and a note on the standard error
+            output tells which of several it is.
 
     Raises:
         OSError: the file cannot be read.
@@ -134,25 +124,26 @@ def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
     runs, records = [TrackFile()], RecordFile(path)
     for of_run, record in records:
         if of_run > len(runs):
-            runs.append(TrackFile(run=of_run))
-        found = runs[-1]
-        found.frames += 1
-        found.others |= {target.id for target in record.tracks if target.state == "confirmed"}
-        found.moments += [_moment(record, target) for target in record.tracks if target.id == number]
+            runs.append(TrackFile())
+        runs[-1].frames += 1
+        runs[-1].others |= {target.id for target in record.tracks if target.state == "confirmed"}
+        runs[-1].moments += [_moment(record, target) for target in record.tracks if target.id == number]
     if run is not None and run > len(runs):
         raise ValueError(f"{path}: no run {run}, it has {len(runs)}")
-    with_track = [found for found in runs if found.moments]
-    chosen = runs[run - 1] if run is not None else (with_track or runs)[-1]
-    return replace(chosen, runs=len(runs), cut_off=records.is_cut_off)
+    with_track = [index for index, found in enumerate(runs, 1) if found.moments]
+    chosen = run or (with_track or [len(runs)])[-1]
+    if run is None and len(runs) > 1:
+        typer.echo(f"note: {path} has {len(runs)} runs, this is run {chosen}; see --run", err=True)
+    if records.is_cut_off:
+        typer.echo(f"note: the last line of {path} is only half written and left out", err=True)
+    return runs[chosen - 1]
 
 
 def _moment(record: TrackRecord, target: object) -> Moment:
+    seconds = None if record.pts_ns is None else record.pts_ns / 1e9
+    place = msgspec.convert(record.registration, FramePlace | None, from_attributes=True)
     return Moment(
-        record.seq,
-        record.epoch,
-        None if record.pts_ns is None else record.pts_ns / 1e9,
-        msgspec.convert(record.registration, FramePlace | None, from_attributes=True),
-        msgspec.convert(target, Target, from_attributes=True),
+        record.seq, record.epoch, seconds, place, msgspec.convert(target, Target, from_attributes=True)
     )
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from streamkit_tracker.explanation.life import Life, life, turns
-from streamkit_tracker.explanation.moment import FramePlace, Moment
+from streamkit_tracker.explanation.history import FramePlace, Life, Moment, life, turns
 
 MOST_LISTED = 6
 SILENT = "the file has no provenance: write it with tracksink provenance=true, behind particletrack"
@@ -63,20 +62,12 @@ def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
         distance = "" if match.gate is None else f", {_distance_text(match.gate, gate)}"
         label = f", {match.label}" if match.label else ""
         box = " ".join(f"{side:.1f}" for side in match.bbox)
-        facts.append(
-            (
-                "detection",
-                f"row {match.row} at {match.centroid[0]:.1f} {match.centroid[1]:.1f} px{distance}",
-            )
-        )
+        x, y = match.centroid
+        facts.append(("detection", f"row {match.row} at {x:.1f} {y:.1f} px{distance}"))
         facts.append(("", f"box {box}, area {match.area:.0f} px, score {match.score:.2f}{label}"))
     else:
-        facts.append(
-            (
-                "detection",
-                "that of another track covers this one too" if origin.shared else "none in its gate",
-            )
-        )
+        missing = "that of another track covers this one too" if origin.shared else "none in its gate"
+        facts.append(("detection", missing))
     looked = "not compared: its look is not known yet, or the frame could not be placed"
     if origin.similarity is not None:
         learnt = "learnt from this frame" if origin.learnt else "not learnt from this frame"

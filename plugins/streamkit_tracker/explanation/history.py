@@ -1,13 +1,92 @@
-"""What a track's moments come to."""
+"""The moments of a track, as recorded, and what they come to."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from statistics import median
 
-from streamkit_tracker.explanation.moment import Moment
+import msgspec
+
+
+class Match(msgspec.Struct, frozen=True):
+    """The detection a track was given: see `streamkit` records; px of the frame."""
+
+    row: int
+    centroid: tuple[float, float]
+    bbox: tuple[float, float, float, float]
+    area: float
+    score: float
+    gate: float | None = None
+    label: str | None = None
+
+
+class Origin(msgspec.Struct, frozen=True):
+    """How a row was computed, as far as the file has it."""
+
+    predicted: tuple[float, float] | None = None
+    detection: Match | None = None
+    shared: bool = False
+    similarity: float | None = None
+    learnt: bool = False
+    cause: str | None = None
+
+
+class FramePlace(msgspec.Struct, frozen=True):
+    """How the frame was placed on the ground."""
+
+    status: str
+    reference: int
+    matches: int | None = None
+    inliers: int | None = None
+    rmse: float | None = None
+
+
+class Target(msgspec.Struct, frozen=True):
+    """The row of a track: pixels of the frame, radians, px/s on the reference plane."""
+
+    state: str
+    x: float
+    y: float
+    length: float
+    width: float
+    angle: float
+    score: float
+    age_ns: int
+    vx: float | None = None
+    vy: float | None = None
+    position_covariance: tuple[tuple[float, float], tuple[float, float]] | None = None
+    provenance: Origin | None = None
+
+
+class Moment(msgspec.Struct, frozen=True):
+    """A track in a frame.
+
+    Attributes:
+        frame: its number at the source.
+        epoch: increases when the seconds start from 0 again.
+        seconds: time in the stream, or None.
+        place: of the frame, or None.
+        target: the row of the track.
+    """
+
+    frame: int
+    epoch: int
+    seconds: float | None
+    place: FramePlace | None
+    target: Target
+
+    @property
+    def when(self) -> str:
+        """The time in words; the frame where there is no time."""
+        return f"frame {self.frame}" if self.seconds is None else f"{self.seconds:.3f} s"
+
+    @property
+    def match(self) -> Match | None:
+        """The detection, or None."""
+        return None if self.target.provenance is None else self.target.provenance.detection
 
 
 @dataclass(frozen=True)
@@ -61,11 +140,9 @@ def life(moments: Sequence[Moment]) -> Life:
 
 
 def turns(moments: Sequence[Moment], state: str | None = None) -> tuple[Moment, ...]:
-    """The moments in which something was decided, or the state changed from the one before.
+    """The moments in which something was decided, or the state changed from that of the one before.
 
-    Args:
-        moments: in order.
-        state: before the first of them; None where there was none.
+    `state` is that before the first moment; None where there was none.
     """
     found = []
     for moment in moments:
@@ -78,30 +155,25 @@ def turns(moments: Sequence[Moment], state: str | None = None) -> tuple[Moment, 
 
 
 def _gaps(moments: Sequence[Moment]) -> tuple[tuple[int, int], ...]:
-    gaps: list[tuple[int, int]] = []
-    open_gap = False
-    for moment in moments:
-        origin = moment.target.provenance
-        if origin is not None and (origin.detection is not None or origin.shared):
-            open_gap = False
-        elif open_gap:
-            gaps[-1] = (gaps[-1][0], moment.frame)
-        else:
-            gaps.append((moment.frame, moment.frame))
-            open_gap = True
+    gaps = []
+    for is_detected, stretch in groupby(moments, key=_is_detected):
+        frames = [moment.frame for moment in stretch]
+        if not is_detected:
+            gaps.append((frames[0], frames[-1]))
     return tuple(gaps)
+
+
+def _is_detected(moment: Moment) -> bool:
+    origin = moment.target.provenance
+    return origin is not None and (origin.detection is not None or origin.shared)
 
 
 def moment_at(moments: Sequence[Moment], seconds: float, epoch: int | None) -> int | None:
     """Index of the moment nearest to a time, or None where the track is not there at that time.
 
-    Args:
-        moments: of the track, in order.
-        seconds: time in the stream.
-        epoch: to look in, or None for the first in which the track is there then.
+    Without an epoch it is the first in which the track is there then.
     """
-    epochs = sorted({moment.epoch for moment in moments}) if epoch is None else [epoch]
-    for wanted in epochs:
+    for wanted in sorted({moment.epoch for moment in moments}) if epoch is None else [epoch]:
         stamped = [
             (moment.seconds, index)
             for index, moment in enumerate(moments)
@@ -110,13 +182,9 @@ def moment_at(moments: Sequence[Moment], seconds: float, epoch: int | None) -> i
         if not stamped:
             continue
         apart, index = min((abs(at - seconds), index) for at, index in stamped)
-        if stamped[0][0] <= seconds <= stamped[-1][0] or apart <= _half_step(stamped):
+        # a time as near to an end as half the usual step is still inside
+        begin, end = stamped[0][0], stamped[-1][0]
+        half_step = (end - begin) / (len(stamped) - 1) / 2 + 1e-9 if len(stamped) > 1 else 0.02
+        if begin <= seconds <= end or apart <= half_step:
             return index
     return None
-
-
-def _half_step(stamped: Sequence[tuple[float, int]]) -> float:
-    """Half the usual time between two moments, s; a time as near as that to an end is still inside."""
-    if len(stamped) < 2:
-        return 0.02
-    return (stamped[-1][0] - stamped[0][0]) / (len(stamped) - 1) / 2 + 1e-9
