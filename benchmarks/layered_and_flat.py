@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.template_comparison import template_distances
 from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
-from streamkit_tracker.update.expectations import SEARCH
-from streamkit_tracker.update.layered_filter import LayerSettings, Particles, Score, layered_step
+from streamkit_tracker.update.layered_filter import SEARCH, LayerSettings, Particles, Score, layered_step
 from streamkit_tracker.window_geometry import FloatArray, half_turn, unit_grid
 
 PATCH = (32, 32)
@@ -36,7 +35,7 @@ class Layered:
         """The window, float64[5], after one frame."""
         searches = np.zeros(1, SEARCH)
         searches["window"], searches["displacement"] = window, motion[:2]
-        searches["spread"], searches["wide_spread"], searches["seed_spread"] = NARROW, WIDE, np.nan
+        searches["spread"], searches["wide_spread"], searches["seed_std"] = NARROW, WIDE, np.inf
         result = layered_step([self.particles], [generator], searches, score, SETTINGS)
         self.particles = result.particles[0]
         return np.asarray(result.windows[0])

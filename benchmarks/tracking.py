@@ -36,7 +36,7 @@ from tracking_sequences import (
 )
 
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.report.reports import TargetReport
+from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-SMALLEST_SHARE = 0.125
-LONGEST_TURN = 4  # frames
+MIN_SHARE = 0.125
+MAX_TURN = 4  # frames
 ROOM = 0.4  # of the budget: twice the particles still fit in
 CALM_FRAMES = 10
 
@@ -11,15 +11,13 @@ CALM_FRAMES = 10
 class Budget:
     """Halves the particles when a frame took longer than it may, and doubles them when there is room again.
 
-    Where the fewest particles still take too long, targets that detections keep in place are searched in
-    turn.
+    Args:
+        seconds: what a frame may take; 0 is no limit, which alone gives the same tracks in each run.
 
     Attributes:
         share: part of the usual particles, a power of one half, 1 at most.
-        turn: number of frames after which a target that detections keep in place is searched again.
-
-    Args:
-        seconds: what a frame may take; 0 is no limit, which alone gives the same tracks in each run.
+        turn: frames after which a target that its detections keep in place is searched again; above 1 where
+            the fewest particles still take too long.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -34,10 +32,10 @@ class Budget:
             return
         self._calm = self._calm + 1 if seconds < ROOM * self._seconds else 0
         if seconds > self._seconds:
-            if self.share > SMALLEST_SHARE:
+            if self.share > MIN_SHARE:
                 self.share /= 2
             else:
-                self.turn = min(self.turn * 2, LONGEST_TURN)
+                self.turn = min(self.turn * 2, MAX_TURN)
         elif self._calm >= CALM_FRAMES:
             self._calm = 0
             if self.turn > 1:

@@ -30,9 +30,8 @@ from streamkit_kernels import COMPILING, on_compilation
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.observation import FrameContinuity, Observation
-from streamkit_tracker.report.reports import TargetReport
+from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.warm_up import warm_up
 from streamkit_tracker.window_geometry import FloatArray, invertible
@@ -41,7 +40,6 @@ USUAL_STEP_S = 1 / 25
 LONGEST_STEP_S = 10.0
 NO_REGISTRATION = Registration(np.eye(3), np.eye(3))
 NO_DETECTIONS = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-STATES = {state: TrackState(state) for state in TargetState}
 
 
 class Compare(enum.StrEnum):
@@ -162,18 +160,18 @@ def track(report: TargetReport) -> Track:
     x, y, length, width, angle = report.window.tolist()
     across, down = report.velocity.tolist()
     return Track(
-        id=report.id,
-        state=STATES[report.state],
-        x=x,
-        y=y,
-        length=length,
-        width=width,
-        angle=angle,
-        velocity=(across, down),
-        covariance=report.covariance,
-        score=report.score,
-        age_ns=round(report.age_s * 1e9),
-        provenance=Provenance(**vars(report.provenance)),
+        report.id,
+        TrackState(report.state),
+        x,
+        y,
+        length,
+        width,
+        angle,
+        (across, down),
+        report.covariance,
+        report.score,
+        round(report.age_s * 1e9),
+        Provenance(**vars(report.provenance)),
     )
 
 

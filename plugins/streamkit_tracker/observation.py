@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from streamkit_tracker.appearance.feature_template import Space
-from streamkit_tracker.appearance.frame_crops import Float32Array
 from streamkit_tracker.appearance.window_sampling import Chroma
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import Float32Array, FloatArray
 
 
 class FrameContinuity(enum.StrEnum):

@@ -10,9 +10,9 @@ from streamkit.settings import setting
 from streamkit_tracker.appearance.eigen_template import EigenSettings
 from streamkit_tracker.update.layered_filter import LayerSettings
 
-CROWD = 6
-SMALLEST_PATCH = 16
-FEWEST_PARTICLES = 8
+CROWD = 6  # targets: more get fewer samples and particles
+MIN_PATCH = 16
+MIN_PARTICLES = 8
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,6 @@ class TrackerSettings:
         seen_layers: particles of a target whose detection was found in the frame.
         layers: particles of a target that is searched by its appearance alone.
         eigen: how templates learn.
-        crowd_patch: largest side of the patches of targets that start while more than six are followed.
         context: side of the sampled window relative to the target, for targets started by detections.
     """
 
@@ -64,7 +63,6 @@ class TrackerSettings:
     patch: int = setting(
         32, min=8, max=128, unit="samples", doc="Largest side of the compared patches; 16 in a crowd."
     )
-    crowd_patch: int = 16
     context: float = 1.15
     eigen: EigenSettings = field(default_factory=EigenSettings)
     seed: int = setting(0, min=0, doc="Same seed and same frames give the same tracks.")
@@ -72,20 +70,15 @@ class TrackerSettings:
     def patch_for(self, longest_side: float, followed: int) -> int:
         """Side of the patches of a target that starts now: no more samples than its pixels call for.
 
-        Args:
-            longest_side: of the sampled window, px.
-            followed: number of targets followed already.
+        Its sampled window has the longest side `longest_side`, px; `followed` targets are followed already.
         """
-        side = self.patch if followed < CROWD else min(self.patch, self.crowd_patch)
-        return min(side, max(SMALLEST_PATCH, 8 * math.ceil(longest_side / 8)))
+        side = self.patch if followed < CROWD else min(self.patch, MIN_PATCH)
+        return min(side, max(MIN_PATCH, 8 * math.ceil(longest_side / 8)))
 
     def layers_for(self, detected: bool, followed: int, share: float = 1.0) -> LayerSettings:
         """Particles for one target: fewer where a detection leads, or in a crowd of more than six.
 
-        Args:
-            detected: whether its detection was found in the frame.
-            followed: number of targets followed.
-            share: part of the usual number, 0 to 1.
+        `share` is the part of the usual number, 0 to 1.
         """
         layers = self.seen_layers if detected else self.layers
         if not detected and followed > CROWD:
@@ -94,7 +87,7 @@ class TrackerSettings:
             return layers
         return replace(
             layers,
-            particles=max(int(layers.particles * share), FEWEST_PARTICLES),
+            particles=max(int(layers.particles * share), MIN_PARTICLES),
             size_particles=math.ceil(layers.size_particles * share),
             angle_particles=math.ceil(layers.angle_particles * share),
         )

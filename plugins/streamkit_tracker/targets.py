@@ -10,14 +10,12 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
+from streamkit_tracker.appearance.correlation_filter import Memory, Response
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
-from streamkit_tracker.initiate.trail import Trail
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
-from streamkit_tracker.update.memory import Memory
 from streamkit_tracker.window_geometry import FloatArray, Number
 
 BoolArray = NDArray[np.bool_]
@@ -83,45 +81,31 @@ class TargetState(enum.StrEnum):
 
 
 @dataclass(eq=False)
-class Appearance:
-    """Appearance of a confirmed target.
-
-    Attributes:
-        template: windows are compared with it.
-        particles: of the layered filter.
-        patch: samples of a patch (rows, columns).
-        context: side of the sampled window relative to the target's.
-        discriminator: correlation filter against the background, for targets drawn by hand.
-        response: of the discriminator in this frame, or None.
-        memory: of the discriminator.
-    """
-
-    template: EigenTemplate | FeatureTemplate
-    particles: Particles
-    patch: tuple[int, int]
-    context: float
-    discriminator: CorrelationFilter | None = None
-    response: Response | None = None
-    memory: Memory | None = None
-
-
-@dataclass(eq=False)
 class TargetModel:
     """Objects of one target.
 
     Attributes:
         generator: its only source of chance.
         evidence: when it counts as seen.
-        trail: its detected positions.
-        appearance: None before the target is confirmed.
+        trail: float64[n, 2], its last positions: detected ones before it is confirmed, those where it was
+            recognised if it is drawn by hand; px of the latest frame.
+        template: windows are compared with it; None before the target is confirmed.
+        particles: of the layered filter, from then on.
+        patch: samples of a compared patch (rows, columns).
+        memory: correlation filter against the background, for targets drawn by hand, else None.
+        response: of that filter in this frame, or None.
         feature: float64[k], mean of its detections' feature vectors, or None.
         feature_version: of the space they are in.
     """
 
     generator: np.random.Generator
     evidence: Evidence
-    trail: Trail
-    appearance: Appearance | None = None
+    trail: FloatArray
+    template: EigenTemplate | FeatureTemplate | None = None
+    particles: Particles | None = None
+    patch: tuple[int, int] = (0, 0)
+    memory: Memory | None = None
+    response: Response | None = None
     feature: FloatArray | None = None
     feature_version: int = 0
 
@@ -134,20 +118,23 @@ class TargetTable:
         rows: structured array of `TARGET`, one for each.
         models: their objects, in the same order.
         causes: by id, why targets began, were confirmed or ended in this frame.
+        closeness: for how many frames pairs of ids have been on one object.
         confirmed: number of targets that were ever confirmed.
     """
 
+    settings: TrackerSettings
     rows: TargetRows = field(default_factory=lambda: np.zeros(0, TARGET))
     models: list[TargetModel] = field(default_factory=list)
     causes: dict[int, str] = field(default_factory=dict)
+    closeness: dict[tuple[int, int], int] = field(default_factory=dict)
     next_id: int = 1
     confirmed: int = 0
 
-    def add(self, window: FloatArray, settings: TrackerSettings, *, manual: bool, cause: str) -> int:
+    def add(self, window: FloatArray, *, manual: bool, cause: str) -> int:
         """Appends a tentative target at a window, float64[5]; returns its row."""
         row = np.zeros(1, TARGET)
-        side = float(np.sqrt(window[2] * window[3]))
-        position_std, speed_std = centroid_std(side), settings.max_speed * SPEED_SHARE
+        position_std = centroid_std(float(np.sqrt(window[2] * window[3])))
+        speed_std = self.settings.max_speed * SPEED_SHARE
         row["id"], row["manual"], row["window"], row["drawn_angle"] = self.next_id, manual, window, window[4]
         row["mean"][0, :2], row["box"] = window[:2], window[2:4]
         row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
@@ -157,19 +144,16 @@ class TargetTable:
         row["hits"], row["hits"][0, 0] = np.nan, 1.0
         self.causes[self.next_id] = cause
         self.rows = np.concatenate([self.rows, row])
-        self.models.append(
-            TargetModel(
-                np.random.default_rng((settings.seed, self.next_id)),
-                Evidence(settings.lost_threshold, settings.update_threshold),
-                Trail((float(window[0]), float(window[1]))),
-            )
-        )
+        generator = np.random.default_rng((self.settings.seed, self.next_id))
+        evidence = Evidence(self.settings.lost_threshold, self.settings.update_threshold)
+        self.models.append(TargetModel(generator, evidence, window[None, :2].copy()))
         self.next_id += 1
         return len(self.models) - 1
 
-    def confirm(self, index: int) -> None:
+    def confirm(self, index: int, cause: str) -> None:
         """Confirms the target in a row for the first time."""
         self.rows["state"][index] = CONFIRMED
+        self.causes[int(self.rows["id"][index])] = cause
         self.confirmed += 1
 
     def lose(self, index: int, cause: str) -> None:
@@ -180,21 +164,27 @@ class TargetTable:
     def drop_lost(self) -> None:
         """Removes the rows of lost targets, after they were reported."""
         kept = self.rows["state"] != LOST
-        if kept.all():
-            return
-        self.rows = self.rows[kept]
-        self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
+        if not kept.all():
+            self.rows = self.rows[kept]
+            self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
 
+    @property
+    def followed(self) -> BoolArray:
+        """bool[n]: targets that have left the tentative state and go on."""
+        state = self.rows["state"]
+        return np.asarray((state == CONFIRMED) | (state == COASTING))
 
-def followed(rows: TargetRows) -> BoolArray:
-    """bool[n]: targets that have left the tentative state and go on."""
-    state = rows["state"]
-    return np.asarray((state == CONFIRMED) | (state == COASTING))
+    @property
+    def dormant(self) -> BoolArray:
+        """bool[n]: targets that only a detection finds again, unseen for `lost_frames`."""
+        unseen = self.rows["frames_unseen"] >= self.settings.lost_frames
+        return np.asarray(~self.rows["manual"] & unseen)
 
-
-def dormant(rows: TargetRows, lost_frames: int) -> BoolArray:
-    """bool[n]: targets that only a detection finds again, unseen for `lost_frames`."""
-    return np.asarray(~rows["manual"] & (rows["frames_unseen"] >= lost_frames))
+    @property
+    def settled(self) -> int:
+        """Number of targets that are not ended in favour of a new one."""
+        is_manual = self.rows["manual"] & self.followed
+        return int(np.count_nonzero(is_manual | (self.rows["state"] == CONFIRMED)))
 
 
 @register_jitable

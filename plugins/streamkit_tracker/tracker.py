@@ -6,23 +6,27 @@ import time
 
 import numpy as np
 
-from streamkit_tracker.appearance.frame_crops import ByteArray
 from streamkit_tracker.appearance.window_sampling import WindowSampler
-from streamkit_tracker.associate.gated_pairs import associate
+from streamkit_tracker.associate import associate
 from streamkit_tracker.budget import Budget
-from streamkit_tracker.delete.duplicates import Closeness, end_duplicates
-from streamkit_tracker.delete.states import begin_frame, coast_all, end_gone, end_surplus, pass_time
-from streamkit_tracker.initiate.appearance import start_appearance, start_appearances
-from streamkit_tracker.initiate.births import add_tentative
+from streamkit_tracker.delete import (
+    begin_frame,
+    coast_all,
+    end_duplicates,
+    end_gone,
+    end_surplus,
+    pass_time,
+)
+from streamkit_tracker.initiate import add_tentative, start_appearance, start_appearances
 from streamkit_tracker.observation import FrameContinuity, Observation
-from streamkit_tracker.predict.constant_velocity import correct, predict
-from streamkit_tracker.report.reports import TargetReport, report
+from streamkit_tracker.predict import correct, predict
+from streamkit_tracker.report import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, BoolArray, TargetTable, dormant, followed
+from streamkit_tracker.targets import COASTING, BoolArray, TargetTable
 from streamkit_tracker.update.detected_box import check_windows, follow_boxes, follow_detections
 from streamkit_tracker.update.measurement import learn_appearances, measure
 from streamkit_tracker.update.response import is_in_place
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
 
 
 class MultiTargetTracker:
@@ -41,11 +45,10 @@ class MultiTargetTracker:
 
     def __init__(self, settings: TrackerSettings | None = None) -> None:
         self.settings = settings or TrackerSettings()
-        self.targets = TargetTable()
+        self.targets = TargetTable(self.settings)
         self.evicted = 0
         self._sampler = WindowSampler()
         self._shape: tuple[int, int] | None = None
-        self._closeness: Closeness = {}
         self._budget = Budget(self.settings.budget_ms / 1e3)
         self._frames = 0
 
@@ -60,19 +63,18 @@ class MultiTargetTracker:
         Raises:
             ValueError: the window is not finite, has no area or lies outside the frame.
         """
-        window = np.asarray(window, np.float64)
+        window, targets = np.asarray(window, np.float64), self.targets
         if not np.isfinite(window).all() or min(window[LENGTH], window[WIDTH]) <= 0:
             raise ValueError(f"a window needs finite numbers and a positive size, got {window.tolist()}")
         self._shape = (image.shape[0], image.shape[1])
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
         self._sampler.set_frame(image, observation.chroma)
-        self.targets.drop_lost()
-        count = int(np.count_nonzero(followed(self.targets.rows)))
-        row = self.targets.add(window, self.settings, manual=True, cause="drawn by hand")
-        self.targets.confirm(row)
-        start_appearance(self.targets, row, observation.space, self._sampler, self.settings, count)
-        return report(self.targets, observation, self.settings)[-1]
+        targets.drop_lost()
+        row = targets.add(window, manual=True, cause="drawn by hand")
+        start_appearance(targets, row, observation.space, self._sampler)
+        targets.confirm(row, "drawn by hand")
+        return report(targets, observation)[-1]
 
     def step(self, image: ByteArray, observation: Observation) -> tuple[TargetReport, ...]:
         """Tracks all targets into the next frame.
@@ -84,38 +86,37 @@ class MultiTargetTracker:
         Returns:
             One report for every target, in order of their ids; a target that ends is reported once as lost.
         """
-        targets, settings = self.targets, self.settings
+        targets, sampler = self.targets, self._sampler
         targets.drop_lost()
-        self._sampler.set_frame(image, observation.chroma)
+        sampler.set_frame(image, observation.chroma)
         if not self._carry(image, observation):
-            return report(targets, observation, settings)
+            return report(targets, observation)
         began = time.perf_counter()
         self._frames += 1
         rows, step_s = targets.rows, observation.step_s
         detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
-        free = associate(targets, detected, observation, settings)
-        pass_time(rows, step_s, settings.coast, settings.birth_window)
+        free = associate(targets, detected, observation)
+        pass_time(targets, step_s)
         follow_detections(rows, detected, step_s, observation.are_objects)
-        searched = np.flatnonzero(followed(rows) & self._is_searched())
-        measure(targets, searched, detected, observation, self._sampler, settings, self._budget.share)
+        measure(targets, np.flatnonzero(self._is_searched()), observation, sampler, self._budget.share)
         correct(rows)
         follow_boxes(rows, observation.are_objects)
         check_windows(rows, detected, step_s)
-        learn_appearances(targets, self._sampler)
-        end_gone(targets, settings, self._sampler.shape)
-        start_appearances(targets, observation, self._sampler, settings)
-        if len(rows) > settings.max_targets:
-            self.evicted += end_surplus(targets, settings.max_targets)
-        self._closeness = end_duplicates(targets, settings.lost_frames, self._closeness)
-        if settings.auto_start:
-            add_tentative(targets, observation, free, settings)
-        if settings.budget_ms > 0:
+        learn_appearances(targets, sampler)
+        end_gone(targets, sampler.shape)
+        start_appearances(targets, observation, sampler)
+        if len(rows) > self.settings.max_targets:
+            self.evicted += end_surplus(targets)
+        end_duplicates(targets)
+        if self.settings.auto_start:
+            add_tentative(targets, observation, free)
+        if self.settings.budget_ms > 0:
             self._budget.spent(time.perf_counter() - began)
-        return report(targets, observation, settings)
+        return report(targets, observation)
 
     def _carry(self, image: ByteArray, observation: Observation) -> bool:
         """Predicts the targets, or ends them at a cut; returns whether they can be searched in this frame."""
-        targets, settings = self.targets, self.settings
+        targets = self.targets
         is_resized = self._shape is not None and self._shape != image.shape
         self._shape = (image.shape[0], image.shape[1])
         if is_resized or observation.continuity is FrameContinuity.NEW:
@@ -133,17 +134,17 @@ class MultiTargetTracker:
         begin_frame(targets.rows)
         targets.causes = {}
         if observation.continuity is FrameContinuity.LOST:
-            pass_time(targets.rows, observation.step_s, settings.coast, settings.birth_window)
+            pass_time(targets, observation.step_s)
             coast_all(targets)
             return False
         return True
 
     def _is_searched(self) -> BoolArray:
         """bool[n]: targets whose appearance is searched in this frame."""
-        rows = self.targets.rows
+        rows, is_known = self.targets.rows, self.targets.followed
         found = rows["detection"] >= 0
         # In turn, a detection of its own is enough for a target.
         is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
         resting = found & ~rows["manual"] & ~rows["crowded"] & ~is_in_turn
         # Boxes that show the whole target are better than any template.
-        return np.asarray(~resting & ~rows["whole"] & (found | ~dormant(rows, self.settings.lost_frames)))
+        return np.asarray(is_known & ~resting & ~rows["whole"] & (found | ~self.targets.dormant))

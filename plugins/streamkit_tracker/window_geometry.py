@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from streamkit_kernels import compiled
 
 FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+ByteArray = NDArray[np.uint8]
 IntArray = NDArray[np.int64]
 Number = TypeVar("Number", float, FloatArray)
 
@@ -45,11 +47,7 @@ def invertible(homography: FloatArray) -> FloatArray | None:
 
 
 def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Maps points and gives the derivative of the map at each.
-
-    Args:
-        homography: float64[3, 3].
-        points: float64[n, 2], x y.
+    """Maps points float64[n, 2] by a homography, and gives the derivative of the map at each.
 
     Returns:
         float64[n, 2], the mapped points, and float64[n, 2, 2], the Jacobians there. Points on the line at
@@ -64,15 +62,9 @@ def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, 
 
 
 def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDArray[np.bool_]:
-    """Which points lie inside which windows.
+    """Which points float64[n, 2] lie inside which windows float64[m, 5]: bool[n, m].
 
-    Args:
-        points: float64[n, 2], px.
-        windows: float64[m, 5].
-        scale: the windows are taken this much larger, about their centres.
-
-    Returns:
-        bool[n, m].
+    The windows are taken `scale` times as large, about their centres.
     """
     right, down = (points[:, None, axis] - windows[:, axis] for axis in range(2))
     cosine, sine = np.cos(windows[:, ANGLE]), np.sin(windows[:, ANGLE])
@@ -87,6 +79,13 @@ def upright_sides(windows: FloatArray) -> FloatArray:
     sides = np.empty((*windows.shape[:-1], 2))
     sides[..., 0], sides[..., 1] = length * cosine + width * sine, length * sine + width * cosine
     return sides
+
+
+def widened(windows: FloatArray, factor: float | FloatArray) -> FloatArray:
+    """A copy of windows float64[..., 5] with their sides multiplied."""
+    wider = windows.copy()
+    wider[..., LENGTH : WIDTH + 1] *= factor
+    return wider
 
 
 @compiled
@@ -105,13 +104,9 @@ def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> Float
 
 @lru_cache(maxsize=32)
 def unit_grid(patch: tuple[int, int]) -> NDArray[np.float32]:
-    """Sampling points of a patch in its own unit square.
+    """Sampling points float32[2, rows * columns] of a patch (rows, columns) in its own unit square.
 
-    Args:
-        patch: samples across and along the window (rows, columns).
-
-    Returns:
-        float32[2, rows * columns]: u (along the length) and v (across); row by row from -0.5 to 0.5.
+    u lies along the length and v across it; row by row, each from -0.5 to 0.5.
     """
     rows, columns = patch
     steps_across = (np.arange(rows, dtype=np.float32) + 0.5) / rows - 0.5

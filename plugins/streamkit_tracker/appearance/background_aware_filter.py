@@ -8,9 +8,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from streamkit_tracker.appearance.frame_crops import Float32Array
 from streamkit_tracker.appearance.region_features import GRID
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import Float32Array, FloatArray
 
 ComplexArray = NDArray[np.complex64]
 

@@ -1,47 +1,48 @@
-"""Place and size of a target drawn by hand, by filters that are trained against the background."""
+"""Place and size of a target drawn by hand, and whether it is still the same one, by filters."""
 
 from __future__ import annotations
 
 import copy
+import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from streamkit_tracker.appearance.background_aware_filter import BackgroundAwareFilter
-from streamkit_tracker.appearance.colour_histogram import ColourHistogram
-from streamkit_tracker.appearance.frame_crops import Float32Array
-from streamkit_tracker.appearance.region_features import GRID, Region, RegionFeatures
+from streamkit_tracker.appearance.region_features import GRID, ColourHistogram, Region, RegionFeatures
 from streamkit_tracker.appearance.scale_filter import ScaleFilter, parabola_peak
 from streamkit_tracker.appearance.window_sampling import WindowSampler
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import ANGLE, Float32Array, FloatArray
 
 COLOUR_SHARE = np.float32(0.3)  # of the place, that colours decide
 SIDELOBE = 5  # cells around the peak that do not count as ground
+COPY_EVERY = 10  # frames
+COPIES = 3
+MIN_SHARPNESS = 5.0
+SURE_SHARPNESS = 10.0  # Bolme et al. (CVPR 2010) report 20 to 60 on a target, about 7 off it
+SHARPNESS_RATE = 0.07  # of the mean: some 14 frames
 NEAR = 2  # cells between the peak with colours and that of the filter
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Response:
     """What the filter found around a window.
 
     Attributes:
-        position: x and y of the peak, px.
-        sides: length and width of the window it was found with, px.
-        angle: of that window, rad.
+        window: float64[5], the window moved to the peak.
         peak: its height; about 1 for what was learnt.
         sharpness: peak to sidelobe ratio.
     """
 
-    position: tuple[float, float]
-    sides: tuple[float, float]
-    angle: float
+    window: FloatArray
     peak: float
     sharpness: float
 
     @property
-    def window(self) -> FloatArray:
-        """The window at the peak, float64[5]."""
-        return np.array([*self.position, *self.sides, self.angle])
+    def strength(self) -> float:
+        """Logarithm of height times sharpness, which fall together when a target is covered."""
+        return math.log(max(self.peak, 1e-3) * max(self.sharpness, 1e-3))
 
 
 class CorrelationFilter:
@@ -55,18 +56,22 @@ class CorrelationFilter:
     Args:
         sampler: has been shown the first frame.
         window: float64[5], the first window.
+
+    Attributes:
+        features: reads regions for `learn` and `sharpness`.
+        sizes: finds how much the target has grown.
     """
 
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
-        self._features = RegionFeatures(sampler, window)
-        region, extent = self._features.read(sampler, window), self._features.extent
+        self.features = RegionFeatures(sampler, window)
+        region, extent = self.features.read(sampler, window), self.features.extent
         self._filter = BackgroundAwareFilter(region.spectra, extent)
         self._colours = ColourHistogram(region, extent)
-        self._sizes = ScaleFilter(sampler, window)
+        self.sizes = ScaleFilter(sampler, window)
 
     def respond(self, sampler: WindowSampler, window: FloatArray) -> Response:
         """Place of the target around a window, float64[5], that it may have moved from."""
-        region = self._features.read(sampler, window)
+        region = self.features.read(sampler, window)
         response = self._filter.respond(region.spectra)
         colours = self._colours.respond(region)
         both = response + COLOUR_SHARE * (colours - response)
@@ -77,28 +82,16 @@ class CorrelationFilter:
         along = column + parabola_peak(*(float(heights[row, (column + step) % GRID]) for step in (-1, 0, 1)))
         dx, dy = (along - GRID // 2) * region.side / GRID, (down - GRID // 2) * region.side / GRID
         cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
-        position = float(window[0] + dx * cosine - dy * sine), float(window[1] + dx * sine + dy * cosine)
-        return Response(
-            position,
-            (float(window[LENGTH]), float(window[WIDTH])),
-            float(window[ANGLE]),
-            *_clearness(response, row, column),
-        )
+        moved = window.copy()
+        moved[:2] = window[0] + dx * cosine - dy * sine, window[1] + dx * sine + dy * cosine
+        return Response(moved, *_clearness(response, row, column))
 
     def copy(self) -> CorrelationFilter:
         """A filter that has learnt the same and learns by itself from now on."""
         other = copy.copy(self)
         other._filter, other._colours = copy.copy(self._filter), copy.copy(self._colours)
-        other._sizes = copy.copy(self._sizes)
+        other.sizes = copy.copy(self.sizes)
         return other
-
-    def growth(self, sampler: WindowSampler, window: FloatArray) -> float:
-        """By what factor the target differs in size from a window, float64[5], at its place."""
-        return self._sizes.growth(sampler, window)
-
-    def read(self, sampler: WindowSampler, window: FloatArray) -> Region:
-        """The region around a window, float64[5]."""
-        return self._features.read(sampler, window)
 
     def sharpness(self, region: Region) -> float:
         """Peak to sidelobe ratio in the middle of a region."""
@@ -108,7 +101,39 @@ class CorrelationFilter:
         """Learns a region with the target in its middle; `share`, above 0 to 1, is how far it is believed."""
         self._filter.learn(region.spectra, share)
         self._colours.learn(region, share)
-        self._sizes.learn(sampler, region.window, share)
+        self.sizes.learn(sampler, region.window, share)
+
+
+class Memory:
+    """A target's filter, and copies of it, made every few frames while the target is sure.
+
+    A filter that follows its own errors responds well to whatever it has learnt by them. The oldest copy has
+    not learnt them. While it responds sharply to what is followed, the target is sure.
+
+    Args:
+        latest: the filter as it was trained on the first frame; learns from then on.
+    """
+
+    def __init__(self, latest: CorrelationFilter) -> None:
+        self.latest = latest
+        self.sharpness = math.inf
+        self._copies = deque([latest.copy()], maxlen=COPIES)
+        self._frames = 0
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the last responses were sharp enough to claim that they are the target's."""
+        return self.sharpness >= SURE_SHARPNESS
+
+    def compare(self, region: Region | None) -> None:
+        """Takes account of a frame by the region around the window, or None where the target was not seen."""
+        sharpness = MIN_SHARPNESS if region is None else max(self._copies[0].sharpness(region), 1.0)
+        known = sharpness if math.isinf(self.sharpness) else self.sharpness
+        self.sharpness = known * (sharpness / known) ** SHARPNESS_RATE
+        if self.is_sure:
+            self._frames += 1
+            if self._frames % COPY_EVERY == 0:
+                self._copies.append(self.latest.copy())
 
 
 def _clearness(response: Float32Array, row: int, column: int) -> tuple[float, float]:

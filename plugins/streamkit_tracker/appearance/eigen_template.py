@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit.settings import setting
 from streamkit_kernels import compiled, product
-from streamkit_tracker.appearance.frame_crops import Float32Array
+from streamkit_tracker.window_geometry import Float32Array
 
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
@@ -48,6 +48,8 @@ class EigenTemplate:
         patch: float32[p], grey levels minus 128 of the first window.
         settings: how it learns.
     """
+
+    space = None  # it needs none
 
     def __init__(self, patch: Float32Array, settings: EigenSettings | None = None) -> None:
         self._settings = settings or EigenSettings()

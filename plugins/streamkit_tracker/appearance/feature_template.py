@@ -7,7 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY, Float32Array
+from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY
+from streamkit_tracker.window_geometry import Float32Array
 
 LEARNING_RATE = 0.05
 
@@ -37,6 +38,9 @@ class FeatureTemplate:
         patch: float32[p], grey levels minus 128 of the first window, p = height * width of the space's
             patches.
         space: the feature space of the current frame.
+
+    Attributes:
+        textured: whether the first patch has a direction in the feature space at all.
     """
 
     def __init__(self, patch: Float32Array, space: Space) -> None:
@@ -45,20 +49,14 @@ class FeatureTemplate:
         self.space = space
         self.anchor = self.mean = np.zeros(0, np.float32)
         self._embed_again()
-
-    @property
-    def textured(self) -> bool:
-        """Whether the first patch has a direction in the feature space at all."""
-        return bool(np.any(self.anchor))
+        self.textured = bool(np.any(self.anchor))
 
     def follow(self, space: Space) -> None:
         """Takes the space of the current frame; embeds again what is kept when its vectors have changed."""
-        if space.patch_size != self.space.patch_size:
-            return
-        stale = space.version != self.space.version
-        self.space = space
-        if stale:
-            self._embed_again()
+        if space.patch_size == self.space.patch_size:
+            is_stale, self.space = space.version != self.space.version, space
+            if is_stale:
+                self._embed_again()
 
     def update(self, patch: Float32Array) -> None:
         """Moves the mean a little towards a patch, float32[p]."""
@@ -71,25 +69,18 @@ class FeatureTemplate:
         self.anchor, latest = embed_rows(self.space, np.stack([self._anchor_patch, self._latest_patch]))
         self.mean = unit_rows((self.anchor + latest)[None])[0]
 
+    @staticmethod
+    def distances(templates: Sequence[FeatureTemplate], patches: Float32Array) -> Float32Array:
+        """Twice one minus the cosine to the nearer of anchor and mean: 0 is a match, 2 unrelated, 4 opposite.
 
-def feature_distances(templates: Sequence[FeatureTemplate], patches: Float32Array) -> Float32Array:
-    """Twice one minus the cosine to the nearer of anchor and mean, several patches for each of t templates.
-
-    For unit vectors this is the squared distance, on the same scale as a normalised patch residual.
-
-    Args:
-        templates: t of them, in the same space.
-        patches: float32[t, n, p], grey levels minus 128.
-
-    Returns:
-        float32[t, n]; 0 is a perfect match, 2 an unrelated patch, 4 the opposite.
-    """
-    targets, count, pixels = patches.shape
-    vectors = embed_rows(templates[0].space, patches.reshape(-1, pixels)).reshape(targets, count, -1)
-    anchors = np.stack([template.anchor for template in templates])
-    means = np.stack([template.mean for template in templates])
-    cosine = np.maximum(np.einsum("tnk,tk->tn", vectors, anchors), np.einsum("tnk,tk->tn", vectors, means))
-    return np.asarray(2.0 * (1.0 - cosine), np.float32)
+        For unit vectors this is the squared distance, on the same scale as a normalised patch residual. Gives
+        float32[t, n] of patches float32[t, n, p], several for each of t templates in the same space.
+        """
+        targets, count, pixels = patches.shape
+        vectors = embed_rows(templates[0].space, patches.reshape(-1, pixels)).reshape(targets, count, -1)
+        known = ([template.anchor for template in templates], [template.mean for template in templates])
+        cosines = np.maximum(*(np.einsum("tnk,tk->tn", vectors, np.stack(each)) for each in known))
+        return np.asarray(2.0 * (1.0 - cosines), np.float32)
 
 
 def embed_rows(space: Space, patches: Float32Array) -> Float32Array:

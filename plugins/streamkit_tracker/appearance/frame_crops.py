@@ -9,11 +9,8 @@ from numba import types
 from numpy.typing import NDArray
 
 from streamkit_kernels import UINT8_STRIDED, compiled, kernel
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, IntArray
 
-Float32Array = NDArray[np.float32]
-ByteArray = NDArray[np.uint8]
-IntArray = NDArray[np.int64]
 QuadArray = NDArray[np.int32]
 
 MIDDLE_GREY = np.float32(128.0)  # keeps sums of squares small, so that float32 is enough for the variance
@@ -75,7 +72,7 @@ def _span(low: float, high: float, size: int, factor: int) -> tuple[int, int]:
 
 @kernel(UINT8_STRIDED, PLACES, QUADS)
 def pack_parts(image: ByteArray, places: IntArray, quads: QuadArray) -> None:
-    """Packs parts of a image.
+    """Packs parts of an image.
 
     Args:
         image: uint8[h, w], whatever its memory is like.

@@ -1,28 +1,35 @@
-"""What a correlation filter sees of the region around a target: gradients, colours, grey level."""
+"""What filters see of the region around a target, gradients and colours, and a histogram of the colours."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import scipy
 
 from streamkit_kernels import compiled, product
-from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY, Float32Array
+from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY
 from streamkit_tracker.appearance.gradient_histograms import CELL, gradient_channels
-from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, Float32Array, FloatArray, IntArray
 
 GRID = 40  # cells
 SAMPLES = GRID * CELL
 PADDING = 4.0  # side of the region relative to the mean side of the target ...
-LEAST_SIDE = 64.0  # ... and px at first: small targets move by more of their sides
+MIN_SIDE = 64.0  # ... and px at first: small targets move by more of their sides
 GRADIENTS, COLOURS = 10, 4  # components kept of the channels
 HUES = 6
 COLOUR_CHANNELS = HUES + 3
 COLOUR_WEIGHT = np.float32(0.5)
-LEAST_CHROMA, CHROMA_RANGE = 8.0, 40.0  # grey levels: where a hue begins to count, and until it counts fully
+MIN_CHROMA, CHROMA_RANGE = 8.0, 40.0  # grey levels: where a hue begins to count, and until it counts fully
+BINS = 8 * 16 * 16
+LEARNING_RATE = 0.04
+INNER = 0.8  # of a target's sides: the corners of a window are ground
+OUTER = 1.1  # of its sides: beyond is ground
+SUMMED = 0.9  # of its sides
+COLOUR_FLOOR = 1e-4  # share of a colour that neither has; such a colour speaks for both
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +65,7 @@ class RegionFeatures:
 
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
         mean_side = math.sqrt(window[LENGTH] * window[WIDTH])
-        self._padding = max(PADDING, LEAST_SIDE / mean_side)
+        self._padding = max(PADDING, MIN_SIDE / mean_side)
         self.extent = np.asarray(window[LENGTH : WIDTH + 1]) / (self._padding * mean_side)
         hann = np.hanning(GRID + 2)[1:-1]
         self._hann = np.outer(hann, hann).astype(np.float32)
@@ -81,10 +88,9 @@ class RegionFeatures:
         self, sampler: WindowSampler, window: FloatArray, side: float
     ) -> tuple[Float32Array, Float32Array, IntArray]:
         """Gradients float32[31, cells], colours float32[9, cells] and bins int64[grid, grid]."""
-        wider = window[None].copy()
-        wider[:, LENGTH : WIDTH + 1] = side
-        factor = shrink_factor(wider[0], (SAMPLES, SAMPLES), sampler.shape)
-        patch = sampler.sample(wider, (SAMPLES, SAMPLES), factor)
+        wider = window.copy()
+        wider[LENGTH : WIDTH + 1] = side
+        patch = sampler.sample(wider[None], (SAMPLES, SAMPLES))
         gradients = gradient_channels(patch.reshape(1, SAMPLES, SAMPLES))[0]
         levels = patch.reshape(GRID, CELL, GRID, CELL).mean(axis=(1, 3)) + MIDDLE_GREY
         chroma = sampler.sample_chroma(wider, (GRID, GRID))
@@ -115,7 +121,7 @@ def _classify(levels: Float32Array, chroma: Float32Array, colours: Float32Array,
         most = 0.0
         for hue in range(HUES):
             angle = hue * (2 * np.pi / HUES)
-            strength = (u * np.cos(angle) + v * np.sin(angle) - LEAST_CHROMA) / CHROMA_RANGE
+            strength = (u * np.cos(angle) + v * np.sin(angle) - MIN_CHROMA) / CHROMA_RANGE
             share = min(max(strength, 0.0), 1.0)
             colours[hue, cell], most = COLOUR_WEIGHT * share, max(most, share)
         grey, light = COLOUR_WEIGHT * (1 - most), level / 127.5 - 1
@@ -125,3 +131,42 @@ def _classify(levels: Float32Array, chroma: Float32Array, colours: Float32Array,
         row = min(max(int(u / 8 + 8), 0), 15)
         column = min(max(int(v / 8 + 8), 0), 15)
         bins[cell] = (min(max(int(level / 32), 0), 7) * 16 + row) * 16 + column
+
+
+class ColourHistogram:
+    """Likelihood of each cell to belong to the target, by its colour.
+
+    Source: Bertinetto, Valmadre, Golodetz, Miksik and Torr, Staple: Complementary Learners for Real-Time
+    Tracking, CVPR 2016.
+
+    Args:
+        region: around the first window.
+        extent: float64[2], the target's length and width relative to the region's side.
+    """
+
+    def __init__(self, region: Region, extent: FloatArray) -> None:
+        from_middle = np.abs((np.arange(GRID) + 0.5) / GRID - 0.5) * 2
+        along, across = from_middle[None] / extent[0], from_middle[:, None] / extent[1]
+        farthest = np.maximum(along, across)
+        self._target = farthest < max(INNER, farthest.min() + 1e-9)
+        self._ground = farthest > OUTER
+        self._summed = tuple(max(1, round(float(share) * GRID * SUMMED)) for share in extent)
+        self._shares = self._count(region)
+
+    def learn(self, region: Region, share: float) -> None:
+        """Learns a region with the target in its middle, as far as `share` says, above 0 to 1."""
+        change = self._count(region) - self._shares
+        self._shares = self._shares + np.float32(share * LEARNING_RATE) * change
+
+    def respond(self, region: Region) -> Float32Array:
+        """Mean likelihood in a window at each cell, float32[grid, grid], 0 to 1."""
+        target, ground = self._shares
+        table = (target + np.float32(COLOUR_FLOOR / 2)) / (target + ground + np.float32(COLOUR_FLOOR))
+        return np.asarray(
+            cv2.boxFilter(table[region.colours], -1, self._summed, borderType=cv2.BORDER_REFLECT), np.float32
+        )
+
+    def _count(self, region: Region) -> Float32Array:
+        """float32[2, bins]: shares of the colours in target and ground."""
+        counts = [np.bincount(region.colours[part], minlength=BINS) for part in (self._target, self._ground)]
+        return np.array([count / max(count.sum(), 1) for count in counts], np.float32)

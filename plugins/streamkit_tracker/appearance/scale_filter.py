@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit_tracker.appearance.gradient_histograms import CELL, gradient_channels
 from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, widened
 
 SIZES = 17
 STEP = 1.02
@@ -66,8 +66,7 @@ class ScaleFilter:
 
     def _read(self, sampler: WindowSampler, window: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[Any]]:
         """Spectra complex[sizes // 2 + 1, features] over the sizes of a window."""
-        windows = np.repeat(window[None], SIZES, axis=0)
-        windows[:, LENGTH : WIDTH + 1] *= self._factors[:, None]
+        windows = widened(np.repeat(window[None], SIZES, axis=0), self._factors[:, None])
         factor = shrink_factor(window, self._patch, sampler.shape)
         patches = sampler.sample(windows, self._patch, factor).reshape(SIZES, *self._patch)
         features = gradient_channels(patches).reshape(SIZES, -1)

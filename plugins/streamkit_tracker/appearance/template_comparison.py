@@ -6,9 +6,9 @@ import numpy as np
 
 from streamkit_kernels import LARGEST_PRODUCT, compiled
 from streamkit_tracker.appearance.eigen_template import DEVIATION_FLOOR
-from streamkit_tracker.appearance.frame_crops import Float32Array, IntArray, QuadArray
+from streamkit_tracker.appearance.frame_crops import QuadArray
 from streamkit_tracker.appearance.window_sampling import sample_window
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import Float32Array, FloatArray, IntArray
 
 MOST_TOGETHER = 32  # patches that are compared at once
 

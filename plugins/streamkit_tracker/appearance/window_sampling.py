@@ -13,33 +13,42 @@ from streamkit_tracker.appearance.frame_crops import (
     MIDDLE_GREY,
     START,
     TOP,
-    ByteArray,
     Crops,
-    Float32Array,
-    IntArray,
     QuadArray,
     pack_parts,
     place_parts,
 )
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, unit_grid
+from streamkit_tracker.window_geometry import (
+    ANGLE,
+    LENGTH,
+    WIDTH,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    unit_grid,
+    widened,
+)
 
 Chroma = tuple[ByteArray, ByteArray]
 
 
 class WindowSampler:
-    """Resamples rotated windows of one frame to patches, with a buffer that is used again and again.
+    """Resamples rotated windows of one frame to patches.
 
     The parts of the frame that the windows lie in are cut out first, so that the cost does not grow with the
     frame. Windows several times larger than the patch are averaged down first. Outside the image its edge
     pixels continue.
+
+    Attributes:
+        shape: height and width of the frame, px.
     """
 
     def __init__(self) -> None:
-        self._image: ByteArray = np.zeros((1, 1), np.uint8)
         self.shape = (1, 1)
+        self._image: ByteArray = np.zeros(self.shape, np.uint8)
         self._quads = np.zeros(0, np.int32)
         self._used = 0
-        self._patches = np.zeros(0, np.float32)
         self._chroma: list[WindowSampler] = []
 
     def set_frame(self, image: ByteArray, chroma: Chroma | None = None) -> None:
@@ -62,15 +71,13 @@ class WindowSampler:
         for sampler, plane in zip(self._chroma, chroma, strict=True):
             sampler.set_frame(plane)
 
-    def sample_chroma(self, windows: FloatArray, patch: tuple[int, int]) -> Float32Array:
-        """Resamples the chroma planes at one window, float64[1, 5]: float32[2, rows * columns], 0 is grey."""
+    def sample_chroma(self, window: FloatArray, patch: tuple[int, int]) -> Float32Array:
+        """Resamples the chroma planes at one window, float64[5]: float32[2, rows * columns], 0 is grey."""
         if not self._chroma:
             return np.zeros((2, patch[0] * patch[1]), np.float32)
-        half = windows.copy()
-        half[:, :2] = (windows[:, :2] - 0.5) / 2
-        half[:, LENGTH : WIDTH + 1] /= 2
-        factor = shrink_factor(half[0], patch, self._chroma[0].shape)
-        return np.concatenate([sampler.sample(half, patch, factor) for sampler in self._chroma])
+        half = widened(window, 0.5)
+        half[:2] = (window[:2] - 0.5) / 2
+        return np.concatenate([sampler.sample(half[None], patch) for sampler in self._chroma])
 
     def crop(self, windows: FloatArray, factor: int, groups: int = 1, margin: float = 0.0) -> Crops:
         """The parts of the frame around `groups` equal runs of windows, for several samples.
@@ -104,37 +111,32 @@ class WindowSampler:
         return Crops(quads, places, factor)
 
     def sample(
-        self, windows: FloatArray, patch: tuple[int, int], factor: int = 1, crops: Crops | None = None
+        self,
+        windows: FloatArray,
+        patch: tuple[int, int],
+        factor: int | None = None,
+        crops: Crops | None = None,
     ) -> Float32Array:
         """Resamples every window.
 
         Args:
             windows: float64[n, 5], finite.
             patch: samples across and along each window (rows, columns).
-            factor: by how much the image is averaged down first, see `shrink_factor`.
-            crops: that hold the windows, if they are known already; then `factor` is theirs.
+            factor: by how much the frame is averaged down; None is what suits the first window.
+            crops: that hold the windows, if they are known already; then the factor is theirs.
 
         Returns:
-            float32[n, rows * columns], grey levels minus 128; a view that the next call overwrites.
+            float32[n, rows * columns], grey levels minus 128.
 
         Raises:
             ValueError: a window is not finite.
         """
-        crops = crops or self.crop(windows, factor)
-        count, pixels = len(windows), patch[0] * patch[1]
-        if self._patches.size < count * pixels:
-            self._patches = np.empty(count * pixels, np.float32)
-        patches = self._patches[: count * pixels].reshape(count, pixels)
-        _resample(
-            crops.quads, crops.places, crops.factor, np.ascontiguousarray(windows), unit_grid(patch), patches
-        )
+        if crops is None:
+            crops = self.crop(windows, factor or shrink_factor(windows[0], patch, self.shape))
+        patches = np.empty((len(windows), patch[0] * patch[1]), np.float32)
+        windows = np.ascontiguousarray(windows)
+        _resample(crops.quads, crops.places, crops.factor, windows, unit_grid(patch), patches)
         return patches
-
-    def read(self, window: FloatArray, patch: tuple[int, int], context: float) -> Float32Array:
-        """Patch float32[p] of one window, float64[5], widened by `context`: a template starts from it."""
-        wider = window[None].copy()
-        wider[:, LENGTH : WIDTH + 1] *= context
-        return np.array(self.sample(wider, patch, shrink_factor(wider[0], patch, self.shape))[0])
 
 
 def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple[int, int]) -> int:
@@ -172,62 +174,34 @@ def sample_window(
     between: Float32Array,
     patch: Float32Array,
 ) -> None:
-    """Bilinear samples of one window; `near` int32[p] and `between` float32[2, p] are overwritten."""
+    """Bilinear samples of one window, grey levels minus 128; each step is a loop of its own over the window.
+
+    `near` int32[p] and `between` float32[2, p] are overwritten: the index of the pixel at or before each
+    sample, held inside the part, then its quad; and the rest of the way to the right and down.
+    """
     cosine, sine = np.cos(window[ANGLE]) / factor, np.sin(window[ANGLE]) / factor
-    x_map = (
-        np.float32(window[LENGTH] * cosine),
-        np.float32(-window[WIDTH] * sine),
-        np.float32((window[0] - place[LEFT] + 0.5) / factor - 0.5),
-    )
-    y_map = (
-        np.float32(window[LENGTH] * sine),
-        np.float32(window[WIDTH] * cosine),
-        np.float32((window[1] - place[TOP] + 0.5) / factor - 0.5),
-    )
-    across, down = np.int32(place[ACROSS]), np.int32(place[DOWN])
-    right, below = between[0], between[1]
-    _find_neighbours(grid, x_map, y_map, across, down, near, right, below)
-    part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
-    for pixel in range(len(near)):
-        near[pixel] = part[np.uint32(near[pixel])]
-    _interpolate(near, right, below, patch)
-
-
-@compiled
-def _find_neighbours(
-    grid: Float32Array,
-    x_map: tuple[np.float32, np.float32, np.float32],
-    y_map: tuple[np.float32, np.float32, np.float32],
-    across: np.int32,
-    down: np.int32,
-    near: QuadArray,
-    right: Float32Array,
-    below: Float32Array,
-) -> None:
-    """Index of the pixel at or before each sample, held inside the part, and the rest of the way."""
-    u, v = grid[0], grid[1]
-    x_u, x_v, x_0 = x_map
-    y_u, y_v, y_0 = y_map
-    nothing = np.float32(0)
-    last_x, last_y = np.float32(across - 1), np.float32(down - 1)
+    x_u, x_v = np.float32(window[LENGTH] * cosine), np.float32(-window[WIDTH] * sine)
+    y_u, y_v = np.float32(window[LENGTH] * sine), np.float32(window[WIDTH] * cosine)
+    x_0 = np.float32((window[0] - place[LEFT] + 0.5) / factor - 0.5)
+    y_0 = np.float32((window[1] - place[TOP] + 0.5) / factor - 0.5)
+    across, nothing, byte = np.int32(place[ACROSS]), np.float32(0), np.int32(255)
+    last_x, last_y = np.float32(across - 1), np.float32(np.int32(place[DOWN]) - 1)
+    u, v, right, below = grid[0], grid[1], between[0], between[1]
     for pixel in range(len(near)):
         x = min(max(x_u * u[pixel] + x_v * v[pixel] + x_0, nothing), last_x)
         y = min(max(y_u * u[pixel] + y_v * v[pixel] + y_0, nothing), last_y)
         column, row = np.int32(x), np.int32(y)
         right[pixel], below[pixel] = x - np.float32(column), y - np.float32(row)
         near[pixel] = np.int32(np.int32(row * across) + column)
-
-
-@compiled
-def _interpolate(quads: QuadArray, right: Float32Array, below: Float32Array, patch: Float32Array) -> None:
-    """Grey levels minus 128 between the four pixels of each quad."""
-    byte = np.int32(255)
-    for pixel in range(len(quads)):
-        quad = quads[pixel]
+    part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
+    for pixel in range(len(near)):
+        near[pixel] = part[np.uint32(near[pixel])]
+    for pixel in range(len(near)):
+        quad = near[pixel]
         here = np.float32(np.int32(quad & byte))
         right_of = np.float32(np.int32(np.int32(quad >> np.int32(8)) & byte))
         under = np.float32(np.int32(np.int32(quad >> np.int32(16)) & byte))
-        across = np.float32(np.int32(np.int32(quad >> np.int32(24)) & byte))
+        across_of = np.float32(np.int32(np.int32(quad >> np.int32(24)) & byte))
         upper = here + right[pixel] * (right_of - here)
-        lower = under + right[pixel] * (across - under)
+        lower = under + right[pixel] * (across_of - under)
         patch[pixel] = upper + below[pixel] * (lower - upper) - MIDDLE_GREY

@@ -13,7 +13,7 @@ import msgspec
 import typer
 
 from streamkit import RecordFile, StreamError, TrackRecord
-from streamkit_tracker.associate.gated_pairs import GATE
+from streamkit_tracker.associate import GATE
 from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
 from streamkit_tracker.explanation.wording import explanation
 

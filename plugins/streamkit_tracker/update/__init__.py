@@ -1,9 +1,9 @@
 """Update: measures every target in the frame and corrects its state, window and template.
 
 In the order of `MultiTargetTracker.step`: `follow_detections` moves boxes, `measure` searches the targets
-whose appearance is known with the layered particle filter (`search`) and judges the result (`evidence`),
-`predict.correct` corrects means and covariances, `follow_objects` or `check_windows` keeps windows in
-agreement with the detections, and `learn_appearances` updates the templates. A correlation filter leads
+whose appearance is known with the layered particle filter and judges the result (`evidence`),
+`predict.correct` corrects means and covariances, `follow_boxes` or `check_windows` keeps windows in
+agreement with the detections, and `learn_appearances` updates the filters. A correlation filter leads
 targets drawn by hand (`response`). Functions read whole columns, `rows["x"]`, and write one target by
 `rows[i]["x"] = ...`.
 """

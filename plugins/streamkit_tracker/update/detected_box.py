@@ -10,8 +10,15 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit_tracker.targets import TENTATIVE, BoolArray, TargetRows, centroid_std
-from streamkit_tracker.update.turned_box import motion_headings, turned_windows
-from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, half_turn, upright_sides
+from streamkit_tracker.window_geometry import (
+    ANGLE,
+    LENGTH,
+    MINIMUM_SIDE,
+    WIDTH,
+    FloatArray,
+    half_turn,
+    upright_sides,
+)
 
 LEFT, RIGHT = 2, 4  # of a detection; before it are x and y of its centroid, behind each its y
 
@@ -22,24 +29,26 @@ OFFSET_RATE = 0.12
 YOUNG_OFFSET, YOUNG_RESIZED = 0.1, 0.1  # relative to the side, and as a log ratio
 RESIZED = 0.18  # log ratio of a side beyond which the window restarts
 MISFITS_BEFORE_RESTART = 2
-LEAST_OVERLAP = 0.6  # of window and detection
+MIN_OVERLAP = 0.6  # of window and detection
 # Side of a region, px, from which its outline places a target no worse than a template of 32 px does; below
 # the second one the target follows its template again.
 LARGE_SIDE, SMALL_SIDE = 32.0, 26.0
+KNOWN_SPEED = 3.0  # standard deviations of the speed from which its direction is known
+MIN_SPEED = 0.3  # sides per second, likewise
+MIN_HEADING_STD = 0.08  # rad
+USUAL_ASPECT = 2.0
+ASPECT_WEIGHT = 0.3
+MAX_ASPECT = 5.0
+MIN_AGREEMENT = 0.8
 
 
 def follow_detections(
     targets: TargetRows, detected: FloatArray, step_s: float, are_objects: bool = False
 ) -> None:
-    """Lets the boxes of detected targets follow detections that show no other target, and sets `whole`.
+    """Lets boxes follow the detections float64[d, 6] that show no other target, and sets `whole`.
 
-    While a target is young its box is that of the detection.
-
-    Args:
-        targets: the table; those drawn by hand are never whole.
-        detected: float64[d, 6].
-        step_s: s.
-        are_objects: whether a detector gives the boxes: all are whole then, else the large ones.
+    While a target is young its box is that of the detection. Targets drawn by hand are never whole; all
+    others are where a detector gives the boxes (`are_objects`), else the large ones.
     """
     index = np.flatnonzero((targets["detection"] >= 0) & ~targets["crowded"])
     rows = targets[index]
@@ -68,7 +77,6 @@ def follow_boxes(targets: TargetRows, are_objects: bool) -> None:
         targets["window"][index] = np.column_stack([centres, rows["box"], np.zeros(len(index))])
     else:
         headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
-        headings = np.where(np.isnan(headings), rows["window"][:, ANGLE], headings)
         targets["window"][index] = turned_windows(centres, rows["box"], headings)
     targets["recognised"][index] = True
 
@@ -76,12 +84,8 @@ def follow_boxes(targets: TargetRows, are_objects: bool) -> None:
 def check_windows(targets: TargetRows, detected: FloatArray, step_s: float) -> None:
     """Decides which windows are wrong: sets `restart`, and `restart_window` where they would be right.
 
-    Only targets with a detection of their own are changed; those drawn by hand and tentative ones are not.
-
-    Args:
-        targets: the table.
-        detected: float64[d, 6].
-        step_s: s.
+    Only targets with one of the detections float64[d, 6] of their own are changed; those drawn by hand and
+    tentative ones are not.
     """
     targets["restart"] = False
     awake = ~targets["manual"] & ~targets["whole"] & (targets["state"] != TENTATIVE)
@@ -92,13 +96,12 @@ def check_windows(targets: TargetRows, detected: FloatArray, step_s: float) -> N
     seen, window, mean = detected[rows["detection"]], rows["window"], rows["mean"]
     window[:, :2] = np.where(rows["recognised"][:, None], window[:, :2], mean[:, :2])
     headings, deviations = motion_headings(mean, rows["covariance"], window)
-    headings = np.where(np.isnan(headings), window[:, ANGLE], headings)
     sides = np.sqrt(window[:, LENGTH] * window[:, WIDTH])
     middle, young = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2, rows["detected_s"] < YOUNG_S
     trust = np.minimum(1.0, centroid_std(sides) / rows["detection_std"]) ** 2
     rate = np.where(young, 0.0, trust * rate_for(OFFSET_RATE, step_s))[:, None]
     offset = rows["offset"] + rate * (seen[:, :2] - window[:, :2] - rows["offset"])
-    misfits = np.where(young | (_overlaps(window, seen) >= LEAST_OVERLAP), 0, rows["misfits"] + 1)
+    misfits = np.where(young | (_overlaps(window, seen) >= MIN_OVERLAP), 0, rows["misfits"] + 1)
     beside = misfits >= MISFITS_BEFORE_RESTART
     box = np.where(beside[:, None], detected_sides(seen), rows["box"])
     centres = np.where((young | beside)[:, None], middle, window[:, :2] + offset)
@@ -110,13 +113,9 @@ def check_windows(targets: TargetRows, detected: FloatArray, step_s: float) -> N
 
 
 def _disagree(window: FloatArray, better: FloatArray, young: BoolArray, deviations: FloatArray) -> BoolArray:
-    """Which windows float64[n, 5] differ too much from those that the detections show.
+    """Which windows float64[n, 5] differ too much from better ones, which young targets follow at once.
 
-    Args:
-        window: of the targets.
-        better: by their detections.
-        young: bool[n], targets whose window follows at once.
-        deviations: float64[n], standard deviations of the angles, rad.
+    The angles have the standard deviations float64[n].
     """
     sides = np.sqrt(window[:, LENGTH] * window[:, WIDTH])
     apart = np.hypot(*(better[:, :2] - window[:, :2]).T)
@@ -144,3 +143,61 @@ def detected_sides(seen: FloatArray) -> FloatArray:
 def rate_for(rate: float, step_s: float) -> float:
     """A rate for steps of `RATED_S`, converted to another step."""
     return float(1.0 - (1.0 - rate) ** (step_s / RATED_S))
+
+
+def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:
+    """Lengths and widths float64[n, 2] of rectangles that fill upright boxes float64[n, 2], width and height.
+
+    The lengths lie along the headings float64[n], rad. Box width = length |cos| + width |sin|, box
+    height = length |sin| + width |cos|. Near 45 degrees the two equations are one; there a weak pull towards
+    a length of twice the width decides.
+    """
+    cosine, sine = np.abs(np.cos(headings)), np.abs(np.sin(headings))
+    pull = ASPECT_WEIGHT**2
+    diagonal_length, diagonal_width = 1 + pull, 1 + pull * USUAL_ASPECT**2
+    mixed = 2 * cosine * sine - pull * USUAL_ASPECT
+    along = cosine * boxes[:, 0] + sine * boxes[:, 1]
+    across = sine * boxes[:, 0] + cosine * boxes[:, 1]
+    determinant = diagonal_length * diagonal_width - mixed**2
+    length = (diagonal_width * along - mixed * across) / determinant
+    width = (diagonal_length * across - mixed * along) / determinant
+    side = np.maximum(np.sqrt(np.maximum(boxes.prod(axis=1), 1.0)), MINIMUM_SIDE)
+    length = np.clip(length, np.maximum(0.3 * side, MINIMUM_SIDE), MAX_ASPECT * side)
+    width = np.clip(width, np.maximum(length / MAX_ASPECT, MINIMUM_SIDE), 2.0 * side)
+    return np.stack([length, width], axis=1)
+
+
+def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray) -> FloatArray:
+    """Windows float64[n, 5] in upright boxes: turned into the motion, where that can be.
+
+    A car from above fills its box turned; a person who walks upright through a slanted view does not: no
+    rectangle along the motion has that box. Then the box itself is the window.
+
+    Args:
+        centres: float64[n, 2], px.
+        boxes: float64[n, 2], width and height, px.
+        headings: float64[n], directions of motion, rad.
+    """
+    turned = np.column_stack([centres, window_shapes(boxes, headings), half_turn(headings)])
+    sides = upright_sides(turned)
+    common = np.minimum(sides, boxes).prod(axis=1)
+    unlike = common < MIN_AGREEMENT * (sides.prod(axis=1) + boxes.prod(axis=1) - common)
+    turned[unlike, 2:4], turned[unlike, 4] = boxes[unlike], 0.0
+    return turned
+
+
+def motion_headings(
+    means: FloatArray, covariances: FloatArray, windows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Directions of motion and their standard deviations, each float64[n], rad.
+
+    What moves slowly for its size may turn on the spot: while the direction is not known it is the window's,
+    with an infinite deviation. Means are float64[n, 4], covariances float64[n, 4, 4], windows float64[n, 5].
+    """
+    speed = np.hypot(means[:, 2], means[:, 3])
+    deviation = np.sqrt((covariances[:, 2, 2] + covariances[:, 3, 3]) / 2)
+    least = np.maximum(KNOWN_SPEED * deviation, MIN_SPEED * np.sqrt(windows[:, 2] * windows[:, 3]))
+    known = (speed >= least) & (speed > 0)
+    relative = 1.5 * deviation / np.where(known, speed, 1.0)
+    headings = np.where(known, np.arctan2(means[:, 3], means[:, 2]), windows[:, ANGLE])
+    return headings, np.where(known, np.maximum(MIN_HEADING_STD, relative), np.inf)

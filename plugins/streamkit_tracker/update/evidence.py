@@ -8,11 +8,12 @@ from statistics import median
 
 import msgspec
 
+from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, Response
+
 REMEMBERED = 15
 RIGID = 2.0
 USUAL_DISTANCE = 0.05
-LEAST_SHARPNESS = 5.0
-LEAST_RATE = 0.04  # of the usual response: slow, so that a cover does not become the usual within a second
+MIN_RATE = 0.04  # of the usual response: slow, so that a cover does not become the usual within a second
 OUTLIER_WEIGHT = 0.25
 FIRST_DEVIATION = 0.7  # of log responses, before a target has shown how much its own vary
 LEARNT_DEVIATIONS, LEARNT_DROP = 2.5, 1.0
@@ -28,8 +29,7 @@ class Verdict(msgspec.Struct, frozen=True):
     Attributes:
         seen: the target is there.
         learnt: and matches so well that its template may learn it.
-        share: how far a filter is to follow it, 0 to 1: a change of light comes as slowly as an
-            occlusion, so that the filter follows both a little.
+        share: how far a filter is to follow it, 0 to 1: a change of light comes as slowly as an occlusion.
     """
 
     seen: bool
@@ -76,34 +76,31 @@ class Evidence:
     def _seen_drop(self) -> float:
         return max(SEEN_DROP * self._slack, SEEN_DEVIATIONS * self._deviation)
 
-    def is_credible(self, peak: float, sharpness: float, *, frames_unseen: int) -> bool:
+    def is_credible(self, response: Response, *, frames_unseen: int) -> bool:
         """Whether a filter response is no outlier among this target's responses.
 
         Args:
-            peak: height of the response.
-            sharpness: its peak to sidelobe ratio.
+            response: of the filter.
             frames_unseen: since the target was last seen; after a gap the limit is stricter at first.
         """
-        if sharpness < LEAST_SHARPNESS:
-            return False
         drop = self._seen_drop
         if frames_unseen > 0:
             at_first = FOUND_DROP * self._slack + self._deviation
             drop = min(drop, at_first + FOUND_RELIEF * frames_unseen)
-        return self.drop(peak, sharpness) <= drop
+        return response.sharpness >= MIN_SHARPNESS and self.drop(response) <= drop
 
-    def is_clear(self, peak: float, sharpness: float) -> bool:
+    def is_clear(self, response: Response) -> bool:
         """Whether a response is so near this target's usual ones that its look may be learnt."""
-        return self.drop(peak, sharpness) <= self._clear_drop
+        return self.drop(response) <= self._clear_drop
 
     def judge(
-        self, distance: float, response: tuple[float, float] | None, *, informative: bool, unseen: bool
+        self, distance: float, response: Response | None, *, informative: bool, unseen: bool
     ) -> Verdict:
         """Weighs one frame, and remembers it when the target was seen.
 
         Args:
             distance: of the best window to the template.
-            response: height and sharpness of a filter response that `is_credible` took, or None.
+            response: a filter response that `is_credible` took, or None.
             informative: whether the frame distinguishes positions.
             unseen: the target was not seen in the last frame.
         """
@@ -112,36 +109,26 @@ class Evidence:
         learnt = seen and distance <= self._learnt_distance
         share = 0.0
         if response is not None:
-            share = DOUBTED_SHARE * self._credibility(*response)
-            clear = self.is_clear(*response)
+            clear = self.is_clear(response)
+            credit = (self._seen_drop - self.drop(response)) / (self._seen_drop - self._clear_drop)
+            share = DOUBTED_SHARE * min(max(credit, 0.0), 1.0)
             learnt = clear and (learnt or self.tolerance > RIGID)
-            self._remember(*response, weight=1.0 if clear else OUTLIER_WEIGHT)
+            self._remember(response, weight=1.0 if clear else OUTLIER_WEIGHT)
         if seen:
             self._distances.append(distance)
             self.usual_distance = median(self._distances)
             self.tolerance = max(1.0, self.usual_distance / USUAL_DISTANCE)
         return Verdict(seen, learnt, 1.0 if learnt else share)
 
-    def drop(self, peak: float, sharpness: float) -> float:
+    def drop(self, response: Response) -> float:
         """By how much the logarithm of a response lies below the usual one."""
-        return self._level - _log_response(peak, sharpness) if self._responses else 0.0
+        return self._level - response.strength if self._responses else 0.0
 
-    def _credibility(self, peak: float, sharpness: float) -> float:
-        """1 for a clear response, falling to 0 where it is not believed any more."""
-        clear, least = self._clear_drop, self._seen_drop
-        return min(max((least - self.drop(peak, sharpness)) / (least - clear), 0.0), 1.0)
-
-    def _remember(self, peak: float, sharpness: float, weight: float) -> None:
+    def _remember(self, response: Response, weight: float) -> None:
+        if self._responses == 0:
+            self._level = response.strength
+        offset = -self.drop(response)
         self._responses += 1
-        offset = -self.drop(peak, sharpness) if self._responses > 1 else 0.0
-        rate = max(LEAST_RATE, 1 / self._responses)
-        if self._responses == 1:
-            self._level = _log_response(peak, sharpness)
-        self._level += weight * rate * offset
-        share = max(LEAST_RATE, 1 / (self._responses + 5))
+        self._level += weight * max(MIN_RATE, 1 / self._responses) * offset
+        share = max(MIN_RATE, 1 / (self._responses + 5))
         self._deviation += weight * share * (1.25 * abs(offset) - self._deviation)
-
-
-def _log_response(peak: float, sharpness: float) -> float:
-    """Height and sharpness fall together when a target is covered; their product says it best."""
-    return math.log(max(peak, 1e-3) * max(sharpness, 1e-3))

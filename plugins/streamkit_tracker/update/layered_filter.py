@@ -4,19 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from streamkit.settings import setting
 from streamkit_kernels import compiled
-from streamkit_tracker.update.expectations import SearchRows
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, MINIMUM_SIDE, WIDTH, FloatArray, half_turn
 
 Score = Callable[[FloatArray], FloatArray]
+SearchRows = NDArray[Any]
 
 POLISH = 0.4
 WIDE_EVERY = 4
+
+# Expectations of one target before the frame is searched; infinite deviations and zero precisions are none.
+SEARCH = np.dtype(
+    [
+        ("window", np.float64, 5),  # of the previous frame in the pixels of this one
+        ("displacement", np.float64, 2),  # predicted motion since then, px
+        ("spread", np.float64),  # standard deviation of the prediction, px
+        ("wide_spread", np.float64),  # the same for a quarter of the particles, against surprises, px
+        ("seed", np.float64, 2),  # x y of half of the particles, where the target was detected, px
+        ("seed_std", np.float64),  # of the detection, px; infinite without one
+        ("seed_spread", np.float64),  # of the particles there, px
+        ("sides", np.float64, 2),  # length and width, px
+        ("heading", np.float64),  # rad
+        ("sides_precision", np.float64),
+        ("heading_precision", np.float64),
+        ("tolerance", np.float64),  # factor on the variance of the residual
+    ]
+)
 
 
 @dataclass(frozen=True)
@@ -105,9 +124,15 @@ def layered_step(
     first_windows(positions, weights, counts, offsets, searches, noise, windows)
     scores = score(windows)
     order = np.argsort(-scores, axis=1, kind="stable")
-    survivors, best = np.empty((targets, keep, 5)), np.empty((targets, keep))
-    contrasts, polish = np.empty(targets), np.empty(targets)
-    keep_best(windows, scores, order, searches, survivors, best, contrasts, polish)
+    ranked = np.take_along_axis(scores, order, axis=1)
+    best = ranked[:, :keep].copy()
+    contrasts = (
+        best[:, 0] - (ranked[:, settings.particles // 2] + ranked[:, (settings.particles - 1) // 2]) / 2
+    )
+    survivors = np.take_along_axis(windows, order[:, :keep, None], axis=1)
+    # later layers also step a little, px
+    scatter = np.sqrt(survivors[..., :2].var(axis=1).mean(axis=1))
+    polish = POLISH * np.minimum(searches["spread"], scatter)
     for copies, turned, deviation in (
         (settings.size_particles, False, settings.std_size),
         (settings.angle_particles, True, settings.std_angle),
@@ -149,6 +174,9 @@ def first_windows(
 ) -> None:
     """The windows of layer 1: particles drawn by weight, moved by the transition and its noise.
 
+    The first of each target is the prediction itself. With a seed every second one lies there, the first of
+    them exactly.
+
     Args:
         positions: float64[k, 2] of the particles of one target after the other, px.
         weights: float64[k].
@@ -156,20 +184,19 @@ def first_windows(
         offsets: float64[t], in [0, 1), that decide the draws.
         searches: t rows of `SEARCH`.
         noise: float64[t, 2 n or more], standard normal.
-        windows: float64[t, n, 5], is filled; the first of each target is the prediction itself. With a seed
-            every second one lies there, the first of them exactly.
+        windows: float64[t, n, 5], is filled.
     """
     chosen, begin = np.empty(windows.shape[1], np.intp), 0
     for target in range(len(windows)):
         end, expected = begin + counts[target], searches[target]
         resample(weights[begin:end], offsets[target], chosen)
-        seeded = not np.isnan(expected["seed_spread"])
+        seeded = np.isfinite(expected["seed_std"])
         for particle in range(windows.shape[1]):
             at_seed = seeded and particle % 2 == 1
             spread = expected["wide_spread"] if particle % WIDE_EVERY == 0 else expected["spread"]
             if at_seed:
                 spread = expected["seed_spread"]
-            if particle == 0 or (at_seed and particle == 1):
+            if particle < 1 + at_seed:
                 spread = 0.0
             window = windows[target, particle]
             window[:] = expected["window"]
@@ -181,40 +208,6 @@ def first_windows(
                     window[axis] = expected["seed"][axis]
                 window[axis] += noise[target, 2 * particle + axis] * spread
         begin = end
-
-
-@compiled
-def keep_best(
-    windows: FloatArray,
-    scores: FloatArray,
-    order: NDArray[np.intp],
-    searches: SearchRows,
-    survivors: FloatArray,
-    best: FloatArray,
-    contrasts: FloatArray,
-    polish: FloatArray,
-) -> None:
-    """Takes the best of layer 1.
-
-    Args:
-        windows: float64[t, n, 5].
-        scores: float64[t, n].
-        order: intp[t, n], by falling score.
-        searches: t rows of `SEARCH`.
-        survivors: float64[t, k, 5], is filled.
-        best: float64[t, k], is filled with their scores.
-        contrasts: float64[t], is filled, see `Estimates`.
-        polish: float64[t], is filled: standard deviation of the steps in later layers, px.
-    """
-    count, keep = windows.shape[1], best.shape[1]
-    for target in range(len(windows)):
-        for rank in range(keep):
-            survivors[target, rank] = windows[target, order[target, rank]]
-            best[target, rank] = scores[target, order[target, rank]]
-        middle = scores[target, order[target, count // 2]] + scores[target, order[target, (count - 1) // 2]]
-        contrasts[target] = best[target, 0] - 0.5 * middle
-        scatter = np.sqrt((survivors[target, :, 0].var() + survivors[target, :, 1].var()) / 2)
-        polish[target] = POLISH * min(searches[target]["spread"], scatter)
 
 
 @compiled

@@ -7,23 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
+from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.targets import TargetModel
-from streamkit_tracker.update.evidence import LEAST_SHARPNESS, Evidence
-from streamkit_tracker.update.expectations import SearchRows
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction
+from streamkit_tracker.update.evidence import Evidence
+from streamkit_tracker.update.layered_filter import SearchRows
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction, widened
 
 PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
 PEAK_SIDES_STD = 0.004
 TURN_STD = 0.35  # rad about the drawn angle, for a rigid target
-TURN_CHANGE = 0.2
+TURN_CHANGE = np.array([0, 0, 0, 0, 0.2])
 FAR = 0.4  # sides; a peak nearer to the rim of what was looked at is faint
 MOVED = 0.1  # sides by which the camera has moved the prediction
 GAIN = 0.1  # logarithms of a response, above the other one
 RING_PER_FRAME = 0.2
-LARGEST_RING = 3.0
-NEAREST_RING = 0.4
+MAX_RING = 3.0
+MIN_RING = 0.4
 GOLDEN = (math.sqrt(5) - 1) / 2  # turns and radii of successive places fill a disc evenly
 
 
@@ -50,41 +50,39 @@ def find_response(
     best = discriminator.respond(sampler, predicted if frames_unseen > 0 else unmoved)
     if frames_unseen > 0:
         others = [search_place(unmoved if frames_unseen % 2 else predicted, frames_unseen)]
+        if best.sharpness >= MIN_SHARPNESS:
+            others += [best.window + turn for turn in (TURN_CHANGE, -TURN_CHANGE)]
     else:
         # a region fades towards its rim: a large motion is seen well only from near the target
-        side = math.sqrt(best.sides[0] * best.sides[1])
-        is_far = math.dist(best.position, unmoved[:2].tolist()) > FAR * side
+        side = math.sqrt(best.window[LENGTH] * best.window[WIDTH])
+        is_far = math.dist(best.window[:2], unmoved[:2]) > FAR * side
         others = [best.window] if is_far else []
-        is_doubtful = is_far or not evidence.is_clear(best.peak, best.sharpness)
+        is_doubtful = is_far or not evidence.is_clear(best)
         if is_doubtful and math.dist(unmoved[:2], predicted[:2]) > MOVED * side:
             others.append(predicted)
-    if frames_unseen > 0 and best.sharpness >= LEAST_SHARPNESS:
-        turned = np.array([0, 0, 0, 0, TURN_CHANGE])
-        others += [best.window + sign * turned for sign in (1, -1)]
     for window in others:
         other = discriminator.respond(sampler, window)
-        if evidence.drop(other.peak, other.sharpness) < evidence.drop(best.peak, best.sharpness) - GAIN:
+        if evidence.drop(other) < evidence.drop(best) - GAIN:
             best = other
     # beyond the picture the region repeats its edge: a peak there says nothing, least of all that it has left
-    is_shown = visible_fraction(np.array([[*best.position, 1.0, 1.0, 0.0]]), sampler.shape)[0] > 0
-    if not is_shown or not evidence.is_credible(best.peak, best.sharpness, frames_unseen=frames_unseen):
+    is_shown = visible_fraction(np.array([[*best.window[:2], 1.0, 1.0, 0.0]]), sampler.shape)[0] > 0
+    if not is_shown or not evidence.is_credible(best, frames_unseen=frames_unseen):
         return None
-    grown = discriminator.growth(sampler, best.window)
-    return replace(best, sides=(best.sides[0] * grown, best.sides[1] * grown))
+    return replace(best, window=widened(best.window, discriminator.sizes.growth(sampler, best.window)))
 
 
 def is_in_place(model: TargetModel, window: FloatArray, sampler: WindowSampler) -> bool:
     """Whether the filter of a target drawn by hand finds it near its window, float64[5], as after a gap."""
-    if model.appearance is None or model.appearance.discriminator is None:
+    if model.memory is None:
         return False
-    response = model.appearance.discriminator.respond(sampler, window)
-    return model.evidence.is_credible(response.peak, response.sharpness, frames_unseen=1)
+    response = model.memory.latest.respond(sampler, window)
+    return model.evidence.is_credible(response, frames_unseen=1)
 
 
 def search_place(window: FloatArray, frames_unseen: int) -> FloatArray:
     """Window float64[5] to ask the filter at besides the prediction: over some frames they fill a disc."""
     side = math.sqrt(float(window[LENGTH] * window[WIDTH]))
-    radius = side * min(NEAREST_RING + RING_PER_FRAME * frames_unseen, LARGEST_RING)
+    radius = side * min(MIN_RING + RING_PER_FRAME * frames_unseen, MAX_RING)
     reach, turn = radius * math.sqrt(frames_unseen * GOLDEN % 1), 2 * math.pi * GOLDEN * frames_unseen
     place = window.copy()
     place[:2] += reach * np.array([math.cos(turn), math.sin(turn)])
@@ -92,20 +90,14 @@ def search_place(window: FloatArray, frames_unseen: int) -> FloatArray:
 
 
 def expect_response(search: SearchRows, response: Response, tolerance: float, drawn_angle: float) -> None:
-    """Fills in the expectation of the window after a response.
+    """Fills in the expectation of the window, a row of `SEARCH`, after a response.
 
     A rigid target shows size and turn better in its template than in the filter; the softer it is
-    (`tolerance` above 1), the more the filter's size and the drawn angle count.
-
-    Args:
-        search: row of `SEARCH`.
-        response: of the filter.
-        tolerance: see `Evidence.tolerance`.
-        drawn_angle: rad, of the drawn window.
+    (`tolerance` above 1), the more the filter's size and the drawn angle, rad, count.
     """
     firm = 1 / math.sqrt(tolerance)
-    side = math.sqrt(response.sides[0] * response.sides[1])
-    search["seed"], search["seed_std"] = response.position, PEAK_STD * firm * side
-    search["sides"], search["sides_precision"] = response.sides, (PEAK_SIDES_STD * firm) ** -2
+    place, sides = response.window[:2], response.window[LENGTH : WIDTH + 1]
+    search["seed"], search["seed_std"] = place, PEAK_STD * firm * math.sqrt(sides.prod())
+    search["sides"], search["sides_precision"] = sides, (PEAK_SIDES_STD * firm) ** -2
     # a soft target hardly shows its turn, and each error of the angle enlarges the box around a long window
     search["heading"], search["heading_precision"] = drawn_angle, (TURN_STD * firm**3) ** -2

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.report.reports import TargetReport
+from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker

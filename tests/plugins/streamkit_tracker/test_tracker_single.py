@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from streamkit_tracker.observation import FrameContinuity, Observation
-from streamkit_tracker.report.reports import TargetReport
+from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker

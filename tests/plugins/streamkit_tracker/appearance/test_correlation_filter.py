@@ -5,9 +5,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, CorrelationFilter
 from streamkit_tracker.appearance.window_sampling import WindowSampler
-from streamkit_tracker.update.evidence import LEAST_SHARPNESS
 
 SIZE = (240, 320)
 
@@ -37,7 +36,7 @@ def test_a_shift_is_found(scenes: ModuleType, angle: float, step: tuple[float, f
     moved = window + np.array([*step, 0, 0, 0])
     sampler.set_frame(seen(scenes, moved))
     response = discriminator.respond(sampler, window)
-    assert np.hypot(*(np.array(response.position) - moved[:2])) < 1.25
+    assert np.hypot(*(response.window[:2] - moved[:2])) < 1.25
     assert response.sharpness > 9
 
 
@@ -49,7 +48,7 @@ def test_light_does_not_count(scenes: ModuleType):
     sampler.set_frame(seen(scenes, window, light=0.5))
     dark = discriminator.respond(sampler, window)
     assert dark.peak > 0.7 * bright.peak
-    np.testing.assert_allclose(dark.position, window[:2], atol=0.5)
+    np.testing.assert_allclose(dark.window[:2], window[:2], atol=0.5)
 
 
 def test_ground_without_the_target_responds_faintly(scenes: ModuleType):
@@ -71,7 +70,7 @@ def test_learning_follows_a_new_look(scenes: ModuleType):
     sampler.set_frame(scenes.grey(other, generator, 2.0))
     before = discriminator.respond(sampler, window)
     for _ in range(30):
-        discriminator.learn(sampler, discriminator.read(sampler, window))
+        discriminator.learn(sampler, discriminator.features.read(sampler, window))
     after = discriminator.respond(sampler, window)
     assert after.peak > before.peak + 0.2
 
@@ -83,4 +82,4 @@ def test_a_flat_patch_gives_no_peak():
     window = np.array([40.0, 30, 20, 10, 0])
     response = CorrelationFilter(sampler, window).respond(sampler, window)
     assert abs(response.peak) < 1e-4
-    assert response.sharpness < LEAST_SHARPNESS
+    assert response.sharpness < MIN_SHARPNESS

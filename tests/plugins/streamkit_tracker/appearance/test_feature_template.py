@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.feature_template import FeatureTemplate, feature_distances, unit_rows
+from streamkit_tracker.appearance.feature_template import FeatureTemplate, unit_rows
 
 
 class Projection:
@@ -30,7 +30,7 @@ def test_the_first_patch_is_at_distance_zero(some_patches: np.ndarray):
     """The target itself is at 0, others are not, and contrast does not count."""
     template = FeatureTemplate(some_patches[0], Projection(1))
     query = np.stack([some_patches[0], 2 * some_patches[0], some_patches[1]])[None]
-    distances = feature_distances([template], query)[0]
+    distances = FeatureTemplate.distances([template], query)[0]
     np.testing.assert_allclose(distances[:2], 0.0, atol=1e-4)
     assert distances[2] > 0.3
 
@@ -41,16 +41,16 @@ def test_a_new_version_of_the_space_is_followed(some_patches: np.ndarray):
     before = template.anchor.copy()
     template.follow(Projection(2))
     assert not np.allclose(before, template.anchor)
-    np.testing.assert_allclose(feature_distances([template], some_patches[None, :1]), 0.0, atol=1e-4)
+    np.testing.assert_allclose(FeatureTemplate.distances([template], some_patches[None, :1]), 0.0, atol=1e-4)
 
 
 def test_update_moves_the_mean_and_not_the_anchor(some_patches: np.ndarray):
     """Learning brings a new look nearer; the first look stays at distance zero."""
     template = FeatureTemplate(some_patches[0], Projection(1))
-    before = feature_distances([template], some_patches[None])[0]
+    before = FeatureTemplate.distances([template], some_patches[None])[0]
     for _ in range(20):
         template.update(some_patches[1])
-    after = feature_distances([template], some_patches[None])[0]
+    after = FeatureTemplate.distances([template], some_patches[None])[0]
     assert after[1] < 0.7 * before[1]
     assert after[0] < 1e-4
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.colour_histogram import ColourHistogram
-from streamkit_tracker.appearance.region_features import GRID, RegionFeatures
+from streamkit_tracker.appearance.region_features import GRID, ColourHistogram, RegionFeatures
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 
 WINDOW = np.array([120.0, 90, 40, 30, 0.0])

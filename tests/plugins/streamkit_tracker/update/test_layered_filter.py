@@ -2,8 +2,14 @@
 
 import numpy as np
 
-from streamkit_tracker.update.expectations import SEARCH, SearchRows
-from streamkit_tracker.update.layered_filter import LayerSettings, Particles, layered_step, resample
+from streamkit_tracker.update.layered_filter import (
+    SEARCH,
+    LayerSettings,
+    Particles,
+    SearchRows,
+    layered_step,
+    resample,
+)
 
 PEAK = np.array([52.0, 47.0, 22.0, 11.0, 0.5])
 SCALES = np.array([1.0, 1.0, 0.8, 0.4, 0.05])
@@ -18,7 +24,7 @@ def proposal(windows: np.ndarray, displacement: tuple[float, float] = (0.0, 0.0)
     """Expectations without seeds."""
     searches = np.zeros(len(windows), SEARCH)
     searches["window"], searches["displacement"] = windows, displacement
-    searches["spread"], searches["wide_spread"], searches["seed_spread"] = 2.0, 5.0, np.nan
+    searches["spread"], searches["wide_spread"], searches["seed_std"] = 2.0, 5.0, np.inf
     return searches
 
 

@@ -9,7 +9,7 @@ import pytest
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import Evidence
-from streamkit_tracker.update.expectations import SEARCH
+from streamkit_tracker.update.layered_filter import SEARCH
 from streamkit_tracker.update.response import (
     expect_response,
     find_response,
@@ -33,7 +33,7 @@ def test_the_search_grows_with_the_gap_up_to_a_limit():
 
 def test_the_softer_the_target_the_more_the_filter_counts():
     """A rigid target is rather free to turn; a soft one is held to the filter's size and the drawn angle."""
-    response = Response((101.0, 79.0), (40.0, 10.0), 0.3, 0.7, 20.0)
+    response = Response(np.array([101.0, 79.0, 40.0, 10.0, 0.3]), 0.7, 20.0)
     rigid, soft = rows = np.zeros(2, SEARCH)
     for row, tolerance in zip(rows, (1.0, 9.0), strict=True):
         expect_response(row, response, tolerance, 0.3)
@@ -62,7 +62,7 @@ def found(
         near = drawn + generator.normal(0, 2, 5) * [1, 1, 0, 0, 0]
         sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, near), generator, 2.0))
         usual = discriminator.respond(sampler, drawn)
-        evidence.judge(0.02, (usual.peak, usual.sharpness), informative=True, unseen=False)
+        evidence.judge(0.02, usual, informative=True, unseen=False)
     sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
     unmoved = predicted if unmoved is None else unmoved
     return find_response(discriminator, evidence, sampler, predicted, unmoved, frames_unseen)
@@ -75,7 +75,7 @@ def test_a_jump_by_most_of_a_side_is_followed(scenes: ModuleType, step: tuple[fl
     now = drawn + np.array([*step, 0, 0, 0])
     response = found(scenes, drawn, now, drawn)
     assert response is not None
-    assert math.dist(response.position, now[:2]) < 0.5
+    assert math.dist(response.window[:2], now[:2]) < 0.5
 
 
 def test_a_target_that_stops_is_found_where_it_was(scenes: ModuleType):
@@ -83,7 +83,7 @@ def test_a_target_that_stops_is_found_where_it_was(scenes: ModuleType):
     drawn = np.array([150.0, 120, 40, 34, 0.0])
     response = found(scenes, drawn, drawn, drawn + np.array([44.0, 0, 0, 0, 0]))
     assert response is not None
-    assert math.dist(response.position, drawn[:2]) < 1.0
+    assert math.dist(response.window[:2], drawn[:2]) < 1.0
 
 
 def test_a_target_that_stands_on_the_ground_is_found_where_the_camera_has_moved_it(scenes: ModuleType):
@@ -92,7 +92,7 @@ def test_a_target_that_stands_on_the_ground_is_found_where_the_camera_has_moved_
     now = drawn + np.array([52.0, 0, 0, 0, 0])
     response = found(scenes, drawn, now, now, unmoved=drawn)
     assert response is not None
-    assert math.dist(response.position, now[:2]) < 1.0
+    assert math.dist(response.window[:2], now[:2]) < 1.0
 
 
 def test_an_unseen_target_is_found_again_where_it_was_last_in_the_picture(scenes: ModuleType):
@@ -101,7 +101,7 @@ def test_an_unseen_target_is_found_again_where_it_was_last_in_the_picture(scenes
     away = drawn + np.array([120.0, 60, 0, 0, 0])
     response = found(scenes, drawn, drawn, away, unmoved=drawn, frames_unseen=1)
     assert response is not None
-    assert math.dist(response.position, drawn[:2]) < 1.0
+    assert math.dist(response.window[:2], drawn[:2]) < 1.0
 
 
 @pytest.mark.parametrize("grown", [0.97, 1.02, 1.045])
@@ -110,8 +110,8 @@ def test_sizes_between_those_asked_at_are_found(scenes: ModuleType, grown: float
     drawn = np.array([150.0, 120, 60, 50, 0.0])
     response = found(scenes, drawn, drawn * [1, 1, grown, grown, 1], drawn)
     assert response is not None
-    assert response.sides[0] == pytest.approx(60 * grown, rel=0.015)
-    assert response.sides[0] / response.sides[1] == pytest.approx(1.2)
+    assert response.window[2] == pytest.approx(60 * grown, rel=0.015)
+    assert response.window[2] / response.window[3] == pytest.approx(1.2)
 
 
 def test_a_target_that_the_camera_follows_is_found_where_it_was(scenes: ModuleType):
@@ -119,7 +119,7 @@ def test_a_target_that_the_camera_follows_is_found_where_it_was(scenes: ModuleTy
     drawn = np.array([150.0, 120, 40, 34, 0.0])
     response = found(scenes, drawn, drawn, drawn + np.array([110.0, 0, 0, 0, 0]), drawn)
     assert response is not None
-    assert math.dist(response.position, drawn[:2]) < 1.0
+    assert math.dist(response.window[:2], drawn[:2]) < 1.0
 
 
 @pytest.mark.parametrize(("x", "is_found"), [(3.0, True), (-3.0, False), (323.0, False)])
@@ -128,6 +128,6 @@ def test_a_peak_beyond_the_picture_is_no_response(
 ):
     """However sharp: the region only repeats the picture's edge there."""
     drawn = np.array([150.0, 120, 40, 34, 0.0])
-    peak = Response((x, 120.0), (40.0, 34.0), 0.0, 0.8, 20.0)
+    peak = Response(np.array([x, 120.0, 40.0, 34.0, 0.0]), 0.8, 20.0)
     monkeypatch.setattr(CorrelationFilter, "respond", lambda *_: peak)
     assert (found(scenes, drawn, drawn, drawn) is not None) == is_found

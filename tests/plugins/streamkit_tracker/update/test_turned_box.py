@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_tracker.update.turned_box import turned_windows, window_shapes
+from streamkit_tracker.update.detected_box import turned_windows, window_shapes
 
 
 def window_shape(width: float, height: float, heading: float) -> list[float]:

@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from streamkit_tracker.associate import gated_pairs
-from streamkit_tracker.associate.gated_pairs import Comparison
+from streamkit_tracker import associate
 from streamkit_tracker.targets import TARGET, TargetRows
 
 
 def pairs(costs: list[list[float]]) -> list[tuple[int, int]]:
     """What is assigned."""
-    rows, columns = gated_pairs.assign(np.array(costs))
+    rows, columns = associate.assign(np.array(costs))
     return list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
@@ -21,7 +20,7 @@ def test_the_total_cost_counts_not_the_nearest():
 def test_pairs_outside_the_gate_stay_apart():
     """What is not allowed is not paired, even when nothing else is left."""
     assert pairs([[1.0, np.inf], [np.inf, np.inf]]) == [(0, 0)]
-    assert len(gated_pairs.assign(np.zeros((0, 3)))[0]) == 0
+    assert len(associate.assign(np.zeros((0, 3)))[0]) == 0
 
 
 def test_equal_costs_are_no_trouble():
@@ -43,9 +42,11 @@ def expected(*, variances: tuple[float, float] = (8.0, 3.0)) -> TargetRows:
     return rows
 
 
-def compare(rows: TargetRows, detected: np.ndarray, unlike: np.ndarray, reach: float = 100.0) -> Comparison:
+def compare(
+    rows: TargetRows, detected: np.ndarray, unlike: np.ndarray, reach: float = 100.0
+) -> associate.Comparison:
     """All rows compared with all detections."""
-    return gated_pairs.compare(rows, np.arange(len(rows)), detected, unlike, reach)
+    return associate.compare(rows, np.arange(len(rows)), detected, unlike, reach)
 
 
 def detected(x: float, y: float, width: float = 20.0, height: float = 10.0) -> list[float]:

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from streamkit_tracker.predict.constant_velocity import advance, correct, predict
+from streamkit_tracker.predict import advance, correct, predict
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetTable
 
 
 def table(window: tuple[float, float, float, float, float] = (0.0, 0.0, 10.0, 10.0, 0.0)) -> TargetTable:
     """One target drawn by hand, 10 px wide: accelerations of 20 px/s^2."""
-    targets = TargetTable()
-    targets.add(np.array(window), TrackerSettings(), manual=True, cause="")
+    targets = TargetTable(TrackerSettings())
+    targets.add(np.array(window), manual=True, cause="")
     return targets
 
 

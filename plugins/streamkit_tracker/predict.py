@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.initiate.trail import Trail
 from streamkit_tracker.targets import TargetRows, TargetTable
-from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.window_geometry import (
     ANGLE,
     IDENTITY,
@@ -24,7 +22,7 @@ from streamkit_tracker.window_geometry import (
     map_points,
 )
 
-SMALLEST_SIDE = 10.0  # px, that accelerations are relative to
+MIN_SIDE = 10.0  # px, that accelerations are relative to
 ACCELERATION = 2.0  # sides per s^2, of targets drawn by hand
 OBJECT_ACCELERATION = 1.6  # of whole objects: people walk more steadily than their boxes show
 REGION_ACCELERATION = 6.0  # the same where regions of motion correct what the wider search finds
@@ -36,25 +34,23 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
     Args:
         table: of the previous frame.
         to_previous: float64[3, 3], this frame's pixels to the previous frame's; not used if it is singular.
-        step_s: s, above 0.
+        step_s: time between the frames, s, above 0.
     """
     rows, homography = table.rows, invertible(to_previous)
     rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
     if homography is not None:
         # the trail of a target that its detections have confirmed is not used any more
-        held: list[Trail | Particles] = [
-            model.trail
-            for model, manual in zip(table.models, rows["manual"].tolist(), strict=True)
-            if manual or model.appearance is None
-        ]
-        held += [model.appearance.particles for model in table.models if model.appearance is not None]
-        points = [rows["mean"][:, :2], rows["window"][:, :2], *[each.positions for each in held]]
+        trailed = [model for model in table.models if model.template is None or model.memory is not None]
+        clouds = [model.particles for model in table.models if model.particles is not None]
+        points = [rows["mean"][:, :2], rows["window"][:, :2]]
+        points += [model.trail for model in trailed] + [particles.positions for particles in clouds]
         mapped, jacobians = map_points(homography, np.concatenate(points))
         carry_states(rows, mapped, jacobians)
-        start = 2 * len(rows)
-        for each in held:
-            each.positions = mapped[start : start + len(each.positions)]
-            start += len(each.positions)
+        parts = iter(np.split(mapped, np.cumsum([len(each) for each in points]))[2:])
+        for model, part in zip(trailed, parts, strict=False):
+            model.trail = part
+        for particles, part in zip(clouds, parts, strict=False):
+            particles.positions = part
     advance(rows, step_s)
 
 
@@ -94,7 +90,7 @@ def advance(targets: TargetRows, step_s: float) -> None:
     """
     motion = np.eye(4) + step_s * np.eye(4, k=2)
     gain = np.concatenate([step_s**2 / 2 * IDENTITY, step_s * IDENTITY])
-    sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), SMALLEST_SIDE)
+    sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), MIN_SIDE)
     detected = np.where(targets["whole"], OBJECT_ACCELERATION, REGION_ACCELERATION)
     acceleration = sides * np.where(targets["manual"], ACCELERATION, detected)
     targets["mean"] = targets["mean"] @ motion.T

@@ -11,21 +11,18 @@ import scipy
 from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.feature_template import unit_rows
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import (
     IndexArray,
     TargetModel,
     TargetRows,
     TargetTable,
     centroid_std,
-    dormant,
-    followed,
 )
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
-LEAST_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
-SMALLEST_SIZE = 4.0
+MIN_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
+MIN_SIZE = 4.0
 TOUCHING = 0.05
 MISMATCH_STD = 0.12
 CROWDED_MISMATCH_STD = 0.5
@@ -53,16 +50,13 @@ class Comparison(NamedTuple):
     touched: IntArray
 
 
-def associate(
-    table: TargetTable, detected: FloatArray, observation: Observation, settings: TrackerSettings
-) -> IndexArray:
+def associate(table: TargetTable, detected: FloatArray, observation: Observation) -> IndexArray:
     """Assigns detections to followed targets, then to dormant ones, and what is left to tentative ones.
 
     Args:
         table: predicted for this frame; the fields of its detections are filled.
         detected: float64[d, 6], centroids x, y and boxes x0 y0 x1 y1, px.
         observation: of this frame.
-        settings: of the tracker.
 
     Returns:
         Rows of the usable detections that no target was given.
@@ -70,7 +64,7 @@ def associate(
     rows = table.rows
     usable = np.isfinite(detected).all(axis=1) & (detected[:, 4:] > detected[:, 2:4]).all(axis=1)
     free = np.flatnonzero(usable)
-    known, asleep = followed(rows), dormant(rows, settings.lost_frames)
+    known, asleep = table.followed, table.dormant
     for is_known, is_awake in ((True, True), (True, False), (False, True)):
         members = np.flatnonzero((known & (asleep != is_awake)) if is_known else ~known)
         if not len(members) or not len(free):
@@ -78,18 +72,17 @@ def associate(
         unlike = np.zeros((len(members), len(free)))
         if observation.features is not None:
             unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
-        reach_px = settings.max_speed * observation.step_s
+        reach_px = table.settings.max_speed * observation.step_s
         found = compare(rows, members, detected[free], unlike, reach_px)
         taken, columns = assign(found.costs)
         left = np.ones(len(free), np.bool_)
-        if len(taken):
-            left[columns] = False
-            owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
-            crowded = (found.touched[columns] > 1) & is_known & ~owners["whole"]
-            owners["detection"], owners["crowded"] = free[columns], crowded
-            owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
-            owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
-            rows[members[taken]] = owners
+        left[columns] = False
+        owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
+        crowded = (found.touched[columns] > 1) & is_known & ~owners["whole"]
+        owners["detection"], owners["crowded"] = free[columns], crowded
+        owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
+        owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
+        rows[members[taken]] = owners
         if is_known and is_awake:
             mark_shared(rows, members, detected)
             # a detection upon a followed target must not start another one there
@@ -125,15 +118,17 @@ def _remember_features(table: TargetTable, observation: Observation) -> None:
 
 def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation: Observation) -> FloatArray:
     """Costs of the feature vectors: 0 for the same direction, up to 4 for the opposite."""
-    costs = np.zeros((len(models), len(free)))
+    costs, version = np.zeros((len(models), len(free))), observation.features_version
     assert observation.features is not None
-    version = observation.features_version
-    known = [(row, model.feature) for row, model in enumerate(models) if model.feature_version == version]
-    rows = [row for row, feature in known if feature is not None]
-    if rows:
+    known = {
+        row: model.feature
+        for row, model in enumerate(models)
+        if model.feature is not None and model.feature_version == version
+    }
+    if known:
         vectors = unit_rows(np.nan_to_num(observation.features[free]))
-        features = unit_rows(np.array([f for _, f in known if f is not None], np.float32))
-        costs[rows] = FEATURE_WEIGHT * (1.0 - product(features, vectors.T))
+        features = unit_rows(np.array(list(known.values()), np.float32))
+        costs[list(known)] = FEATURE_WEIGHT * (1.0 - product(features, vectors.T))
     return costs
 
 
@@ -199,10 +194,10 @@ def compare(
             holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
             held[column] += holds and not target["whole"]
             touched[column] += holds or common > TOUCHING * min(area, size)
-            relative = mismatch[row, column] / max(width, height, SMALLEST_SIZE)
+            relative = mismatch[row, column] / max(width, height, MIN_SIZE)
             cost = distance + relative**2 + unlike[row, column]
             if distance > GATE or np.hypot(right, down) > reach:
-                cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > LEAST_OVERLAP else np.inf
+                cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > MIN_OVERLAP else np.inf
             if target["whole"]:
                 cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > OBJECT_OVERLAP else np.inf
             costs[row, column], distances[row, column] = cost, distance

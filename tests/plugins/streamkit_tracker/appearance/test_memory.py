@@ -4,12 +4,10 @@ from types import ModuleType
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Memory
 from streamkit_tracker.appearance.window_sampling import WindowSampler
-from streamkit_tracker.update.memory import Memory
 
 DRAWN = np.array([150.0, 120, 40, 34, 0.0])
-LEAST = 5.0
 
 
 class Film:
@@ -21,8 +19,7 @@ class Film:
         self._texture = scenes.blob_texture(self._generator)
         self.sampler = WindowSampler()
         self.show(DRAWN)
-        self.discriminator = CorrelationFilter(self.sampler, DRAWN)
-        self.memory = Memory(self.discriminator)
+        self.memory = Memory(CorrelationFilter(self.sampler, DRAWN))
 
     def show(self, window: np.ndarray | None) -> None:
         """The next frame: the target at a window, or the ground alone."""
@@ -31,10 +28,10 @@ class Film:
 
     def follow(self, window: np.ndarray, *, seen: bool = True) -> None:
         """What the tracker does with a window in a frame: the filter learns whatever is there."""
-        region = self.discriminator.read(self.sampler, window) if seen else None
+        region = self.memory.latest.features.read(self.sampler, window) if seen else None
         if region is not None:
-            self.discriminator.learn(self.sampler, region)
-        self.memory.compare(self.discriminator, region, LEAST)
+            self.memory.latest.learn(self.sampler, region)
+        self.memory.compare(region)
 
 
 def test_a_target_that_stays_is_sure(scenes: ModuleType):
@@ -55,7 +52,7 @@ def test_ground_in_its_place_is_not_sure_though_the_filter_has_learnt_it(scenes:
         film.follow(DRAWN)
         sure.append(film.memory.is_sure)
     assert not any(sure[40:])
-    assert film.discriminator.respond(film.sampler, DRAWN).sharpness > 10
+    assert film.memory.latest.respond(film.sampler, DRAWN).sharpness > 10
 
 
 def test_a_target_that_is_not_seen_is_soon_not_sure(scenes: ModuleType):

@@ -1,0 +1,140 @@
+"""Decides which targets are confirmed, coast or end in a frame.
+
+The tracker drops the rows of lost targets after they are reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit_tracker.targets import COASTING, CONFIRMED, TENTATIVE, TargetRows, TargetTable
+from streamkit_tracker.window_geometry import (
+    ANGLE,
+    LENGTH,
+    WIDTH,
+    FloatArray,
+    inside_windows,
+    visible_fraction,
+)
+
+MIN_VISIBLE = 0.3
+TENTATIVE_MISSES = 2
+MERGE_FRAMES = 3
+MERGE_SCALE = 0.9
+
+
+def coast_all(table: TargetTable) -> None:
+    """Moves every target by its prediction, in a frame that cannot be searched."""
+    rows = table.rows
+    displacements = rows["mean"][:, :2] - rows["window"][:, :2]
+    rows["window"][:, :2] += displacements
+    for model, displacement in zip(table.models, displacements, strict=True):
+        if model.particles is not None:
+            model.particles.positions = model.particles.positions + displacement
+    known = table.followed
+    rows["state"][known] = COASTING
+    missed = ~known & (rows["frames_undetected"] > TENTATIVE_MISSES)
+    for index in np.flatnonzero((rows["credit_s"] <= 0) | missed).tolist():
+        table.lose(index, "coasted too long without registration")
+
+
+def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
+    """Sets the windows and states of all targets, and ends those that left the frame or coasted too long."""
+    targets, settings, known = table.rows, table.settings, table.followed
+    targets["visible"] = visible_fraction(targets["window"], image_shape)
+    tentative, restarted = targets["state"] == TENTATIVE, targets["restart"].copy()
+    window, mean, manual = targets["window"], targets["mean"], targets["manual"]
+    recognised = targets["recognised"] & ~tentative
+    window[~recognised, :2] = mean[~recognised, :2]
+    window[tentative, LENGTH : WIDTH + 1], window[tentative, ANGLE] = targets["box"][tentative], 0.0
+    restarted &= ~tentative
+    window[restarted], targets["score"][restarted] = targets["restart_window"][restarted], 1.0
+    mean[restarted, :2] = window[restarted, :2]
+    recognised |= restarted
+    seen = recognised | (targets["frames_undetected"] == 0)
+    targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + 1)
+    targets["credit_s"][manual & recognised] = settings.coast
+    believed = np.where(manual, targets["sure"], targets["frames_undetected"] < settings.lost_frames)
+    confirmed = (targets["detection"] >= 0) & ~targets["crowded"] | recognised & believed
+    gone = np.where(
+        tentative,
+        targets["frames_undetected"] > TENTATIVE_MISSES,
+        (targets["visible"] < MIN_VISIBLE) | (targets["credit_s"] <= 0),
+    )
+    targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
+    for index in np.flatnonzero(gone).tolist():
+        cause = "left the frame" if targets["visible"][index] < MIN_VISIBLE else "coasted too long"
+        table.lose(index, cause if known[index] else "not detected again before it was confirmed")
+
+
+def end_surplus(table: TargetTable) -> int:
+    """Ends the least certain followed targets, those that coast first, so that `max_targets` are left.
+
+    Returns:
+        The number of targets that end.
+    """
+    rows = table.rows
+    known = table.followed
+    surplus = int(np.count_nonzero(known)) - table.settings.max_targets
+    if surplus <= 0:
+        return 0
+    doubts, coasting = position_doubt(rows).tolist(), (rows["state"] == COASTING).tolist()
+    movable = np.flatnonzero(known & ~rows["manual"]).tolist()
+    chosen = sorted(movable, key=lambda index: (coasting[index], doubts[index]), reverse=True)[:surplus]
+    for index in chosen:
+        table.lose(index, "made room: max-targets were followed")
+    return len(chosen)
+
+
+def end_duplicates(table: TargetTable) -> None:
+    """Ends the younger of two targets that were on one object, with one velocity, for some frames.
+
+    Two whole targets with a detection each are two, however near.
+    """
+    members = np.flatnonzero(table.followed & ~table.dormant)
+    rows, known, table.closeness = table.rows[members], table.closeness, {}
+    window, velocity, covariance = rows["window"], rows["mean"][:, 2:], rows["covariance"]
+    # differences of velocities below these say nothing, px/s
+    doubt = np.sqrt(window[:, LENGTH] * window[:, WIDTH])
+    doubt += np.sqrt((covariance[:, 2, 2] + covariance[:, 3, 3]) / 2)
+    apart = np.hypot(*(velocity[:, None] - velocity).T)
+    inside = inside_windows(window[:, :2], window, MERGE_SCALE)
+    close = (inside | inside.T) & (apart < np.maximum(doubt[:, None], doubt))
+    detected = rows["whole"] & (rows["detection"] >= 0)
+    close &= ~(detected[:, None] & detected)
+    for older, younger in np.argwhere(np.triu(close, k=1)).tolist():
+        both = (rows["id"].item(older), rows["id"].item(younger))
+        table.closeness[both] = known.get(both, 0) + 1
+        if table.closeness[both] >= MERGE_FRAMES:
+            table.lose(members.item(younger), f"was on the same object as {both[0]}")
+
+
+def position_doubt(rows: TargetRows) -> FloatArray:
+    """Standard deviations of the positions relative to the targets' sides, float64[n]."""
+    covariance, window = rows["covariance"], rows["window"]
+    deviations = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
+    return np.asarray(deviations / np.sqrt(window[:, 2] * window[:, 3]))
+
+
+def begin_frame(targets: TargetRows) -> None:
+    """Resets the fields of the last frame; the predicted position is the mean."""
+    targets["predicted"] = targets["mean"][:, :2]
+    targets["detection"] = -1
+    for name, value in (
+        ("gate", np.nan), ("similarity", np.nan), ("crowded", False), ("shared", False),
+        ("recognised", False), ("learnt", False), ("measured", False), ("filter_share", 0.0),
+    ):  # fmt: skip
+        targets[name] = value
+
+
+def pass_time(table: TargetTable, step_s: float) -> None:
+    """Counts one frame of `step_s` seconds for every target, with or without a detection."""
+    targets, birth_window = table.rows, table.settings.birth_window
+    detected, hits = (targets["detection"] >= 0) | targets["shared"], targets["hits"]
+    hits[:, 1:birth_window] = hits[:, : birth_window - 1].copy()
+    hits[:, 0] = detected
+    targets["age_s"] += step_s
+    targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + 1)
+    targets["credit_s"] = np.minimum(
+        targets["credit_s"] + np.where(detected, step_s, -step_s), table.settings.coast
+    )

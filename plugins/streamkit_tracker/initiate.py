@@ -1,0 +1,71 @@
+"""New targets: tentative ones on detections, their confirmation, and the templates of confirmed ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Memory
+from streamkit_tracker.appearance.eigen_template import EigenTemplate
+from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.observation import Observation
+from streamkit_tracker.targets import LOST, TENTATIVE, IndexArray, TargetTable
+from streamkit_tracker.trail import extended, span, straightness
+from streamkit_tracker.update.detected_box import motion_headings, turned_windows
+from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, widened
+
+MIN_STRAIGHTNESS = 0.5
+TENTATIVE_SHARE = 4
+
+
+def add_tentative(table: TargetTable, observation: Observation, free: IndexArray) -> None:
+    """Starts a tentative target on every free detection; `free` are the rows that no target was given."""
+    capacity = table.settings.max_targets * (1 + TENTATIVE_SHARE) - len(table.models)
+    for index in free[: max(capacity, 0)].tolist():
+        sides = observation.boxes[index, 2:] - observation.boxes[index, :2]
+        window = np.array([*observation.centroids[index], *sides, 0.0])
+        born = table.add(window, manual=False, cause="began on a detection")
+        table.rows["detection"][born], table.rows["whole"][born] = index, observation.are_objects
+
+
+def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:
+    """Restarts templates and confirms tentative targets that have moved, in order of the ids."""
+    rows, settings = table.rows, table.settings
+    hits_needed = min(settings.birth_hits, settings.birth_window)
+    restarted = rows["restart"] & (rows["state"] != LOST)
+    candidates = (rows["state"] == TENTATIVE) & (rows["detection"] >= 0)
+    for index in np.flatnonzero(restarted | candidates).tolist():
+        model = table.models[index]
+        if model.template is not None:
+            start_appearance(table, index, model.template.space, sampler)  # a template keeps its kind
+            continue
+        position = observation.centroids[rows["detection"][index]]
+        model.trail = extended(model.trail, position)
+        if np.nansum(rows["hits"][index]) < hits_needed or table.settled >= settings.max_targets:
+            continue
+        moves = np.hypot(*span(model.trail)) >= settings.min_travel
+        if observation.are_objects or (moves and straightness(model.trail) >= MIN_STRAIGHTNESS):
+            if not observation.are_objects:
+                one = rows[index : index + 1]
+                headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])
+                right, down = span(model.trail)
+                headings = np.where(np.isinf(deviations), np.arctan2(down, right), headings)
+                one["window"] = turned_windows(one["window"][:, :2], one["box"], headings)
+            start_appearance(table, index, observation.space, sampler)
+            table.confirm(index, "confirmed")
+
+
+def start_appearance(table: TargetTable, index: int, space: Space | None, sampler: WindowSampler) -> None:
+    """Learns the appearance of the target in a row at its window, in a feature space or its own template."""
+    target, model, settings = table.rows[index], table.models[index], table.settings
+    window, context = target["window"].copy(), 1.0 if target["manual"] else settings.context
+    side = settings.patch_for(context * window[LENGTH : WIDTH + 1].max(), table.settled)
+    model.patch = (side, side) if space is None else space.patch_size
+    pixels = sampler.sample(widened(window[None], context), model.patch)[0]
+    model.template = (
+        EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
+    )
+    model.particles = Particles.at(window)
+    model.memory = Memory(CorrelationFilter(sampler, window)) if target["manual"] else None
+    target["score"], target["recognised"] = 1.0, True
