@@ -1,7 +1,4 @@
-"""Decides which targets are confirmed, coast or end in a frame.
-
-The tracker drops the rows of lost targets after they are reported.
-"""
+"""Decides which targets are confirmed, coast or end in a frame."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ from streamkit_tracker.warm_up import warm_up
 from streamkit_tracker.window_geometry import FloatArray, invertible
 
 USUAL_STEP_S = 1 / 25
-LONGEST_STEP_S = 10.0
+MAX_STEP_S = 10.0
 NO_REGISTRATION = Registration(np.eye(3), np.eye(3))
 NO_DETECTIONS = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
@@ -184,7 +184,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
     paired = features is not None and space is not None and len(features.vectors) == len(centroids)
     step_s = USUAL_STEP_S  # where the frames have no stamps
     if last is not None and last.pts is not None and frame.pts is not None and last.epoch == frame.epoch:
-        step_s = min((frame.pts - last.pts) / 1e9, LONGEST_STEP_S)
+        step_s = min((frame.pts - last.pts) / 1e9, MAX_STEP_S)
     return Observation(
         step_s=step_s if step_s > 0 else USUAL_STEP_S,
         continuity=FrameContinuity.KNOWN if last is None else _continuity(frame, last),

@@ -31,19 +31,24 @@ def gradient_channels(patches: Float32Array) -> Float32Array:
     count, rows, columns = patches.shape
     channels = np.empty((count, CHANNELS, rows // CELL, columns // CELL), np.float32)
     angles = np.arange(HALF) * (np.pi / HALF)
-    directions = np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32)
-    cells = np.zeros((count, DIRECTIONS, rows // CELL + 2, columns // CELL + 2), np.float32)
-    for index in range(count):
-        _add_histograms(patches[index], directions, cells[index])
-        _normalise(cells[index], channels[index])
+    _fill(patches, np.stack([np.cos(angles), np.sin(angles)]).astype(np.float32), channels)
     return channels
 
 
 @compiled
-def _add_histograms(patch: Float32Array, directions: Float32Array, cells: Float32Array) -> None:
-    """Adds gradients by direction to float32[18, rows / 4 + 2, columns / 4 + 2], with a border of one cell.
+def _fill(patches: Float32Array, directions: Float32Array, channels: Float32Array) -> None:
+    """Fills in the channels of every patch; `directions` float32[2, 9] are unit vectors."""
+    rows, columns = channels.shape[2:]
+    cells = np.empty((DIRECTIONS, rows + 2, columns + 2), np.float32)
+    for index in range(len(patches)):
+        cells[:] = 0
+        _histograms(patches[index], directions, cells)
+        _normalise(cells, channels[index])
 
-    `directions` float32[2, 9] are unit vectors.
+
+@compiled
+def _histograms(patch: Float32Array, directions: Float32Array, cells: Float32Array) -> None:
+    """Adds gradients by direction to float32[18, rows / 4 + 2, columns / 4 + 2], with a border of one cell.
 
     Each step is a loop of its own over a row, so that the processor takes several samples at once.
     """

@@ -16,7 +16,7 @@ STEP = 1.02
 PEAK_WIDTH = 1.25  # steps
 REGULARISATION = 0.01
 LEARNING_RATE = 0.025
-LARGEST_AREA = 512.0  # samples of a patch
+MAX_AREA = 512.0  # samples of a patch
 COMMON_SHARE = np.float32(0.8)  # of the mean over the sizes that is taken off; what is left damps noise
 
 
@@ -36,7 +36,7 @@ class ScaleFilter:
 
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
         length, width = window[LENGTH : WIDTH + 1].tolist()
-        shrink = min(1.0, math.sqrt(LARGEST_AREA / (length * width)))
+        shrink = min(1.0, math.sqrt(MAX_AREA / (length * width)))
         self._patch = (_cells(width * shrink), _cells(length * shrink))
         steps = np.arange(SIZES) - SIZES // 2
         self._factors = STEP ** steps.astype(np.float64)

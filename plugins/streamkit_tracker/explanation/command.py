@@ -17,7 +17,7 @@ from streamkit_tracker.associate import GATE
 from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
 from streamkit_tracker.explanation.wording import explanation
 
-MOST_NAMED = 12
+MAX_NAMED = 12
 
 
 class Question(NamedTuple):
@@ -86,8 +86,8 @@ def absence(path: Path, file: TrackFile, question: Question) -> str:
             f"track {question.track} is not there then; it is from {first.when} to {last.when} "
             f"(frames {first.frame} to {last.frame}, epochs {first.epoch} to {last.epoch})"
         )
-    named = ", ".join(str(number) for number in sorted(file.others)[:MOST_NAMED])
-    more = ", ..." if len(file.others) > MOST_NAMED else ""
+    named = ", ".join(str(number) for number in sorted(file.others)[:MAX_NAMED])
+    more = ", ..." if len(file.others) > MAX_NAMED else ""
     there = f"confirmed were {named}{more}" if file.others else "no track was ever confirmed"
     return f"{path}: no track {question.track} in {file.frames} records; {there}"
 

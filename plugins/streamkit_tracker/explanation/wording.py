@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from streamkit_tracker.explanation.history import FramePlace, Life, Moment, life, turns
 
-MOST_LISTED = 6
+MAX_LISTED = 6
 SILENT = "the file has no provenance: write it with tracksink provenance=true, behind particletrack"
 
 
@@ -120,9 +120,9 @@ def _turn(moment: Moment) -> str:
 
 def _listed(lines: list[str]) -> list[str]:
     """The lines, those in the middle left out where there are many."""
-    if len(lines) <= MOST_LISTED:
+    if len(lines) <= MAX_LISTED:
         return lines
-    half = MOST_LISTED // 2
+    half = MAX_LISTED // 2
     return [*lines[:half], f"... {len(lines) - 2 * half} more ...", *lines[-half:]]
 
 

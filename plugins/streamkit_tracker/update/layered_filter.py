@@ -123,13 +123,10 @@ def layered_step(
     weights = np.concatenate([held.weights for held in particles])
     first_windows(positions, weights, counts, offsets, searches, noise, windows)
     scores = score(windows)
-    order = np.argsort(-scores, axis=1, kind="stable")
-    ranked = np.take_along_axis(scores, order, axis=1)
-    best = ranked[:, :keep].copy()
-    contrasts = (
-        best[:, 0] - (ranked[:, settings.particles // 2] + ranked[:, (settings.particles - 1) // 2]) / 2
-    )
-    survivors = np.take_along_axis(windows, order[:, :keep, None], axis=1)
+    order = np.argsort(-scores, axis=1, kind="stable")[:, :keep]
+    best = np.take_along_axis(scores, order, axis=1)
+    contrasts = best[:, 0] - np.median(scores, axis=1)
+    survivors = np.take_along_axis(windows, order[..., None], axis=1)
     # later layers also step a little, px
     scatter = np.sqrt(survivors[..., :2].var(axis=1).mean(axis=1))
     polish = POLISH * np.minimum(searches["spread"], scatter)
