@@ -54,7 +54,7 @@ class PushAnswer(msgspec.Struct, frozen=True):
 
 
 def write_message(pipe: BinaryIO, content: msgspec.Struct) -> None:
-    """Writes a message; raises `OSError` where nobody reads any more."""
+    """Writes a message; raises `OSError` once the reader has gone."""
     data = msgspec.msgpack.encode(content)
     pipe.write(LENGTH.pack(len(data)) + data)
     pipe.flush()

@@ -57,7 +57,7 @@ class PushProcess:
         self._failure: PushFailure | None = None
         self._sent = self._answers = 0
         self.is_done = False  # whether the recording has ended
-        # A daemon: where nobody calls `close`, it must not keep the interpreter from ending.
+        # A daemon: without a call of `close` it must not keep the interpreter from ending.
         self._thread = threading.Thread(target=self._run, name="push", daemon=True)
         self._thread.start()
 

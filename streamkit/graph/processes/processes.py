@@ -54,7 +54,7 @@ class Processes:
         self._stopping = threading.Event()
         self._watchdog_s = 0.0
         self._timing = Timing(lambda: graph.elements[0].clock)
-        self._order: Literal["", "play", "pause"] = ""  # what every child was told last; "" before streaming
+        self._order: Literal["", "play", "pause"] = ""  # the last order to every child; "" before streaming
 
     # Called by the pipeline.
 
