@@ -53,7 +53,9 @@ def start(name: str, feed: FeedSpec, avoid: str = "") -> None:
 def statuses(limit_s: float = ANSWER_LIMIT_S) -> list[FeedStatus]:
     """How each feed is, in order of their names; one that does not answer in time is restarting."""
     asked = {name: actor.status.remote() for name, actor in running().items()}
-    answered = ray.wait(list(asked.values()), num_returns=len(asked), timeout=limit_s)[0] if asked else []
+    answered = set(
+        ray.wait(list(asked.values()), num_returns=len(asked), timeout=limit_s)[0] if asked else ()
+    )
     return [_status(name, ref, ref in answered) for name, ref in sorted(asked.items())]
 
 

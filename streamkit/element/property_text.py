@@ -17,8 +17,8 @@ from streamkit.flow.caps_text import (
     read_fraction,
     read_integer,
     read_width,
+    unquote_string,
 )
-from streamkit.flow.caps_text import unquote_string as unquote_string  # noqa: PLC0414  exported
 
 INT, UINT, INT64, UINT64 = 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1  # maxima of C's types
 # Bits, and whether it is signed, of the C type whose maximum a property has.

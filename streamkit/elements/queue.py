@@ -8,7 +8,7 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.base import Element
+from streamkit.element.base import POLL_S, Element
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64, Choice
@@ -29,7 +29,6 @@ from streamkit.flow.events import (
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.frame_queue import FrameQueue
 
-POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
 PARK_S = 2.0  # longest wait of a flush for the frame in flight downstream
 
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 from streamkit.element.base import Element
 from streamkit.element.gstreamer_names import property_hint
 from streamkit.element.property import PropertyDeclaration
-from streamkit.element.property_text import unquote_string
 from streamkit.errors import DescriptionError, StreamkitError, did_you_mean
+from streamkit.flow.caps_text import unquote_string
 from streamkit.flow.messages import Message
 from streamkit.graph.bins import Bin
 from streamkit.graph.parse import Assignment, ElementNode, resolve_escapes, unquote_value

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit import Caps, Choice
-from streamkit.element.property_text import unquote_string, value_from_text
+from streamkit.element.property_text import value_from_text
+from streamkit.flow.caps_text import unquote_string
 
 
 class Colour(enum.Enum):
