@@ -57,17 +57,18 @@ LARGE = "fakesrc num-buffers=FRAMES ! tee name=t " + 8 * (
     "t. " + "! queue ! identity ! identity ! identity ! identity " * 5 + "! fakesink async=false "
 )
 BRANCHES = "fakesrc num-buffers=FRAMES ! tee name=t " + "t. ! queue ! fakesink sync=false " * 4
+IDENTITY_HOPS = (chain(IDENTITY, 1), chain(IDENTITY, 21))
+QUEUES = (chain("queue", 0), chain("queue", 5))
 PYTHON_ELEMENT = (chain("pynoop", 1), chain("pynoop", 5))
 CASES = (
-    Case("identity hop", *[(chain(IDENTITY, 1), chain(IDENTITY, 21))] * 2, (20, 20)),
+    Case("identity hop", IDENTITY_HOPS, IDENTITY_HOPS, (20, 20)),
     Case("hop through a transform that runs", (chain("pynoop", 1), chain("pynoop", 21)),
-         (chain(IDENTITY, 1), chain(IDENTITY, 21)), (20, 20)),
-    Case("queue crossing", *[(chain("queue", 0), chain("queue", 5))] * 2, (5, 5)),
+         IDENTITY_HOPS, (20, 20)),
+    Case("queue crossing", QUEUES, QUEUES, (5, 5)),
     Case("tee with four queued branches", *[("", BRANCHES)] * 2, target=1.5),
     Case("element written in Python", (chain("pynoop", 1), chain("pynoop", 21)),
          PYTHON_ELEMENT, (20, 4), 0.05),
-    Case("queue crossing, of a Python element", (chain("queue", 0), chain("queue", 5)),
-         PYTHON_ELEMENT, (5, 4), 0.3),
+    Case("queue crossing, of a Python element", QUEUES, PYTHON_ELEMENT, (5, 4), 0.3),
     Case("frame, fakesrc to fakesink", *[("", chain(IDENTITY, 0))] * 2),
 )  # fmt: skip
 

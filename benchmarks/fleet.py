@@ -157,7 +157,9 @@ def kill_often(kills: int) -> None:
                     lambda old=status.pid: any(s.ready and s.pid != old for s in control.statuses(0.5))
                 )
             )
-            raylet = ray._private.worker._global_node.all_processes["raylet"][0].process.pid
+            node = ray._private.worker._global_node
+            assert node is not None, "connected"
+            raylet = node.all_processes["raylet"][0].process.pid
             pages = int(Path(f"/proc/{raylet}/statm").read_text().split()[1])
             memory_mb.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
         control.stop(["f"])
@@ -240,9 +242,9 @@ def _agreement(folder: Path, seed: int, parts: tuple[ClipPart, ...]) -> str:
         boxes = {one.pts_ns: {t.id: t.bbox for t in one.tracks} for _, one in records}
         tables.append(boxes)
     kept = seen = 0
-    for part in parts[1:]:
+    for before in parts[:-1]:  # the seam is the end of the earlier part
         times = sorted(tables[0])
-        first = next(i for i, pts in enumerate(times) if (pts or 0) >= part.seam_s * 1e9)
+        first = next(i for i, pts in enumerate(times) if (pts or 0) >= (before.end_s or 0) * 1e9)
         sides = [_same(tables[0][times[i]], tables[1].get(times[i], {})) for i in (first - 1, first + 25)]
         both = sides[0].keys() & sides[1].keys()
         seen += len(both)

@@ -213,9 +213,8 @@ def run(messages: int, seed: int) -> None:
                 print(
                     f"{sent} hostile messages; a good page is served in {slowest:.2f} s at most", flush=True
                 )
-            for process, name, (memory, files) in zip(
-                (view, publisher), ("server", "pipeline"), before, strict=True
-            ):
+            ends = ((view, "server", before[0]), (publisher, "pipeline", before[1]))
+            for process, name, (memory, files) in ends:
                 growth, more = memory_mb(process.pid) - memory, descriptors(process.pid) - files
                 print(f"{name}: memory {growth:+.1f} MB, descriptors {more:+d}")
                 assert growth < GROWTH_LIMIT_MB, f"the {name} has grown"

@@ -66,7 +66,12 @@ def receive(kind: str, endpoint: str) -> None:
     text = f"zenohsrc key={KEY} connect={endpoint} receive={what} eos-on-disconnect=false ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        threading.Thread(target=lambda: (sys.stdin.read(), pipeline.finish())).start()
+
+        def finish_with_input() -> None:
+            sys.stdin.read()
+            pipeline.finish()
+
+        threading.Thread(target=finish_with_input).start()
         for frame in pipeline["out"]:
             say(frame.seq)
 

@@ -70,7 +70,7 @@ def view_of(path: Path, shape: tuple[int, int]) -> tuple[Pose | None, Position]:
     sample = sample_of_photograph(path.read_bytes(), 0)
     if sample is None:
         return None, None
-    pose = Pose(*sample.pose, ground_altitude=sample.ground_altitude)
+    pose = Pose(**sample.pose)
     return pose, ground_view(pose, shape, None, 0.0, None)
 
 

@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import zenoh
@@ -25,6 +26,7 @@ from streamkit import Capture, Frame, Pipeline, Track, Tracks, TrackState, encod
 from streamkit.testing import Harness
 from streamkit_zenoh import TrackSubscriber
 from streamkit_zenoh.wire.numbering import Stamp
+from streamkit_zenoh.zenohsink import ZenohSink
 
 FRAMES = 600
 TRACKS = 20
@@ -51,7 +53,9 @@ def publish(location: str, endpoint: str) -> None:
         Harness("zenohsink", key="bench/ours", listen=endpoint, wait_subscribers=1) as sink,
         Pipeline.parse(f"filesrc location={location} ! decode ! appsink name=out sync=true") as pipeline,
     ):
-        session = sink.element._publication._session
+        element = cast(ZenohSink, sink.element)
+        assert element._publication is not None
+        session = element._publication.session
         bare = session.declare_publisher(
             "bench/bare/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )
@@ -62,7 +66,7 @@ def publish(location: str, endpoint: str) -> None:
                 record = track_record(stamped, source="bench/bare", published_ns=time.time_ns())
                 bare.put(encode_record(record), attachment=Stamp(1, number).attachment())
             else:
-                sink.element.render(stamped)
+                element.render(stamped)
         sink.drain()
 
 

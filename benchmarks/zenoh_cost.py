@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 import zenoh
@@ -34,6 +35,7 @@ from streamkit import (
 from streamkit.testing import Harness
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
+from streamkit_zenoh.zenohsink import ZenohSink
 
 ENDPOINT = "tcp/127.0.0.1:17601"
 TRACKS = 50
@@ -105,18 +107,21 @@ def main() -> None:
         Harness("zenohsink", key="bench/alone", listen="tcp/127.0.0.1:0", status=False) as alone,
     ):
         other = subprocess.Popen([sys.executable, __file__, "subscribe"], stdin=subprocess.PIPE)
-        session = ours.element._publication._session
+        sink, idle = cast(ZenohSink, ours.element), cast(ZenohSink, alone.element)
+        publication = sink._publication
+        assert publication is not None
+        session = publication.session
         bare = session.declare_publisher(
             "bench/bare",
             congestion_control=zenoh.CongestionControl.BLOCK,
             reliability=zenoh.Reliability.RELIABLE,
         )
-        while not (bare.matching_status.matching and ours.element._publication.tracks.has_subscriber):
+        while not (bare.matching_status.matching and publication.records.stream.has_subscriber):  # type: ignore[attr-defined]
             time.sleep(0.05)
         calls: dict[str, Callable[[], object]] = {
             "bare put": lambda: bare.put(payload),
-            "zenohsink": lambda: ours.element.render(frame),
-            "zenohsink, no subscriber": lambda: alone.element.render(frame),
+            "zenohsink": lambda: sink.render(frame),
+            "zenohsink, no subscriber": lambda: idle.render(frame),
         }
         rounds = [{name: median_us(frame, call) for name, call in calls.items()} for _ in range(ROUNDS)]
         dropped = sum(ours.element.drops.values())

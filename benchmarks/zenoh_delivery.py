@@ -19,7 +19,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 SUBSCRIBERS = 3
 IDLE_S = 4.0
@@ -33,6 +33,7 @@ def publish(key: str, endpoint: str, count: int, rate: float, patience_s: float)
 
     from streamkit import Frame, Track, Tracks, TrackState, raw_video_caps
     from streamkit.testing import Harness
+    from streamkit_zenoh.zenohsink import ZenohSink
 
     tracks = tuple(
         Track(number, TrackState.CONFIRMED, 1.5, 2.5, 3.0, 4.0, 0.1, (1.0, 2.0), np.eye(2), 0.5, 7)
@@ -43,11 +44,12 @@ def publish(key: str, endpoint: str, count: int, rate: float, patience_s: float)
     )
     properties = {"key": key, "connect": endpoint, "mode": "client", "patience_s": patience_s}
     with Harness("zenohsink", wait_subscribers=SUBSCRIBERS, wait_timeout_s=60, **properties) as harness:
-        harness.element.wait_subscribers = 0
+        sink = cast(ZenohSink, harness.element)
+        sink.wait_subscribers = 0
         sys.stdin.readline()
         began_s = time.monotonic()
         for seq in range(count):
-            harness.element.render(frame.replace(seq=seq, pts=seq))
+            sink.render(frame.replace(seq=seq, pts=seq))
             if rate:
                 time.sleep(max(0.0, began_s + seq / rate - time.monotonic()))
         spent_s = time.monotonic() - began_s
