@@ -6,9 +6,9 @@ A branch behind a tee whose sinks all have `on-error=drop-branch` fails alone.
 from __future__ import annotations
 
 import contextlib
-import enum
 import re
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from streamkit.graph.playback import Playback
 
 Survives = Callable[[Pad, Exception], bool]
-IDLE_S = 0.5  # without a frame for this time, nothing is in flight to a branch
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +64,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
         playback is not None and playback.is_streaming
     )  # no event before its elements have started
     src.link(entry)
+    graph.added_branches.add(src)
     before = len(graph.inserted)
     graph.elements += added.elements
     graph.bins += added.bins
@@ -107,8 +107,9 @@ def _start(graph: Graph, branch: Branch, playback: Playback) -> None:
 def remove_branch(graph: Graph, branch: Branch, playback: Playback | None, timeout_s: float) -> None:
     """Removes a branch after it has drained; its elements stay started."""
     if playback is not None and playback.is_streaming:
-        playback.branches.remove(branch.src)
-        playback.end.wait(branch.elements, timeout_s)
+        deadline = time.monotonic() + timeout_s
+        playback.branches.remove(branch.src, timeout_s)
+        playback.end.wait(branch.elements, deadline - time.monotonic())
         playback.leave_branch(branch.src, branch.elements)
     _detach(graph, branch)
     if playback is not None and playback.is_streaming:
@@ -117,24 +118,15 @@ def remove_branch(graph: Graph, branch: Branch, playback: Playback | None, timeo
 
 def _detach(graph: Graph, branch: Branch) -> None:
     branch.src.element.release_pad(branch.src)
+    graph.added_branches.discard(branch.src)
     graph.elements[:] = [element for element in graph.elements if element not in branch.elements]
     graph.inserted[:] = [element for element in graph.inserted if element not in branch.elements]
     parents = {element.parent for element in branch.elements} - {e.parent for e in graph.elements}
     graph.bins[:] = [group for group in graph.bins if group.name not in parents]
 
 
-class BranchState(enum.Enum):
-    """What the next frame of a branch meets."""
-
-    OPEN = "it goes out; before the first one caps and segment"
-    REMOVED = "EOS goes out in its place"
-    FAILED = "EOS goes out in its place, and it is counted as dropped"
-
-
 class BranchOutput:
-    """Sends the frames of a src pad into the branch behind it, as the branch's state says.
-
-    Any thread may change the state; frames and events go out in the thread that pushes.
+    """Sends the frames of a src pad into the branch behind it, until it is removed or has failed.
 
     Args:
         src: the first pad of the branch; its `push` becomes this object's.
@@ -144,40 +136,48 @@ class BranchOutput:
 
     def __init__(self, src: Pad, send: Callable[[Frame], None], survives: Survives) -> None:
         self._src, self._send, self._survives = src, send, survives
-        self._state = BranchState.OPEN
-        self._lock = threading.Lock()
-        self._has_sent_eos = False
-        self._ended = threading.Event()
+        self._entry = src.peer
+        self._is_removed = self._has_failed = self._has_sent_eos = False
+        self._sending = threading.RLock()  # held while a frame or EOS is on its way into the branch
         src.push = self.push
 
     def push(self, frame: Frame) -> None:
-        """Sends a frame, or what takes its place."""
-        if self._src.awaits_first_frame:
-            self._join(frame)
-        if self._state is not BranchState.OPEN:
-            self._end()
-            if self._state is BranchState.FAILED:
-                self._src.element.count_drop("branch dropped after its failure")
-            return
-        try:
-            self._send(frame)
-        except (ElementFailure, NotNegotiated) as error:
-            if not self._survives(self._src, error):
-                raise
-        except EndOfStream:  # failed behind a queue, or finished
-            if not is_expendable(self._src):
-                raise
-            self._src.element.count_drop("branch has ended")
+        """Sends a frame; of a failed branch, counts it as dropped, after EOS in place of the first one."""
+        with self._sending:
+            if self._src.awaits_first_frame:
+                self._join(frame)
+            if self._is_removed or self._has_failed:
+                self._end()
+                if self._has_failed:
+                    self._src.element.count_drop("branch dropped after its failure")
+                return
+            try:
+                self._send(frame)
+            except (ElementFailure, NotNegotiated) as error:
+                if not self._survives(self._src, error):
+                    raise
+            except EndOfStream:  # failed behind a queue, or finished
+                if not is_expendable(self._src):
+                    raise
+                self._src.element.count_drop("branch has ended")
 
-    def remove(self) -> None:
-        """Ends the branch: EOS goes out in place of its next frame, or now if none comes."""
-        self._leave(BranchState.REMOVED)
-        if not self._ended.wait(IDLE_S):
-            self._end()
+    def remove(self, timeout_s: float) -> None:
+        """Ends the branch: EOS goes out behind the frame on its way, which has `timeout_s` to arrive."""
+        self._is_removed = True
+        if self._sending.acquire(timeout=max(0.0, timeout_s)):
+            try:
+                self._end()
+            finally:
+                self._sending.release()
 
     def fail(self) -> None:
         """Ends the branch at its next frame; the frames that follow are counted as dropped."""
-        self._leave(BranchState.FAILED)
+        self._has_failed = True
+
+    def relink(self) -> None:
+        """Links a branch that has failed again, for the next run."""
+        if self._entry is not None and self._src.peer is None:
+            self._src.link(self._entry)
 
     def _join(self, frame: Frame) -> None:
         src = self._src
@@ -187,27 +187,19 @@ class BranchOutput:
         if above is not None:
             src.send_event(SegmentEvent(above.segment))
 
-    def _leave(self, state: BranchState) -> None:
-        with self._lock:
-            if self._state is BranchState.OPEN:
-                self._state = state
-
     def _end(self) -> None:
-        with self._lock:
-            if self._has_sent_eos:
-                return
-            self._has_sent_eos = True
+        if self._has_sent_eos:
+            return
+        self._has_sent_eos = True
         src = self._src
-        if self._state is BranchState.REMOVED:
-            if not src.is_eos:
-                src.is_eos = True
-                src.send_event(EOS)
-        else:
+        if self._has_failed:
             with contextlib.suppress(FlowStop, StreamkitError):
                 src.send_event(EOS)
             src.unlink()
             src.push = self.push
-        self._ended.set()
+        elif not src.is_eos:
+            src.is_eos = True
+            src.send_event(EOS)
 
 
 class BranchOutputs:
@@ -228,22 +220,28 @@ class BranchOutputs:
         self._dropped: set[Element] = set()  # sinks
 
     def reset(self) -> None:
-        """Forgets an earlier run, and opens the branches that may be dropped."""
+        """Forgets an earlier run, and opens the branches that may be dropped or removed."""
         self._outputs, self._dropped = {}, set()
         for element in self._graph.local():
             for src in list(element.src_pads()):
                 src.awaits_first_frame = False
-                if is_expendable(src):
+                if src in self._graph.added_branches or is_expendable(src):
                     self._output(src)
 
     def join(self, src: Pad, send: Callable[[Frame], None]) -> None:
         """Opens a branch whose pad awaits its first frame."""
         self._outputs[src] = BranchOutput(src, send, self._drop)
 
-    def remove(self, src: Pad) -> None:
+    def remove(self, src: Pad, timeout_s: float) -> None:
         """Ends a branch; no frame follows."""
-        self._output(src).remove()
-        self._outputs.pop(src, None)
+        output = self._outputs.pop(src, None)
+        if output is not None:
+            output.remove(timeout_s)
+
+    def relink(self) -> None:
+        """Links the branches that have failed again, for the next run."""
+        for output in self._outputs.values():
+            output.relink()
 
     def drops(self, error: Exception) -> bool:
         """Drops the branch of a failed element; False if the pipeline fails."""

@@ -23,6 +23,7 @@ class Graph:
     Attributes:
         elements: in textual order.
         inserted: converters inserted by negotiation; also in `elements`.
+        added_branches: the first src pad of each branch of `Pipeline.add_branch`.
         delayed_links: links that wait for sometimes pads.
         warnings: (code, text) pairs.
         text, variables: the description it was built from.
@@ -34,6 +35,7 @@ class Graph:
     elements: list[Element] = field(default_factory=list)
     bins: list[Bin] = field(default_factory=list)
     inserted: list[Element] = field(default_factory=list)
+    added_branches: set[Pad] = field(default_factory=set)
     delayed_links: list[DelayedLink] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
     text: str = field(default="", repr=False)  # it may hold secrets

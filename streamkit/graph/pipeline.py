@@ -226,6 +226,7 @@ class Pipeline:
             stuck = self._end_streaming(self.graph.elements)
             stuck += stop_elements(self._started, self._limits())
             self._processes.stop()
+            self._playback.branches.relink()
             self._cancelled.clear()
             self._change_state(State.NULL)
             self.ended.set()

@@ -75,9 +75,7 @@ def test_the_other_branch_gets_every_frame(branch: str) -> None:
 
 def test_frames_that_a_dropped_branch_missed_are_counted() -> None:
     """The tee accounts for each; nothing is lost unseen."""
-    with Pipeline.parse(
-        TEXT.format(branch="breaks name=b ! fakesink name=k on-error=drop-branch")
-    ) as pipeline:
+    with Pipeline.parse(TEXT.format(branch="breaks ! fakesink name=k on-error=drop-branch")) as pipeline:
         pipeline.play()
         assert pipeline.wait(20) is not None
         drops = pipeline["t"].drops
@@ -98,6 +96,18 @@ def test_a_failure_ends_the_pipeline_unless_the_branch_may_be_dropped(text: str)
     """`on-error` of a sink is `end`, the branch feeds another sink, or it is the only one."""
     with pytest.raises(ElementFailure, match="publisher died"):
         Pipeline.parse(text).run(timeout_s=20)
+
+
+@pytest.mark.parametrize("branch", ["breaks ! fakesink name=k", "queue ! breaks ! fakesink name=k"])
+def test_a_dropped_branch_is_there_in_the_next_run(branch: str) -> None:
+    """A pipeline whose branch was dropped plays again, with all its branches."""
+    with Pipeline.parse(TEXT.format(branch=f"{branch} on-error=drop-branch")) as pipeline:
+        for _ in range(2):
+            pipeline.play()
+            assert [frame.seq for frame in pipeline["kept"]] == list(range(50))
+            pipeline.stop()
+            assert pipeline["k"].count == 2
+            assert len(list(pipeline.graph.links())) == len(pipeline.graph.elements) - 1
 
 
 def test_an_added_branch_may_be_dropped() -> None:
@@ -125,7 +135,12 @@ class EventPad(Pad):
             self.during_caps()
 
 
-@pytest.mark.parametrize("leave", [BranchOutput.remove, BranchOutput.fail])
+def remove(output: BranchOutput) -> None:
+    """Removes a branch at once."""
+    output.remove(0.0)
+
+
+@pytest.mark.parametrize("leave", [remove, BranchOutput.fail])
 def test_a_branch_that_leaves_while_it_joins_gets_no_frame(leave: Callable[[BranchOutput], None]) -> None:
     """EOS goes out once; of a failed branch, frames are counted."""
     tee = Tee("t")

@@ -119,6 +119,63 @@ def test_a_hundred_branches_leave_no_thread_or_element(register: Register) -> No
         assert numbers == list(range(len(numbers)))
 
 
+class Holding(Sink):
+    """Holds its first frame until it is told to go on."""
+
+    sink = "ANY"
+
+    def start(self) -> None:
+        self.has_frame, self.may_go_on, self.has_drained = (threading.Event() for _ in range(3))
+
+    def render(self, frame: Frame) -> None:
+        self.has_frame.set()
+        self.may_go_on.wait(20)
+
+    def drain(self) -> None:
+        self.has_drained.set()
+
+
+@pytest.mark.parametrize("is_added_first", [False, True])
+def test_the_end_of_a_removed_branch_does_not_overtake_a_frame(
+    register: Register, is_added_first: bool
+) -> None:
+    """However long the frame takes, within the time limit of the removal."""
+    register(holding=Holding)
+    with Pipeline.parse("appsrc name=in ! tee name=t t. ! queue ! fakesink") as pipeline:
+        if not is_added_first:
+            pipeline.play()
+        branch = pipeline.add_branch("t", "holding name=b")
+        pipeline.play()
+        held = pipeline["b"]
+        push(pipeline, range(1))
+        assert held.has_frame.wait(20)
+        remover = threading.Thread(target=pipeline.remove_branch, args=(branch, 20.0))
+        remover.start()
+        assert not held.has_drained.wait(1.0)
+        held.may_go_on.set()
+        assert held.has_drained.wait(20)
+        remover.join(20)
+        assert not remover.is_alive()
+        pipeline["in"].end()
+        assert pipeline.wait(20) is not None
+        assert pipeline.error is None
+
+
+def test_a_branch_leaves_a_paused_pipeline_that_continues(register: Register) -> None:
+    """The frame on its way is given up; those that follow reach the other branch."""
+    register(gathering=Gathering)
+    with Pipeline.parse("appsrc name=in ! tee name=t t. ! queue ! gathering name=a") as pipeline:
+        branch = pipeline.add_branch("t", "fakesink name=b")
+        pipeline.pause()
+        push(pipeline, range(5))
+        assert pipeline.wait_prerolled(20)
+        pipeline.remove_branch(branch, 0.1)
+        pipeline.play()
+        pipeline["in"].end()
+        assert pipeline.wait(20) is not None
+        assert pipeline["a"].numbers == list(range(5))
+
+
 def test_a_branch_that_cannot_start_leaves_nothing(register: Register) -> None:
     """st-fail: the pipeline continues."""
     register(gathering=Gathering, refusing=Refusing)
