@@ -5,7 +5,8 @@ from __future__ import annotations
 import struct
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator
 
 from av.container import InputContainer
 from av.packet import Packet
@@ -22,10 +23,11 @@ from streamkit import (
     StreamkitError,
     mask_secrets,
 )
-from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.container import video_stream
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, silence
+from streamkit_media.live.packetqueue import QueuedPacket, packet_queue
+from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import DecodeOnly, StreamKind, packet_frame, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
@@ -36,10 +38,6 @@ OVERRUN = "consumer too slow, older packets dropped"
 MAX_WAIT_NS = 500_000_000
 MAX_PAUSE_NS = 1_000_000_000
 PRFT = struct.Struct("=q")
-# Streams with intra refresh have no keyframes: after so many refused packets the next one is accepted.
-KEYFRAME_PATIENCE = 300
-LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
-STEP_NS = 1_000_000
 
 
 class LiveConnection:
@@ -53,6 +51,7 @@ class LiveConnection:
         first_seq: number of its first packet.
         timeline: sets the packets' times.
         clock: of the pipeline.
+        count_drop: called in the thread that reads, with the reason and number of dropped packets.
     """
 
     def __init__(
@@ -64,9 +63,10 @@ class LiveConnection:
         first_seq: int,
         timeline: Timeline,
         clock: Clock,
+        count_drop: Callable[[str, int], None],
     ) -> None:
         self._source, self._kinds = source, kinds
-        self._timeline, self._clock = timeline, clock
+        self._timeline, self._clock, self._count_drop = timeline, clock, count_drop
         self._latency_ns = latency_ms * 1_000_000
         self._freshness = Freshness(self._latency_ns)
         self._catches_up = False
@@ -75,6 +75,7 @@ class LiveConnection:
         # the kinds that are there, known before the first packet is queued
         self.found: frozenset[StreamKind] = frozenset()
         self.next_seq = first_seq  # number of the next packet
+        self._received: Counter[StreamKind] = Counter()
         # packets between the thread that reads and the source's
         self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
@@ -95,35 +96,30 @@ class LiveConnection:
                 break
         return not self._thread.is_alive()
 
-    def frames(
-        self, is_over: threading.Event, count_drop: Callable[[str, int], None]
-    ) -> Iterator[tuple[StreamKind, Frame]]:
+    def frames(self, is_over: threading.Event) -> Iterator[tuple[StreamKind, Frame]]:
         """The packets as they come, until the stream ends.
 
         Args:
             is_over: set to stop; `queue.wake` then ends a wait at once.
-            count_drop: called with the reason and number of dropped packets.
 
         Raises:
             ResourceError: the server refuses, is silent for the time limit, or ends in an error.
         """
         queue, timeout_s = self.queue, self._source.timeout_s
         self.begin()
-        last, has_gap, reported = time.monotonic(), False, 0
+        last, next_video = time.monotonic(), 0
         while not is_over.is_set():
-            frame = queue.get(min(LOOK_S, timeout_s), is_over)
-            if (dropped := queue.statistics.dropped) > reported:
-                count_drop(OVERRUN, dropped - reported)
-                reported, has_gap = dropped, True
-            if frame is not None:
-                kind = frame.get(StreamKind) or StreamKind.VIDEO
-                if kind is StreamKind.VIDEO:
-                    if self._is_late(frame, has_jumped=has_gap):
+            packet = queue.get(min(LOOK_S, timeout_s), is_over)
+            if packet is not None:
+                frame = packet.frame
+                if packet.kind is StreamKind.VIDEO:
+                    has_gap = packet.number != next_video
+                    next_video = packet.number + 1
+                    if self._is_late(packet, has_jumped=has_gap):
                         frame = frame.attach(LATE)
                     if has_gap:
                         frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                    has_gap = False
-                yield kind, frame
+                yield packet.kind, frame
                 # The consumer's own time is not the server's silence.
                 last = time.monotonic()
             elif queue.is_over:
@@ -131,16 +127,17 @@ class LiveConnection:
             elif time.monotonic() - last > timeout_s + WATCHDOG_MARGIN_S:
                 raise silence(self._source.where, timeout_s)
 
-    def _is_late(self, frame: Frame, *, has_jumped: bool) -> bool:
+    def _is_late(self, packet: QueuedPacket, *, has_jumped: bool) -> bool:
         """Whether newer frames go first: once one has waited too long, all but the newest are late.
 
         Where decoding is slower than the stream there are always newer ones: then the first frame after a
         jump to a keyframe is shown, and in any case one per second.
         """
         now = self._clock.monotonic_ns()
-        if not len(self.queue) or has_jumped or now - self._shown_ns > MAX_PAUSE_NS:
+        is_newest = packet.number + 1 == self._received[StreamKind.VIDEO]
+        if is_newest or has_jumped or now - self._shown_ns > MAX_PAUSE_NS:
             self._catches_up = False
-        elif now - frame.arrival_ns > self._latency_ns:
+        elif now - packet.frame.arrival_ns > self._latency_ns:
             self._catches_up = True
         if not self._catches_up:
             self._shown_ns = now
@@ -195,7 +192,12 @@ class LiveConnection:
             seq=self.next_seq, arrival_ns=now, capture=capture, pts=self._timeline.place(frame.pts, now)
         )
         self.next_seq += 1
-        self.queue.put(frame.attach(self._freshness if kind is StreamKind.VIDEO else kind))
+        if kind is StreamKind.VIDEO:
+            frame = frame.attach(self._freshness)
+        queued = QueuedPacket(kind, self._received[kind], frame)
+        self._received[kind] += 1
+        if dropped := self.queue.put(queued):
+            self._count_drop(OVERRUN, dropped)
 
 
 def sender_time_ns(packet: Packet[Stream]) -> int | None:
@@ -207,81 +209,3 @@ def sender_time_ns(packet: Packet[Stream]) -> int | None:
         return None
     wall_us: int = PRFT.unpack_from(bytes(packet.get_sidedata("prft")))[0]
     return wall_us * 1000
-
-
-def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[Frame]:
-    """A queue of packets that never waits for room, see `DropToKeyframe`; `capacity` is the most queued."""
-    return BoundedQueue(capacity, choose_dropped=DropToKeyframe(longest_wait_ns))
-
-
-class DropToKeyframe:
-    """Has a full queue drop the oldest packets up to a keyframe, so that frames stay decodable.
-
-    Without a later keyframe it drops all, and refuses packets until the next one.
-
-    Args:
-        longest_wait_ns: once the oldest packet has waited longer, the next keyframe replaces all before it.
-    """
-
-    def __init__(self, longest_wait_ns: int) -> None:
-        self._longest_wait_ns = longest_wait_ns
-        self._refused = 0
-        self._awaits_keyframe = False
-
-    def __call__(self, held: Sequence[Frame], new: Frame, is_full: bool) -> range:
-        """The indices of the packets to drop; the new packet has the index after the last held."""
-        if self._awaits_keyframe and not is_keyframe(new) and self._refused < KEYFRAME_PATIENCE:
-            self._refused += 1
-            return range(len(held), len(held) + 1)
-        self._awaits_keyframe, self._refused = False, 0
-        is_aged = len(held) > 0 and new.arrival_ns - held[0].arrival_ns > self._longest_wait_ns
-        if not is_full and not is_aged:
-            return range(0)
-        keyframes = (at for at in range(len(held) - 1, 0, -1) if is_keyframe(held[at]))
-        count = len(held) if is_keyframe(new) else next(keyframes, 0)
-        if is_full and not count:
-            self._awaits_keyframe = True
-            return range(len(held) + 1)
-        return range(count)
-
-
-def is_keyframe(packet: Frame) -> bool:
-    """Whether decoding of the video can begin with a packet; packets of other streams carry their kind."""
-    return bool(packet.flags & FrameFlags.KEYFRAME) and packet.get(StreamKind) is None
-
-
-class Timeline:
-    """Keeps the server's time steps within a connection, and the arrival times between two."""
-
-    def __init__(self) -> None:
-        self._zero: int | None = None
-        self._offset: int | None = None
-        self._highest = -STEP_NS
-        self._before = (0, 0)
-
-    def begin_connection(self) -> None:
-        """The server's times restart."""
-        self._offset = None
-
-    def place(self, pts: int | None, arrival_ns: int) -> int:
-        """The timestamp of a packet.
-
-        Args:
-            pts: the server's time, ns; where it is None, 0 for the first packet, by arrival for others.
-            arrival_ns: monotonic clock, ns.
-
-        Returns:
-            ns since the first packet arrived; higher than all of the connections before.
-        """
-        if self._zero is None:
-            self._zero = arrival_ns
-        before, elapsed_ns = self._before[0], arrival_ns - self._before[1]
-        if pts is None:
-            pts = 0 if self._offset is None else before + elapsed_ns
-        step = pts - before
-        leaps = abs(step) > LEAP_NS and abs(step - elapsed_ns) > LEAP_NS
-        if self._offset is None or leaps:
-            self._offset = max(arrival_ns - self._zero, self._highest + STEP_NS) - pts
-        self._before = (pts, arrival_ns)
-        self._highest = max(self._highest, pts + self._offset)
-        return pts + self._offset

@@ -11,9 +11,10 @@ from typing_extensions import override
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source, StreamError
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused
-from streamkit_media.live.connection import LiveConnection, Timeline
+from streamkit_media.live.connection import LiveConnection
 from streamkit_media.live.endpoint import Endpoint, Reconnect
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
+from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import StreamKind
 
 STOP_LIMIT_S = 1.8
@@ -157,10 +158,10 @@ class LiveSource(Endpoint, Source):
         self._timeline.begin_connection()
         connection = self._connection = LiveConnection(
             self.make_input(), self._kinds, self.max_packets, self.latency_ms, self._next_seq,
-            self._timeline, self.clock,
+            self._timeline, self.clock, self.count_drop,
         )  # fmt: skip
         known: set[StreamKind] = set()
-        for kind, frame in connection.frames(self.over, self.count_drop):
+        for kind, frame in connection.frames(self.over):
             if not known:
                 self._epoch += 1
                 self._backoff.reset()

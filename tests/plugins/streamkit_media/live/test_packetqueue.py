@@ -5,27 +5,29 @@ from hypothesis import strategies as st
 
 from streamkit import ANY, Frame, FrameFlags
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.live.connection import packet_queue
+from streamkit_media.live.packetqueue import QueuedPacket, packet_queue
+from streamkit_media.streams import StreamKind
 
 SECOND = 1_000_000_000
 
 
-def packet(number: int, is_keyframe: bool, arrival_ns: int = 0) -> Frame:
-    """A packet identified by its number."""
-    return Frame(b"", ANY, seq=number, flags=FrameFlags.KEYFRAME * is_keyframe, arrival_ns=arrival_ns)
+def packet(number: int, is_keyframe: bool, arrival_ns: int = 0) -> QueuedPacket:
+    """A packet of the video identified by its number."""
+    frame = Frame(b"", ANY, flags=FrameFlags.KEYFRAME * is_keyframe, arrival_ns=arrival_ns)
+    return QueuedPacket(StreamKind.VIDEO, number, frame)
 
 
-def fill(ring: BoundedQueue[Frame], numbers: range, keyframe_every: int) -> None:
+def fill(ring: BoundedQueue[QueuedPacket], numbers: range, keyframe_every: int) -> None:
     """Puts packets in, every so many a keyframe."""
     for number in numbers:
         ring.put(packet(number, number % keyframe_every == 0))
 
 
-def empty(ring: BoundedQueue[Frame]) -> list[int]:
+def empty(ring: BoundedQueue[QueuedPacket]) -> list[int]:
     """Takes everything out."""
     found = []
     while (taken := ring.get()) is not None:
-        found.append(taken.seq)
+        found.append(taken.number)
     return found
 
 
@@ -66,7 +68,7 @@ def test_without_a_key_frame_it_waits_for_the_next() -> None:
 def test_every_packet_is_taken_or_counted(steps: list[bool | None], capacity: int) -> None:
     """Delivered and dropped make received; the order is kept; a gap is followed by a keyframe."""
     ring = packet_queue(capacity, SECOND)
-    taken: list[Frame] = []
+    taken: list[QueuedPacket] = []
     count = 0
     for step in steps:
         if step is None:
@@ -79,7 +81,7 @@ def test_every_packet_is_taken_or_counted(steps: list[bool | None], capacity: in
         taken.append(item)
     assert len(taken) + ring.statistics.dropped == count
     for before, after in itertools.pairwise(taken):
-        assert after.seq == before.seq + 1 or (after.seq > before.seq and after.flags & FrameFlags.KEYFRAME)
+        assert after.number == before.number + 1 or (after.number > before.number and after.is_keyframe)
 
 
 def test_a_packet_that_waits_too_long_makes_way_for_a_key_frame() -> None:
@@ -100,3 +102,15 @@ def test_a_stream_without_key_frames_continues() -> None:
     fill(ring, range(1, 308), 1000)
     assert empty(ring) == [306, 307]
     assert ring.statistics.received == ring.statistics.dropped + 2
+
+
+def test_telemetry_is_kept_while_the_video_waits_for_a_key_frame() -> None:
+    """It is neither refused nor taken for the frame that ends the wait."""
+    ring = packet_queue(4, SECOND)
+    fill(ring, range(1, 6), 1000)
+    for number in range(3):
+        ring.put(QueuedPacket(StreamKind.KLV, number, Frame(b"", ANY)))
+        ring.put(packet(6 + number, is_keyframe=False))
+    ring.put(packet(9, is_keyframe=True))
+    found = [(taken.kind.value, taken.number) for taken in iter(ring.get, None)]
+    assert found == [("klv", 0), ("klv", 1), ("klv", 2), ("video", 9)]

@@ -1,7 +1,7 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from streamkit_media.live.connection import Timeline
+from streamkit_media.live.timeline import Timeline
 
 SECOND = 10**9
 

@@ -3,21 +3,24 @@ from collections.abc import Callable
 
 import pytest
 
-from streamkit import Frame, ResourceError
+from streamkit import ResourceError
 from streamkit.flow.clock import SystemClock
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.live.connection import LiveConnection, Timeline
+from streamkit_media.live.connection import LiveConnection
 from streamkit_media.live.liveinput import silence
+from streamkit_media.live.packetqueue import QueuedPacket
+from streamkit_media.live.timeline import Timeline
 from streamkit_media.rtsp.rtspinput import RtspInput
 from streamkit_media.streams import StreamKind
 
 MARGIN_S = 5.0  # for a machine under load; benchmarks/rtsp_faults.py measures how soon faults are noticed
 
 
-def reader_of(location: str, timeout_s: float) -> tuple[LiveConnection, BoundedQueue[Frame]]:
+def reader_of(location: str, timeout_s: float) -> tuple[LiveConnection, BoundedQueue[QueuedPacket]]:
     """A connection over TCP and its queue."""
     source = RtspInput(location, {"rtsp_transport": "tcp"}, timeout_s)
-    connection = LiveConnection(source, frozenset({StreamKind.VIDEO}), 8, 100, 0, Timeline(), SystemClock())
+    kinds = frozenset({StreamKind.VIDEO})
+    connection = LiveConnection(source, kinds, 8, 100, 0, Timeline(), SystemClock(), lambda *_: None)
     return connection, connection.queue
 
 
