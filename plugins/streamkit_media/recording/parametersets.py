@@ -10,8 +10,11 @@ Source: ITU-T H.264, 7.3.2; H.265, 7.3.2.
 from __future__ import annotations
 
 import io
+import math
+import resource
 import subprocess
 import sys
+import time
 
 import av
 from av.bitstream import BitStreamFilterContext
@@ -26,7 +29,8 @@ from streamkit_media.nalunits import START_CODE, BadPacket, unit_type, units
 # layers, whose sequence parameter sets the filters do not know.
 CHECKED_TYPES = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}
 
-TRIAL_LIMIT_S = 4.0
+TRIAL_LIMIT_S = 1  # of processor time, beside the start of the process that tries; milliseconds are enough
+START_LIMIT_S = 20.0  # of real time, for all of it
 
 
 def check_parameter_sets(codec: str, data: bytes) -> None:
@@ -70,16 +74,21 @@ def _decodes(codec: str, data: bytes) -> bool:
 
 def _can_be_muxed(data: bytes) -> bool:
     """Whether the muxer ends with a packet of H.265, tried in a process that can be given up."""
-    command = [sys.executable, "-m", "streamkit_media.recording.parametersets"]
+    command = [sys.executable, "-m", "streamkit_media.recording.parametersets", str(TRIAL_LIMIT_S)]
     try:
-        done = subprocess.run(command, input=data, capture_output=True, timeout=TRIAL_LIMIT_S, check=False)
+        done = subprocess.run(command, input=data, capture_output=True, timeout=START_LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
         return False
     return done.returncode == 0
 
 
-def mux_stdin() -> None:
-    """Writes one H.265 packet from stdin as Matroska to nowhere; fails where the muxer refuses the packet."""
+def mux_stdin(limit_s: int) -> None:
+    """Writes one H.265 packet from stdin as Matroska to nowhere.
+
+    Fails where the muxer refuses the packet; the process is killed after `limit_s` more of processor time.
+    """
+    seconds = math.ceil(time.process_time()) + limit_s
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     with av.open(io.BytesIO(), "w", format="matroska") as container:
         packet = Packet(sys.stdin.buffer.read())
         packet.stream = container.add_mux_stream("hevc", width=16, height=16)
@@ -89,4 +98,4 @@ def mux_stdin() -> None:
 
 
 if __name__ == "__main__":
-    mux_stdin()
+    mux_stdin(int(sys.argv[1]))
