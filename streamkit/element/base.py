@@ -145,7 +145,8 @@ class Element(PadOwner):
 
     def count_drop(self, reason: str, n: int = 1) -> None:
         """Counts frames that were not delivered."""
-        self.drops[reason] += n
+        if n:
+            self.drops[reason] += n
 
     def clock_ns(self) -> int:
         """The pipeline's monotonic clock, ns."""

@@ -300,10 +300,11 @@ class Queue(Element):
             self._pushing_thread = threading.get_ident()
 
     def _refuse(self, stop: type[FlowStop]) -> None:
-        """Drops queued frames and raises the reason at every later push."""
+        """Drops queued frames; every later push raises the reason."""
         with self.lock:
             self._refusal = stop
-            self.pending.keep([])
+            reason = "pipeline stopped" if self.stopping.is_set() else "downstream has ended"
+            self.count_drop(reason, self.pending.keep([]))
             self.changed.notify_all()
 
     def interrupt(self) -> None:
@@ -316,4 +317,4 @@ class Queue(Element):
     @override
     def stop(self) -> None:
         with self.lock:
-            self.pending.keep([])
+            self.count_drop("pipeline stopped", self.pending.keep([]))

@@ -262,6 +262,7 @@ def test_the_reason_of_downstream_is_raised_at_every_later_push(
             element.stream()
     assert sink.asked == [0]
     assert element.current_level_buffers == 0
+    assert element.drops == {"downstream has ended": 1}
     with pytest.raises(later):
         fill(element, [frame(2)])
 
@@ -314,11 +315,13 @@ def test_downstream_runs_in_another_thread(register: Register) -> None:
 
 
 def test_a_queue_is_empty_after_a_stop() -> None:
-    """fs-reuse: three rounds of ten frames, none left over from a round that was cut short."""
+    """fs-reuse: three rounds of ten frames, none left over from one that was cut short, but counted."""
     pipeline = Pipeline.parse("fakesrc num-buffers=10 ! queue name=q ! appsink name=out max-buffers=1")
     with pipeline:
         pipeline.play()
         assert pipeline["out"].pull() is not None
+    rows = {row.element: row for row in pipeline.statistics()}
+    assert rows["q"].frames_in == rows["q"].frames_out + rows["q"].dropped["pipeline stopped"]
     assert pipeline["q"].current_level_buffers == 0
     for _ in range(3):
         with pipeline:
