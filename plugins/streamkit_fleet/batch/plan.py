@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import av
+import msgspec
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ def plan_file(path: str, recipe: BatchRecipe) -> Plan:
     """
     with Path(path).open("rb") as file:
         content = hashlib.file_digest(file, "sha256")
-    content.update(repr((path, recipe)).encode())
+    content.update(msgspec.json.encode((path, recipe), order="sorted"))
     key = content.hexdigest()
     try:
         with av.open(path) as container:

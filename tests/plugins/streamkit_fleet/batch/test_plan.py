@@ -1,5 +1,6 @@
 """How files are split."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from streamkit import Pipeline
@@ -26,7 +27,7 @@ def test_a_short_rest_is_no_part() -> None:
 
 
 def test_a_file_is_planned_by_its_content(tmp_path: Path) -> None:
-    """The key changes with content and recipe; the parts with the keyframes; junk is one part."""
+    """The key changes with content and recipe, not with the order of variables; junk is one part."""
     clip = tmp_path / "clip.mp4"
     Pipeline.parse(
         f"videotestsrc num-buffers=75 ! video/x-raw, width=64, height=48, framerate=25/1 "
@@ -37,6 +38,9 @@ def test_a_file_is_planned_by_its_content(tmp_path: Path) -> None:
     assert plan.duration_s == 3.0
     assert plan.parts == (ClipPart(0.0, 1.0), ClipPart(0.0, 2.0), ClipPart(1.0, None))
     assert plan == plan_file(str(clip), RECIPE)
+    first, second = ({"a": "1", "b": "2"}, {"b": "2", "a": "1"})
+    named = replace(RECIPE, variables=first)
+    assert plan_file(str(clip), named) == plan_file(str(clip), replace(RECIPE, variables=second)) != plan
     clip.write_bytes(b"junk")
     junk = plan_file(str(clip), RECIPE)
     assert junk.parts == (ClipPart(),)
