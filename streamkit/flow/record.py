@@ -220,14 +220,16 @@ def decode_record(data: bytes | bytearray | memoryview | str) -> TrackRecord:
 
 
 def record_line(frame: Frame) -> bytes:
-    """The data of a frame with `TRACKS_CAPS` on one line, with fields that `TrackRecord` does not know.
+    """The record in the data of a frame with `TRACKS_CAPS`, on one line and otherwise unchanged.
+
+    It keeps unknown fields, and publisher, times, age and provenance of the first sender.
 
     Raises:
         StreamError: the data is no record.
     """
     data = bytes(frame.data)
-    record = decode_record(data)
-    return encode_record(record) if b"\n" in data else data
+    decode_record(data)
+    return msgspec.json.format(data, indent=-1) if b"\n" in data else data
 
 
 def _age_ms(capture: Capture | None, published_ns: int | None) -> float | None:

@@ -89,12 +89,13 @@ def test_a_received_record_is_passed_on_unchanged() -> None:
 
 
 def test_a_record_on_many_lines_becomes_one() -> None:
-    """A record of another publisher may be indented; in a file it is one line."""
+    """A record of another publisher may be indented; in a file it is one line, with all its fields."""
     record = track_record(_frame(), source="uav/1", published_ns=5_000)
-    pretty = json.dumps(json.loads(encode_record(record)), indent=2).encode()
-    passed = record_line(Frame(pretty, Caps("application/x-tracks")))
+    fields = {**json.loads(encode_record(record)), "note": "line 1\nline 2"}
+    passed = record_line(Frame(json.dumps(fields, indent=2).encode(), Caps("application/x-tracks")))
     assert b"\n" not in passed
     assert decode_record(passed) == record
+    assert json.loads(passed) == fields
 
 
 @pytest.mark.parametrize("data", [b"", b"{}", b'{"schema": "streamkit.tracks/2"}', b"\x00\xff" * 50])
