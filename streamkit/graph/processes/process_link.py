@@ -297,10 +297,11 @@ class ProcessLink(Element):
     def _continued(self, frame: Frame) -> Frame:
         """The frame with the epoch and number that follow those from before a restart."""
         self.last_frame[0] = frame.seq
-        self._highest_epoch = frame.epoch + self._epoch_offset
-        self._highest_number = max(self._highest_number, frame.seq + self._number_offset)
+        epoch, seq = frame.epoch + self._epoch_offset, frame.seq + self._number_offset
+        self._highest_epoch = max(self._highest_epoch, epoch)
+        self._highest_number = max(self._highest_number, seq)
         if self._epoch_offset:
             flags = frame.flags | FrameFlags.DISCONTINUITY if self._is_first_of_epoch else frame.flags
             self._is_first_of_epoch = False
-            frame = frame.replace(epoch=self._highest_epoch, seq=frame.seq + self._number_offset, flags=flags)
+            frame = frame.replace(epoch=epoch, seq=seq, flags=flags)
         return frame
