@@ -6,7 +6,6 @@ A branch behind a tee whose sinks all have `on-error=drop-branch` fails alone.
 from __future__ import annotations
 
 import contextlib
-import re
 import threading
 import time
 from collections.abc import Callable
@@ -52,10 +51,11 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     from streamkit.graph.build import build
 
     element = graph.element(name)
-    added = build(description, {})
+    taken = {known.name for known in graph.elements}
+    added = build(description, {}, taken)
     if added.homes or not graph.is_local(element):
         raise DescriptionError("link", f"{name}: branches join and leave in the main process only")
-    _rename(added, {known.name for known in graph.elements})
+    _check_names(added, taken)
     entry = find_pad(added.elements[0], Direction.SINK, "", Place())
     src = find_pad(element, Direction.SRC, "", Place())
     if src.template.presence is not Presence.REQUEST:
@@ -84,14 +84,13 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     return branch
 
 
-def _rename(added: Graph, taken: set[str]) -> None:
-    """Renumbers automatic names that are already in use."""
+def _check_names(added: Graph, taken: set[str]) -> None:
+    """Refuses names that are already in use; renumbers inserted converters."""
     for element in added.elements:
-        if element.name in taken:
-            plain = element.factory.replace("-", "")
-            if not re.fullmatch(re.escape(plain) + r"-?\d+", element.name):
-                raise DescriptionError("link", f"the pipeline has an element {element.name!r} already")
+        if element in added.inserted:
             element.name = free_name(element.factory, taken)
+        elif element.name in taken:
+            raise DescriptionError("link", f"the pipeline has an element {element.name!r} already")
         taken.add(element.name)
 
 

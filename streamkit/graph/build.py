@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
@@ -44,10 +44,16 @@ from streamkit.graph.secrets import conceal
 from streamkit.masking import mask_secrets, presentable
 
 
-def build(text: str, variables: Mapping[str, str]) -> Graph:
-    """The graph of a description, its links checked; raises `DescriptionError`."""
+def build(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -> Graph:
+    """The graph of a description, its links checked; raises `DescriptionError`.
+
+    Args:
+        text: the description.
+        variables: values of `${NAME}`.
+        taken: names that are not given automatically.
+    """
     try:
-        graph = GraphBuilder().build(parse(text, variables))
+        graph = GraphBuilder(taken).build(parse(text, variables))
     except DescriptionError as error:
         conceal(error, text)
         raise
@@ -67,8 +73,9 @@ class Endpoints:
 class GraphBuilder:
     """Makes elements while traversing the tree, then links when all names are known."""
 
-    def __init__(self) -> None:
+    def __init__(self, taken: Container[str]) -> None:
         self.graph = Graph()
+        self._taken = taken
         self._bins = BinTree()
         self._linker = Linker(self.graph, self._bins, self._auto_name)
         self._places: dict[Element, Place] = {}
@@ -254,8 +261,11 @@ class GraphBuilder:
             self._bins.add(member, container, self._places.get(member, Place()))
 
     def _auto_name(self, factory: str) -> str:
-        self._numbers[factory] += 1
-        return auto_name(factory, self._numbers[factory] - 1)
+        while True:
+            name = auto_name(factory, self._numbers[factory])
+            self._numbers[factory] += 1
+            if name not in self._taken:
+                return name
 
 
 def _filter_caps(link: LinkNode) -> Caps | None:

@@ -213,14 +213,17 @@ def test_only_elements_with_request_pads_take_branches() -> None:
 
 
 def test_a_name_that_is_taken_is_refused() -> None:
-    """Automatic names are renumbered."""
+    """Automatic names are numbered on; an element keeps the name that it was given."""
     with Pipeline.parse("fakesrc ! tee name=t t. ! fakesink name=k") as pipeline:
         branch = pipeline.add_branch("t", "queue ! fakesink")
         assert [element.name for element in branch.elements] == ["queue0", "fakesink0"]
         again = pipeline.add_branch("t", "queue ! fakesink")
         assert [element.name for element in again.elements] == ["queue1", "fakesink1"]
-        with pytest.raises(DescriptionError, match="'k'"):
-            pipeline.add_branch("t", "queue ! fakesink name=k")
+        for taken in ("fakesink name=k", "fakesink name=fakesink0"):
+            with pytest.raises(DescriptionError, match=f"has an element '{taken[14:]}' already"):
+                pipeline.add_branch("t", f"queue ! {taken}")
+        named = pipeline.add_branch("t", "queue name=queue7 ! fakesink")
+        assert [element.name for element in named.elements] == ["queue7", "fakesink2"]
 
 
 class Discovering(Source):
