@@ -75,7 +75,7 @@ from streamkit.flow.record import track_record as track_record
 from streamkit.flow.record_file import RecordFile as RecordFile
 from streamkit.flow.record_file import read_tracks as read_tracks
 from streamkit.flow.record_tally import RecordTally as RecordTally
-from streamkit.flow.scaling import scale_metadata as scale_metadata
+from streamkit.flow.scaled_metadata import scale_metadata as scale_metadata
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
 from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps

@@ -65,8 +65,7 @@ class CotSink(Sink):
             published_ns=self.clock.utc_ns(),
             ground_altitude_m=self.ground_altitude,
         )
-        has_position = any(target.geo is not None for target in record.tracks)
-        self._tally.note(frame, has_position=has_position, ground_altitude_m=self.ground_altitude)
+        self._tally.note(frame, record, self.ground_altitude)
         found = list(events(self._due(msgspec.to_builtins(record)), self.cot_type, self.stale_s))
         if not found:
             return

@@ -55,6 +55,5 @@ class RecordFileSink(OutputFileSink):
             ground_altitude_m=self.ground_altitude,
             provenance=provenance,
         )
-        has_position = any(target.geo is not None for target in record.tracks)
-        self._tally.note(frame, has_position=has_position, ground_altitude_m=self.ground_altitude)
+        self._tally.note(frame, record, self.ground_altitude)
         return record

@@ -18,6 +18,7 @@ from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.events import FlowStop, Flushing
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.handoff.bounded_queue import POLL_S
 
 if TYPE_CHECKING:
     from streamkit.element.host import Host
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
-POLL_S = 0.5  # interval at which waits check `stopping`, in case a notification is missed
 
 
 class Element(PadOwner):

@@ -23,8 +23,7 @@ from streamkit.flow.events import (
 )
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
-
-POLL_S = 1.0  # interval at which a paused source checks `stopping`, in case a notification is missed
+from streamkit.handoff.bounded_queue import POLL_S
 
 
 class Source(Element):

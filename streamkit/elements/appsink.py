@@ -11,7 +11,7 @@ from typing_extensions import override
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64
-from streamkit.elements.frame_report import POLL_S, Callbacks, wait_for_change
+from streamkit.elements.frame_report import Callbacks, wait_for_change
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
@@ -102,7 +102,7 @@ class AppSink(PlainSink):
             self.check_open()
             if self.clip(frame, self.pads["sink"]):
                 return
-            self.wait_for(self._has_room, POLL_S)
+            self.wait_for(self._has_room)
             self.note(frame)
             self.pending.append(frame)
             self.changed.notify_all()

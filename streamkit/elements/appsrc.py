@@ -11,11 +11,12 @@ from streamkit.element.property import Property
 from streamkit.element.property_text import INT, INT64, UINT64, Choice
 from streamkit.element.source import Source
 from streamkit.elements.fakesrc import StreamFormat
-from streamkit.elements.frame_report import POLL_S, Callbacks, wait_for_change
+from streamkit.elements.frame_report import Callbacks, wait_for_change
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import Event
 from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.handoff.bounded_queue import POLL_S
 from streamkit.handoff.frame_queue import FrameQueue
 
 

@@ -13,7 +13,7 @@ from streamkit.flow.frame import Frame
 from streamkit.handoff.frame_queue import data_size
 
 MAX_DUMPED = 4096
-POLL_S = 0.2
+FAILURE_POLL_S = 0.2  # interval at which the application learns of a failure of the pipeline
 
 
 class Callbacks(list[Callable[..., Any]]):
@@ -56,7 +56,7 @@ def wait_for_change(
         left_s = deadline_s - time.monotonic()
         if is_over() or element.stopping.is_set() or left_s <= 0:
             return False
-        element.changed.wait(min(left_s, POLL_S))
+        element.changed.wait(min(left_s, FAILURE_POLL_S))
     return True
 
 

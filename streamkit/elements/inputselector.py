@@ -8,7 +8,6 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.base import POLL_S
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
@@ -17,6 +16,7 @@ from streamkit.errors import PropertyError
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import EOS, EndOfStream, Event
 from streamkit.flow.frame import Frame
+from streamkit.handoff.bounded_queue import POLL_S
 
 CLOCK_POLL_S = 0.02
 MAX_CACHED = 256

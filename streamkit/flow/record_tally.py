@@ -11,6 +11,7 @@ from streamkit.flow.record import TRACKS_CAPS
 
 if TYPE_CHECKING:
     from streamkit.flow.frame import Frame
+    from streamkit.flow.record import TrackRecord
 
 
 class RecordTally:
@@ -28,11 +29,11 @@ class RecordTally:
         self._unlocated: Counter[str] = Counter()
 
     def note(
-        self, frame: Frame, *, has_position: bool = False, ground_altitude_m: float | None = None
+        self, frame: Frame, record: TrackRecord | None = None, ground_altitude_m: float | None = None
     ) -> None:
-        """Notes a frame, and whether a target of it has ground coordinates."""
+        """Notes a frame, and whether a target of its record has ground coordinates."""
         tracks = frame.get(Tracks)
-        self._positions += has_position
+        self._positions += record is not None and any(target.geo is not None for target in record.tracks)
         if tracks is None and frame.caps.name == TRACKS_CAPS.name:
             self._records += 1  # of an earlier run: its tracker has said what was missing
             return

@@ -11,7 +11,7 @@ from typing import Generic, TypeAlias, TypeVar
 
 Item = TypeVar("Item")
 ChooseDropped: TypeAlias = Callable[[Sequence[Item], Item, bool], range]
-POLL_S = 0.5  # interval at which waits check their conditions, in case a notification is missed
+POLL_S = 0.5  # interval at which waits check whether to end, in case a notification is missed
 
 
 def wait_until(

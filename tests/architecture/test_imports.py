@@ -24,7 +24,7 @@ ALLOWED = {
     "flow": {"masking", "errors", "geometry"},
     "handoff": {"masking", "errors", "flow"},
     "crossing": {"masking", "errors", "flow"},
-    "element": {"masking", "errors", "flow", "settings", "output"},
+    "element": {"masking", "errors", "flow", "handoff", "settings", "output"},
     "elements": {"masking", "errors", "flow", "element", "handoff"},
     "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output"},
     "testing": {"masking", "errors", "flow", "element", "graph"},

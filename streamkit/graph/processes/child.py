@@ -37,8 +37,8 @@ from streamkit.graph.processes.orders import (
 )
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.sandbox import enter_sandbox
+from streamkit.handoff.bounded_queue import POLL_S
 
-POLL_S = 0.5
 PR_SET_PDEATHSIG = 1
 # These wait for elements: they run one after another in a thread of their own, the others at once.
 IN_ORDER = frozenset({"ready", "play", "pause", "stop"})

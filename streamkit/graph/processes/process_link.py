@@ -14,7 +14,7 @@ from typing_extensions import override
 
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.crossing.stream_codec import LinkMessage, StreamDecoder, StreamEncoder
-from streamkit.element.base import POLL_S, Element
+from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.errors import StreamkitError
 from streamkit.flow.caps import Caps
@@ -30,6 +30,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.handoff.bounded_queue import POLL_S
 
 SENT, TAKEN = 0, 1
 

@@ -1,5 +1,6 @@
 """RecordTally: why no record of a run has a target or a position."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -14,10 +15,12 @@ from streamkit import (
     Tracks,
     TrackState,
     raw_video_caps,
+    track_record,
 )
+from streamkit.flow.record import GeoRecord
 
 EMPTY = Frame(np.zeros((2, 4), np.uint8), raw_video_caps("GRAY8", 4, 2), seq=0)
-TARGET = Track(7, TrackState.CONFIRMED, 1.0, 1.0, 1.0, 1.0, 0.0, None, None, 0.5, 7)
+TARGET = Track(7, TrackState.CONFIRMED, 1.0, 1.0, 1.0, 1.0, 0.0, np.zeros(2), np.eye(2), 0.5, 7)
 NOTHING_FOUND = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 SEEN = EMPTY.attach(Tracks((TARGET,)))
 
@@ -56,5 +59,7 @@ def test_one_position_is_no_shortfall() -> None:
     located = GroundReference(np.eye(3), 48.0, 11.0, 3.0, 10.0)
     tally.note(SEEN.attach(Pose(48.0, 11.0, 600.0), located))
     assert "none was confirmed" in tally.shortfall()
-    tally.note(SEEN, has_position=True)
+    record = track_record(SEEN, source="a", published_ns=None)
+    target = msgspec.structs.replace(record.tracks[0], geo=GeoRecord(lat=48.0, lon=11.0))
+    tally.note(SEEN, msgspec.structs.replace(record, tracks=(target,)))
     assert tally.shortfall() == ""
