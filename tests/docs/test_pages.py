@@ -6,9 +6,11 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
@@ -17,7 +19,6 @@ from tests.slowness import patience
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
-BINARY = Path(sys.executable).with_name("streamkit")
 OWN_TEST = {"fleet.md", "tutorial-first-element.md", "tutorial-feature-space.md"}
 WIDE = {"COLUMNS": "200"}  # no option is cut short in the help
 FOLLOWED = ("statistics.md", "guide/python.md", "guide/opencv.md")
@@ -43,18 +44,18 @@ def commands(text: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("page", FOLLOWED)
-def test_a_page_can_be_followed(page: str, tmp_path: Path) -> None:
+def test_a_page_can_be_followed(page: str, tmp_path: Path, call: Callable[[list[str], Path], Result]) -> None:
     """Its commands, in order and in one folder, end with code 0; its programs run."""
     for language, body in blocks(page):
-        calls = [[str(BINARY), *words[1:]] for words in commands(body)] if language == "sh" else []
+        for words in commands(body) if language == "sh" else []:
+            result = call(words[1:], tmp_path)
+            assert result.exit_code == 0, f"{shlex.join(words)}\n{result.output}"
         if language == "python":
-            calls.append([sys.executable, "-c", body])
-        for call in calls:
-            limit_s = patience(60)
             done = subprocess.run(
-                call, cwd=tmp_path, capture_output=True, text=True, timeout=limit_s, check=False
-            )
-            assert done.returncode == 0, f"{shlex.join(call)}\n{done.stderr}"
+                [sys.executable, "-c", body], cwd=tmp_path, capture_output=True, text=True,
+                timeout=patience(60), check=False,
+            )  # fmt: skip
+            assert done.returncode == 0, f"{body}\n{done.stderr}"
 
 
 def test_programs_for_opencv_are_type_checked() -> None:

@@ -6,9 +6,11 @@ import shlex
 import subprocess
 import sys
 import textwrap
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 
 from tests.slowness import patience
 
@@ -56,13 +58,14 @@ def test_readme_names_the_two_commands() -> None:
 
 
 @pytest.mark.timeout(400)
-def test_launch_lines_run_in_order(folder: Path) -> None:
+def test_launch_lines_run_in_order(folder: Path, call: Callable[[list[str], Path], Result]) -> None:
     """Each, and what reads its files, ends with exit code 0; one that needs a camera is built instead."""
     assert len(LAUNCHES) >= 5
     for command in LAUNCHES:
         needs_peer = any(mark in command for mark in NEEDS_PEER)
-        done = run(command.replace("launch -e", "graph", 1) if needs_peer else command, folder)
-        assert done.returncode == 0, f"{command}\n{done.stderr}"
+        line = command.replace("launch -e", "graph", 1) if needs_peer else command
+        done = call(shlex.split(line)[1:], folder)
+        assert done.exit_code == 0, f"{command}\n{done.output}"
 
 
 @pytest.mark.parametrize("command", commands_of("inspect", "graph", "caps", "new"))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
+import shlex
 import shutil
 import signal
 import threading
@@ -20,6 +22,8 @@ from streamkit.cli.main import make_app
 from streamkit_fleet.cluster import connected
 from tests.slowness import patience
 
+PAGE = Path(__file__).parents[4] / "docs" / "fleet.md"
+LISTING = r"^# copy\.pipe\n[^`]*"
 COPY = "filesrc location=${input} ! identity sleep-time=${sleep:-0} ! filesink location=${output}\n"
 
 
@@ -86,6 +90,21 @@ def test_results_are_those_of_a_serial_run_and_a_further_batch_does_what_is_left
     assert (out / "b.mp4.h264").read_bytes() == serial.read_bytes()
     shutil.copy(archive / "a.mp4", archive / "bad.mp4")
     assert batch(archive)[0] == 0
+
+
+def test_the_command_of_the_page(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The listing and the line of docs/fleet.md, as they stand there."""
+    page = PAGE.read_text("utf-8")
+    (listing,), (line,) = (
+        re.findall(what, page, re.MULTILINE) for what in (LISTING, r"^streamkit (batch .*)$")
+    )
+    (tmp_path / "copy.pipe").write_text(listing)
+    (tmp_path / "archive" / "day").mkdir(parents=True)
+    shutil.copy(clip, tmp_path / "archive" / "day")
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(make_app(), shlex.split(line))
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "copies" / "day" / "clip.mp4.h264").stat().st_size > 0
 
 
 def parent(process: int | str) -> int:
