@@ -5,9 +5,10 @@
 Every sequence runs as it is, then cropped and warped by known motions: shake, pan, zoom, turn. The error of
 a frame is that of its worst corner, of `to_previous` or `to_reference`, whichever is larger. `called` is the
 share of frames with status ok or still, `wrong` the share of these off by more than 2 px, `worst` the largest
-error of a frame so called, `spread` the root mean square of the error divided by `corner_std` (1 for an
-honest prediction). fixed_camera_cars is a camera that drifts: its marks on the road move by 3 px within the
-first 20 frames and by 8 px within 150, all alike; without truth it is not in the table.
+error of a frame so called, `spread` the root mean square of the error of `to_reference` divided by
+`corner_std`, which predicts it (1 for an honest prediction; at rest the error is mostly exactly 0).
+fixed_camera_cars is a camera that drifts: its marks on the road move by 3 px within the first 20 frames and
+by 8 px within 150, all alike; without truth it is not in the table.
 """
 
 import os
@@ -110,7 +111,7 @@ def warped(frames: list[GreyArray], to_frame: FloatArray) -> Iterator[GreyArray]
 
 
 def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np.object_]:
-    """Status, error in px and predicted error of each frame but the first, object[n, 3]."""
+    """Status, error, that of `to_reference` and its prediction, px, of all frames but one, object[n, 4]."""
     registrar = FrameRegistrar(PlaneSettings())
     # The frame that each plane began with: after a cut, an earlier plane may go on.
     rows, starts = [], dict[int, int]()
@@ -129,7 +130,7 @@ def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np
                 )
                 if found.status.value != "cut" or measured is found.to_reference
             ]
-            rows.append((found.status.value, max(errors), found.corner_std))
+            rows.append((found.status.value, max(errors), errors[0], found.corner_std))
     finally:
         registrar.close()
     return np.array(rows, dtype=object)
@@ -137,13 +138,13 @@ def measure(frames: Iterator[GreyArray], to_world: FloatArray) -> npt.NDArray[np
 
 def row(name: str, found: npt.NDArray[np.object_]) -> str:
     """One row of the table."""
-    states, errors, deviations = found[:, 0], found[:, 1].astype(float), found[:, 2].astype(float)
+    states, (errors, on_plane, deviations) = found[:, 0], found[:, 1:].T.astype(float)
     called = np.isin(states, ("ok", "still"))
     wrong = called & (errors > LIMIT_PX)
     counts = {str(state): int((states == state).sum()) for state in np.unique(states)}
     known = called & (deviations > 0)
     spread = (
-        float(np.sqrt(np.mean((errors[known] / deviations[known]) ** 2))) if known.any() else float("nan")
+        float(np.sqrt(np.mean((on_plane[known] / deviations[known]) ** 2))) if known.any() else float("nan")
     )
     return (
         f"| {name} | {len(found)} | {called.mean():.1%} | {wrong.sum() / max(1, called.sum()):.1%} "
