@@ -110,23 +110,18 @@ class KeyframeAnchor:
                 self.keyframes.learn(match)
             if match.share >= _DOMINANT:
                 return match
-        return self.match_area(images, before, before_std, expected, match)
-
-    def match_area(
-        self,
-        images: Sequence[GreyArray],
-        before: FloatArray,
-        before_std: float,
-        expected: FloatArray,
-        by_patches: KeyframeMatch | None = None,
-    ) -> KeyframeMatch | None:
-        """The match of all of the area with the current keyframe, see `DenseMatcher.match`."""
-        active, small = self.keyframes.active, images[self._level]
+        small = images[self._level]
         if active.small.shape != small.shape:
-            return by_patches
-        to_key = inverse(active.to_reference)
-        before, expected = normalised(to_key @ before), normalised(to_key @ expected)
-        return self._dense.match(active, small, before, before_std, expected, by_patches)
+            return match
+        before, expected = self._to_active(before), self._to_active(expected)
+        return self._dense.match(active, small, before, before_std, expected, match)
+
+    def agreement(
+        self, images: Sequence[GreyArray], before: FloatArray, before_std: float, expected: FloatArray
+    ) -> float:
+        """The `share` of a match of the area near another prediction than that of `match_near`."""
+        before, expected = self._to_active(before), self._to_active(expected)
+        return self._dense.agreement(self.keyframes.active, images[self._level], before, before_std, expected)
 
     def place(self, images: Sequence[GreyArray], predicted: Placement, is_photograph: bool) -> Placement:
         """Places a frame by patches of the current keyframe near a prediction, else where predicted.
@@ -201,6 +196,10 @@ class KeyframeAnchor:
         if not is_matched and (not trusted or self._unmatched < patience):
             return found
         return self._promote(images, found)
+
+    def _to_active(self, to_reference: FloatArray) -> FloatArray:
+        """A homography to the plane as one to the current keyframe."""
+        return normalised(inverse(self.keyframes.active.to_reference) @ to_reference)
 
     def _match(
         self, keyframe: Keyframe, images: Sequence[GreyArray], to_reference: FloatArray, most: int = 0

@@ -1,6 +1,7 @@
 """Dense matching of frames with the current keyframe, with a prediction of how far the camera moves."""
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -80,18 +81,10 @@ class DenseMatcher:
             expected: the predicted homography to the keyframe.
             followed: the match of the patches, if any.
         """
-        factor, levels = keyframe.factor, self._levels(keyframe.content())
         motions = [IDENTITY, before, expected]
-        found = align_densely(
-            levels,
-            small,
-            [to_reduced(inverse(matrix), factor) for matrix in motions],
-            self._prior(before_std / factor),
-            preferred={0: self._rest, 1: 0.0},
-            rival=None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
-            doubted=_DOUBTED / factor,
-        )
+        found = self._align(keyframe, small, motions, before_std, followed)
         self._learn(found)
+        factor, levels = keyframe.factor, self._levels(keyframe.content())
         kept, std = found.prediction, self._error_of(found, keyframe, before, before_std)
         is_better = followed is not None and followed.corner_std < found.corner_std * factor
         if kept is None and followed is not None and is_better and found.rival > _AS_GOOD:
@@ -108,6 +101,36 @@ class DenseMatcher:
             std,
             share=found.agreement,
             at_rest=kept is not None,
+        )
+
+    def agreement(
+        self,
+        keyframe: Keyframe,
+        small: GreyArray,
+        before: FloatArray,
+        before_std: float,
+        expected: FloatArray,
+    ) -> float:
+        """The `share` that `match` would find from another prediction; nothing is learned from it."""
+        return self._align(keyframe, small, [IDENTITY, before, expected], before_std).agreement
+
+    def _align(
+        self,
+        keyframe: Keyframe,
+        small: GreyArray,
+        motions: Sequence[FloatArray],
+        before_std: float,
+        followed: KeyframeMatch | None = None,
+    ) -> DenseAlignment:
+        factor = keyframe.factor
+        return align_densely(
+            self._levels(keyframe.content()),
+            small,
+            [to_reduced(inverse(matrix), factor) for matrix in motions],
+            self._prior(before_std / factor),
+            preferred={0: self._rest, 1: 0.0},
+            rival=None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
+            doubted=_DOUBTED / factor,
         )
 
     def _error_of(

@@ -238,9 +238,8 @@ class FrameRegistrar:
             return False
         if by_corners is None:
             return True
-        before = self._planes.before
-        moved = anchor.match_area(images, before, self._std_before, by_corners.to_reference)
-        return moved is None or moved.share <= _MIN_SHARE_RATIO * near.share
+        moved = anchor.agreement(images, self._planes.before, self._std_before, by_corners.to_reference)
+        return moved <= _MIN_SHARE_RATIO * near.share
 
     def _is_jump(self, step: FloatArray) -> bool:
         """Whether a motion, float64[3, 3], is as large as between photographs."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from streamkit.geometry.homography import translation
 from streamkit_stitcher.plane.dense_matching import DenseMatcher
 from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import keyframe_content
@@ -60,3 +61,16 @@ def test_doubt_grows_while_the_scene_is_hidden(keyframe, scene):
     found = deviations(keyframe, frames)
     assert found[19] < found[20] < found[21] < found[22]
     assert (found[23:] < OK_STD).all()
+
+
+def test_a_comparison_with_another_motion_teaches_nothing(keyframe, scene):
+    """A camera at rest is as sure as before, however often its frames are compared with a mover's motion."""
+    asked, plain, rest = DenseMatcher(), DenseMatcher(), np.eye(3)
+    for seed in range(10):
+        frame = hidden(scene, seed, 80)
+        moved = translation(np.array([6.0, 0.0]))
+        asked.agreement(keyframe, np.roll(frame, -6, axis=1), moved, 5.0, moved)
+        with_question = asked.match(keyframe, frame, rest, 0.3, rest, None)
+        without = plain.match(keyframe, frame, rest, 0.3, rest, None)
+        assert with_question.corner_std == without.corner_std
+        assert np.array_equal(with_question.fit.matrix, without.fit.matrix)
