@@ -51,7 +51,10 @@ class KeyframeContent:
 def keyframe_content(
     images: Sequence[GreyArray], level: int, described: FrameFeatures | None = None
 ) -> KeyframeContent:
-    """Cuts patches around the best corners of an even grid of the image `level`, at working size."""
+    """Cuts patches around the best corners of an even grid of the image `level`, at working size.
+
+    The images are kept, and must not change.
+    """
     fine, scene = patch_level(images[0].shape), scene_level(images[0].shape)
     images = pyramid(images, 1 + max(level, fine + 1, scene))
     points = np.rint(even_corners(images[level], *_GRID) * 2**level + (2**level - 1) / 2)
@@ -62,7 +65,7 @@ def keyframe_content(
         centres = np.rint((points - (2**number - 1) / 2) / 2**number)
         return cut_patches(images[min(number, len(images) - 1)], centres), centres
 
-    return KeyframeContent(*cut(fine), *cut(fine + 1), images[level].copy(), images[scene].copy(), described)
+    return KeyframeContent(*cut(fine), *cut(fine + 1), images[level], images[scene], described)
 
 
 def patch_level(shape: Sequence[int]) -> int:

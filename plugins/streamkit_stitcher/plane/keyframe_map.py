@@ -64,6 +64,7 @@ class KeyframeMap:
         self._references: dict[int, int] = {}
         self._count = self._active = 0
         self._shape = 0, 0
+        self._newest: tuple[GreyArray, ...] = ()  # the newest keyframe and its halvings
         self._loop_closed = False
         self._pending: Future[_Adjusted] | None = None
         # All results are asked for, so that no failure goes unseen.
@@ -139,9 +140,9 @@ class KeyframeMap:
         """
         self._shape = shape = images[0].shape[0], images[0].shape[1]
         # Copies: the buffer behind the frame may be reused.
-        own = tuple(image.copy() for image in images)
+        self._newest = tuple(image.copy() for image in images)
         # Waiting for results, not polling, gives the same homographies however the threads run.
-        content = self._executor.submit(partial(keyframe_content, own, level, features))
+        content = self._executor.submit(partial(keyframe_content, self._newest, level, features))
         index, self._count = self._count, self._count + 1
         keyframe = Keyframe(
             index,
@@ -163,17 +164,12 @@ class KeyframeMap:
         return keyframe
 
     def begin_adjustment(
-        self,
-        images: Sequence[GreyArray],
-        relocalised: bool = False,
-        whole: bool = False,
-        is_sparse: bool = False,
+        self, relocalised: bool = False, whole: bool = False, is_sparse: bool = False
     ) -> None:
         """Begins adjusting the newest keyframes; the previous result must have been adopted.
 
         Args:
-            images: the newest keyframe and its halvings.
-            relocalised: whether it was matched by features, so that nothing is known to be near.
+            relocalised: whether the newest was matched by features, so that nothing is known to be near.
             whole: whether up to 60 keyframes are adjusted, as after a loop closure.
             is_sparse: whether frames are far apart, so that patches of leaning trees and houses do not match.
         """
@@ -196,12 +192,10 @@ class KeyframeMap:
             return
         steps = {} if is_sparse or relocalised else self._graph.steps_from(keyframe.index)
         near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
-        # Copies: the buffer behind the frame may be reused.
-        own = tuple(image.copy() for image in images)
-        settings = self._adjustment()
+        newest, settings = self._newest, self._adjustment()
 
         def adjusted() -> _Adjusted:
-            ties = close_loops(self._matcher, keyframe, own, candidates, near, others)
+            ties = close_loops(self._matcher, keyframe, newest, candidates, near, others)
             return ({} if problem is None else adjusted_homographies(problem, settings)[0]), ties
 
         self._pending = self._adjuster.submit(adjusted)
@@ -279,6 +273,7 @@ class KeyframeMap:
         """Releases what only new frames need; `finish` still works."""
         self.adopt()
         self._stored.clear()
+        self._newest = ()
 
     def close(self) -> None:
         """Ends the threads; that of the patches last, as a running adjustment may wait for them."""

@@ -122,7 +122,7 @@ class Planes:
             self._move(change)
             self._follow_number(anchor, change)
             to_reference = normalised(change @ to_reference)
-        keyframes.begin_adjustment(images, anchor.features is not None, reference is not None, is_sparse)
+        keyframes.begin_adjustment(anchor.features is not None, reference is not None, is_sparse)
         return to_reference
 
     def _new_number(self) -> int:
