@@ -1,6 +1,5 @@
 """A mosaic that is painted incrementally, frame by frame."""
 
-import math
 from typing import Final
 
 import cv2
@@ -30,6 +29,7 @@ CellArray = npt.NDArray[np.int64]
 _SEAM_DEPTH: Final = 12
 _MIN_SCALE: Final = 1 / 16
 _FILES: Final = 16
+_BLOCK: Final = 16  # px of the preview; JPEG codes as many together
 
 
 class Mosaic:
@@ -180,28 +180,30 @@ class Mosaic:
                 self._shrunk.pop(key, None)
 
     def preview(self, width: int, height: int) -> tuple[ImageArray, FloatArray]:
-        """The whole canvas fitted into `width` x `height`, with black borders.
+        """The whole canvas in `width` x `height`, at the largest power of a half that fits, black around it.
+
+        The grid of its pixels is fixed to the canvas, in blocks of 16: ground that no new frame shows keeps
+        the pixels, and once coded the bytes, that it had in the preview before.
 
         Returns:
             uint8[height, width, c], and float64[3, 3] from the present plane to its pixels.
         """
-        box = np.array(self.box)
-        share = min(*(np.array([width, height]) / np.maximum(1, box[2:] - box[:2])), 1.0)
-        step = min(TILE, 2 ** int(math.log2(1 / share)))
-        first, last = box[:2] // step, np.maximum(box[:2] // step + 1, -(-box[2:] // step))
-        whole = (last - first) * step
-        share = min(*(np.array([width, height]) / whole), 1.0)
-        size = np.maximum(1, np.rint(whole * share)).astype(int)
-        cells = self._read_shrunk(first, last, step)
-        shown = cv2.resize(cells, size.tolist(), interpolation=cv2.INTER_AREA)
+        box, size = np.array(self.box), np.array([width, height])
+        step = 1
+        while True:
+            first = box[:2] // (step * _BLOCK) * _BLOCK
+            last = np.maximum(-(-box[2:] // step), first + 1)
+            if (last - first <= size).all():
+                break
+            step *= 2
+        reading = min(step, TILE)
+        cells = self._read_shrunk(first * step // reading, last * step // reading, reading)
+        shown = cv2.resize(cells, (last - first).tolist(), interpolation=cv2.INTER_AREA)
         result = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
-        x, y = (np.array([width, height]) - size) // 2
-        result[y : y + size[1], x : x + size[0]] = shown.reshape(size[1], size[0], -1)
-        across, down = size / whole
-        left, top = first * step
-        fit = np.array(
-            [[across, 0, x + (0.5 - left) * across - 0.5], [0, down, y + (0.5 - top) * down - 0.5], [0, 0, 1]]
-        )
+        x, y = (size - (last - first)) // (2 * _BLOCK) * _BLOCK
+        result[y : y + len(shown), x : x + shown.shape[1]] = shown.reshape(*shown.shape[:2], -1)
+        offset = np.array([x, y]) - first + 0.5 / step - 0.5
+        fit = np.array([[1 / step, 0, offset[0]], [0, 1 / step, offset[1]], [0, 0, 1]])
         return result, normalised(fit @ self.from_plane)
 
     def close(self) -> None:

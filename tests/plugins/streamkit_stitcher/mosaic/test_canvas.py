@@ -107,6 +107,26 @@ def test_a_preview_shows_the_whole_in_any_size(step):
     assert image[row, column, 0] > 0
 
 
+def test_pixels_of_a_preview_stay_while_the_mosaic_grows():
+    """What was painted has the same pixels in the next preview, moved by blocks of 16, or half the scale."""
+    canvas = Mosaic(64_000_000)
+    paint(canvas, 0, 0, 100)
+    before, place_before = canvas.preview(320, 240)
+    scales = [1.0]
+    for number in range(1, 25):
+        paint(canvas, -45 * number, 32 * number, 100 + number)
+        image, place = canvas.preview(320, 240)
+        if place[0, 0] == scales[-1]:
+            x, y = (place - place_before)[:2, 2].astype(int)
+            assert (x % 16, y % 16) == (0, 0)
+            moved = np.roll(before, (y, x), (0, 1))
+            assert np.array_equal(image[moved > 100], moved[moved > 100])
+        scales.append(place[0, 0])
+        before, place_before = image, place
+    assert set(scales) == {1.0, 0.5, 0.25}
+    assert scales == sorted(scales, reverse=True)
+
+
 def test_a_preview_shows_what_was_painted_since_the_last():
     """Cached tiles are refreshed: new paint shows in a far larger canvas."""
     canvas = Mosaic(64_000_000)
