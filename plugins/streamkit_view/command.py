@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import secrets
 import signal
@@ -10,9 +11,12 @@ import sys
 import webbrowser
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
+
+if TYPE_CHECKING:
+    from streamkit_view.server import ViewServer
 
 BACKLOG = 64
 FILE_SUFFIXES = {".jsonl", ".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
@@ -48,7 +52,7 @@ def view(
         from streamkit_view.session import run_server
     except ImportError as error:
         _fail(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
-    from streamkit_view.access import Access, is_loopback
+    from streamkit_view.access import LOG, Access, is_loopback
     from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.playback import PlayedPipeline, is_run, is_source, unplayable
 
@@ -83,9 +87,16 @@ def view(
             webbrowser.open(url)
         try:
             access = Access(token, is_local=is_loopback(host))
-            run_server(what, bound, access, connect, config, playback, base)
+            LOG.addHandler(logging.StreamHandler(sys.stderr))
+            run_server(what, bound, access, connect, config, playback, base, begins=_stop_on_signals)
         except (OSError, ValueError) as error:
             _fail(str(error))
+
+
+def _stop_on_signals(server: ViewServer) -> None:
+    """A signal may come before the server handles signals itself; it raises them again at its end."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: server.stop())
 
 
 def _bind(listen: str) -> tuple[str, socket.socket]:

@@ -11,6 +11,7 @@ import zenoh
 
 from streamkit import TrackRecord
 from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage, binary_message, text_message
+from streamkit_view.mosaic_tiles import MosaicTiles
 from streamkit_zenoh.keys import STATUS, publication_root, stream_key
 from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, Counts, MessageReceiver, ReceivedMessage
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, decode_json, decode_message
@@ -90,7 +91,9 @@ class Feed:
         self._deliver = deliver
         self._stopping = threading.Event()
         self._status: StatusRecord | None = None
-        self._last_record_s = 0.0
+        self._counted: object = None  # frames in the last status, of which run
+        self._last_frame_s = 0.0
+        self._mosaic = MosaicTiles(index)
         self._receivers = {
             name: MessageReceiver(
                 session,
@@ -134,7 +137,7 @@ class Feed:
 
     def _activity(self, counts: dict[str, Counts], failure: str, waiting: str) -> tuple[str, str]:
         """The word for the state, and the reason."""
-        silent_s = time.monotonic() - self._last_record_s
+        silent_s = time.monotonic() - self._last_frame_s
         if not counts[TRACKS].publishers:
             if failure:
                 return "lost", failure
@@ -143,7 +146,7 @@ class Feed:
             if any(count.received for count in counts.values()):
                 return "ended", "The stream has ended."
             return "waiting", waiting or f"No publisher at {self.key} yet."
-        if not self._last_record_s:
+        if not self._last_frame_s:
             return "waiting", waiting or "The publisher is there; no frame has come yet."
         if silent_s > SILENT_S:
             return "silent", f"No frame for {silent_s:.0f} s: the feed is lost, or the pipeline stands still."
@@ -165,31 +168,40 @@ class Feed:
             if received is None or received.is_deleted:
                 continue
             try:
-                message = self._message(name, received)
+                messages = self._messages(name, received)
             except ValueError:
                 receiver.count_bad()
                 continue
-            if message is not None:
+            for message in messages:
                 self._deliver(message)
 
-    def _message(self, name: str, received: ReceivedMessage) -> PageMessage | None:
-        """The message to pages; raises ValueError if what was received is invalid."""
+    def _messages(self, name: str, received: ReceivedMessage) -> list[PageMessage]:
+        """The messages to pages; raises ValueError if what was received is invalid."""
         payload, feed = received.payload, self._index
         if name == STATUS:
-            self._status = decode_message(StatusRecord, STATUS_SCHEMA, received.content_type, payload)
-            return None
+            self._note_status(decode_message(StatusRecord, STATUS_SCHEMA, received.content_type, payload))
+            return []
         if name == TRACKS:
             record = decode_message(TrackRecord, TRACKS_SCHEMA, received.content_type, payload)
-            self._last_record_s = time.monotonic()
-            return text_message(TRACKS, feed, msgspec.json.encode(record))
+            self._last_frame_s = time.monotonic()
+            return [text_message(TRACKS, feed, msgspec.json.encode(record))]
         if name == VIDEO:
             packet = decode_json(received.header, VideoHeader)
             origin: dict[str, object] = {"run": str(received.stamp.run), "number": received.stamp.number}
             body = msgspec.json.encode(packet)
-            return binary_message(VIDEO, feed, body, payload, origin, is_keyframe=packet.keyframe)
-        header, size = read_header(received.header), image_size(payload)
+            return [binary_message(VIDEO, feed, body, payload, origin, is_keyframe=packet.keyframe)]
+        header = read_header(received.header)
+        if name == MOSAIC:
+            return self._mosaic.update(payload, header, received.stamp.run)
+        size = image_size(payload)
         if size is None or not 0 < size[0] * size[1] <= PIXEL_LIMIT:
             raise ValueError(f"not an image of 1 to {PIXEL_LIMIT} pixels")
-        return binary_message(
-            name, feed, msgspec.json.encode(header), payload, {"png": payload[:1] == b"\x89"}
-        )
+        extra: dict[str, object] = {"png": payload[:1] == b"\x89"}
+        return [binary_message(FRAME, feed, msgspec.json.encode(header), payload, extra)]
+
+    def _note_status(self, status: StatusRecord) -> None:
+        """A publisher without records, `tracks=false`, is seen to play by the frames that it counts."""
+        counted = status.run, status.frames
+        if status.frames and counted != self._counted:
+            self._last_frame_s = time.monotonic()
+        self._status, self._counted = status, counted

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from itertools import islice
 from typing import NamedTuple
 
-from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
+from streamkit_view.messages import FRAME, MOSAIC, TILE, TRACKS, VIDEO, Identity, PageMessage
 
 LOOK_S = 0.1
 HISTORY_S = 300.0
+LATEST = (FRAME, TRACKS, MOSAIC, TILE)
 HISTORY_BYTES = 128 << 20  # four minutes at 4 Mbit/s
 
 
@@ -36,13 +37,17 @@ class History:
         self._held: deque[Past] = deque()
         self._bytes = 0
         self._first = 0  # number of the oldest message held
-        self._last: dict[str, PageMessage] = {}  # by kind, but for video
+        self._last: dict[Identity, PageMessage] = {}  # but video
 
     def note(self, message: PageMessage, now_s: float) -> None:
-        """Keeps a message; of mosaics only the newest."""
+        """Keeps a message; of the mosaic only the newest of each tile."""
         if message.kind != VIDEO:
-            self._last[message.kind] = message
-        if message.kind == MOSAIC:
+            if message.kind == MOSAIC:
+                self._last = {
+                    key: last for key, last in self._last.items() if not last.is_void_after(message)
+                }
+            self._last[message.identity] = message
+        if message.kind in (MOSAIC, TILE):
             return
         self._held.append(Past(now_s, message))
         self._bytes += len(message.data)
@@ -63,16 +68,15 @@ class History:
         return self._first + min(count, max(0, len(self._held) - 1))
 
     def latest(self) -> list[PageMessage]:
-        """What a new page is sent first: last images, video since the newest keyframe, last record."""
+        """What a new page is sent first: image, video since the newest keyframe, record, mosaic."""
         group: deque[PageMessage] = deque()
         for message in (past.message for past in reversed(self._held) if past.message.kind == VIDEO):
             group.appendleft(message)
             if message.is_keyframe or len(group) > GROUP_MESSAGES:
                 break
         is_shown = bool(group) and group[0].is_keyframe and sum(len(one.data) for one in group) <= GROUP_BYTES
-        images = [self._last[kind] for kind in (MOSAIC, FRAME) if kind in self._last]
-        records = [self._last[TRACKS]] if TRACKS in self._last else []
-        return [*images, *(group if is_shown else ()), *records]
+        last = {kind: [message for message in self._last.values() if message.kind == kind] for kind in LATEST}
+        return [*last[FRAME], *(group if is_shown else ()), *last[TRACKS], *last[MOSAIC], *last[TILE]]
 
     def get(self, number: int) -> tuple[int, Past] | None:
         """The message of a number, or the oldest one after it, with its number; None if there is none yet."""

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 
 from streamkit_view.history import HISTORY_BYTES, History
-from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
+from streamkit_view.messages import FRAME, MOSAIC, TILE, TRACKS, VIDEO, PageMessage
 from streamkit_view.viewer import Viewer
 
 PAST = (VIDEO, TRACKS, FRAME)
-SHOWN = (*PAST, MOSAIC)
+SHOWN = (*PAST, MOSAIC, TILE)
 
 
 class Hub:

@@ -17,9 +17,10 @@ from msgspec import structs
 from streamkit_zenoh.wire.control import ControlRequest
 from streamkit_zenoh.wire.encodings import decode_json
 
-VIDEO, TRACKS, FRAME, MOSAIC = "video", "tracks", "frame", "mosaic"
+VIDEO, TRACKS, FRAME, MOSAIC, TILE = "video", "tracks", "frame", "mosaic", "tile"
 HELLO, STATE, SKIPPED, CONTROL, BACK = "hello", "state", "skipped", "control", "back"
 BACK_LIMIT_S = 3600
+Identity = tuple[str, int, tuple[int, int] | None]
 Natural = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
@@ -32,12 +33,25 @@ class PageMessage:
         feed: index of its feed.
         data: what is sent; shared by all pages.
         is_keyframe: whether decoding can begin with this packet.
+        part: column and row of a tile of the mosaic.
     """
 
     kind: str
     feed: int
     data: str | bytes
     is_keyframe: bool = False
+    part: tuple[int, int] | None = None
+
+    @property
+    def identity(self) -> Identity:
+        """Of messages with one identity the newest tells everything, but for video and records."""
+        return self.kind, self.feed, self.part
+
+    def is_void_after(self, later: PageMessage) -> bool:
+        """Whether a later message replaces this one: a tile goes with the mosaic that it is of, too."""
+        return self.identity == later.identity or (
+            self.kind == TILE and later.kind == MOSAIC and self.feed == later.feed
+        )
 
 
 def text_message(kind: str, feed: int, body: bytes) -> PageMessage:
@@ -46,11 +60,18 @@ def text_message(kind: str, feed: int, body: bytes) -> PageMessage:
 
 
 def binary_message(
-    kind: str, feed: int, body: bytes, payload: bytes, extra: dict[str, object], *, is_keyframe: bool = False
+    kind: str,
+    feed: int,
+    body: bytes,
+    payload: bytes,
+    extra: dict[str, object],
+    *,
+    is_keyframe: bool = False,
+    part: tuple[int, int] | None = None,
 ) -> PageMessage:
     """A message with a payload: length of the header (uint32, little endian), the header, the payload."""
     header = f'{{"type":"{kind}","feed":{feed},"extra":{json.dumps(extra)},"body":{body.decode()}}}'.encode()
-    return PageMessage(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe)
+    return PageMessage(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe, part)
 
 
 class InvalidAnswer(ValueError):

@@ -1,19 +1,17 @@
-"""One run of `streamkit view`: zenoh session, feeds and server, until a signal."""
+"""One run of `streamkit view`: zenoh session, feeds and server."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
-import signal
 import socket
-import sys
 import time
+from collections.abc import Callable
 
 import msgspec
 import zenoh
 
 from streamkit import mask_secrets
-from streamkit_view.access import LOG, Access
+from streamkit_view.access import Access
 from streamkit_view.basemap import Basemap
 from streamkit_view.feed import Feed
 from streamkit_view.hub import Hub
@@ -39,14 +37,15 @@ def run_server(
     config: str | None,
     playback: PlayedPipeline | None = None,
     basemap: Basemap | None = None,
+    *,
+    begins: Callable[[ViewServer], object],
 ) -> None:
-    """Serves the page until SIGINT or SIGTERM.
+    """Serves the page until the server, which `begins` gets before anything can block, is stopped.
 
     Raises:
         OSError: zenoh cannot open its session.
         ValueError: a key or an endpoint is malformed.
     """
-    LOG.addHandler(logging.StreamHandler(sys.stderr))
     hub = Hub(len(keys), playback.start if playback else lambda: None)
     feeds: list[Feed] = []
 
@@ -62,9 +61,7 @@ def run_server(
         return ask_control(zenoh_session, feeds[feed].key, request)
 
     server = ViewServer(hub, states, ask, access, basemap)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        # A signal may come before the server handles signals itself; it raises them again at its end.
-        signal.signal(number, lambda _number, _frame: server.stop())
+    begins(server)
     zenoh_session = open_session(SessionSettings(connect=connect, config=config))
     try:
         for index, key in enumerate(keys):

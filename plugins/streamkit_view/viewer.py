@@ -49,7 +49,7 @@ class Viewer:
                 self._skipped[message.feed] += 1
                 return
         elif message.kind not in (TRACKS, CONTROL, BACK):
-            self._remove(lambda held: (held.kind, held.feed) == (message.kind, message.feed))
+            self._remove(lambda held: held.is_void_after(message))
         now_s = time.monotonic()
         is_late = bool(self._waiting) and now_s - self._waiting[0].at_s > LATE_S
         self._append(Past(now_s, message))
@@ -114,7 +114,7 @@ class Viewer:
     def _thin_out(self) -> None:
         """Keeps video from the newest keyframe on, or none, and the newest message of each other kind."""
         held = list(self._waiting)
-        newest = {(message.kind, message.feed): message for _, message in held}
+        newest = {message.identity: message for _, message in held}
         keyframes = {message.feed: at for at, (_, message) in enumerate(held) if message.is_keyframe}
         is_short = bool(keyframes) and max(keyframes.values()) > len(held) // 2
         self._waiting.clear()
@@ -132,7 +132,7 @@ class Viewer:
                     self._skipped[message.feed] += 1
                     if not is_short:
                         self._needs_keyframe.add(message.feed)
-            elif newest[message.kind, message.feed] is message:
+            elif newest[message.identity] is message:
                 self._append(past)
 
     def _remove(self, is_chosen: Callable[[PageMessage], bool]) -> None:

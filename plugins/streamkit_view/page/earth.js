@@ -5,7 +5,6 @@ import { project } from "./geometry.js";
 import { byId, element } from "./panel.js";
 
 const FIT = { padding: 40, maxZoom: 19, duration: 0 };
-const MOSAIC_BLACK = 8;
 const EMPTY = { type: "FeatureCollection", features: [] };
 const COLOUR = ["case", ["get", "followed"], "#32d7ff", "#ffd60a"];
 const is = (kind) => ["==", ["get", "kind"], kind];
@@ -18,8 +17,8 @@ const LAYERS = [
 
 export class EarthMap {
   // `geo` tells where a point of the plane lies; `chosen(id)` is called when a target is clicked.
-  constructor(container, section, { geo, chosen }) {
-    Object.assign(this, { container, section, geo, chosen, basemap: null, map: null, isReady: false });
+  constructor(container, section, { geo, mosaic, chosen }) {
+    Object.assign(this, { container, section, geo, mosaic, chosen, basemap: null, map: null, isReady: false });
     byId("earth-fit").addEventListener("click", () => this.fit());
   }
 
@@ -27,14 +26,12 @@ export class EarthMap {
     this.section.hidden = true;
     this.isFitted = this.isMoved = false;
     this.bounds = null;
-    this.mosaicShown = null;
     if (!this.isReady) return;
     this.map.getSource("live").setData(EMPTY);
     this.removeMosaic();
   }
 
-  // `mosaic`: its image, and the corners of that on the plane; null without one.
-  draw(record, trails, followed, mosaic) {
+  draw(record, trails, followed) {
     const features = record ? featuresOf(record, trails, followed, this.geo) : [];
     if (features.length === 0 || this.cannot) return;
     this.section.hidden = false;
@@ -42,7 +39,7 @@ export class EarthMap {
     if (!this.isReady) return;
     this.bounds = boundsOf(features);
     this.map.getSource("live").setData({ type: "FeatureCollection", features });
-    this.showMosaic(mosaic);
+    this.showMosaic(this.mosaic.corners(record));
     const shown = this.map.getBounds();
     if (!this.isFitted || (!this.isMoved && !this.bounds.every((corner) => shown.contains(corner)))) this.fit();
   }
@@ -88,18 +85,20 @@ export class EarthMap {
     byId("earth-cursor").textContent = `${lat.toFixed(6)}, ${lng.toFixed(6)}${error}`;
   }
 
-  showMosaic(mosaic) {
-    const coordinates = mosaic?.corners.map((corner) => lonLat(this.geo, corner)) ?? [];
-    if (coordinates.length !== 4 || coordinates.includes(null)) return this.removeMosaic();
+  showMosaic(corners) {
+    const coordinates = corners.map((corner) => lonLat(this.geo, corner));
+    if (coordinates.length === 0 || coordinates.includes(null)) return this.removeMosaic();
+    const { canvas, version } = this.mosaic.shown;
     const source = this.map.getSource("mosaic");
-    if (mosaic.image !== this.mosaicShown) {
-      this.mosaicShown = mosaic.image;
-      this.canvas = transparent(mosaic.image, this.canvas);
-      source?.play();
-      source?.pause();
+    if (source?.getCanvas() === canvas) {
+      if (version !== this.versionShown) source.play(); // reads the canvas again
+      source.pause();
+      this.versionShown = version;
+      return source.setCoordinates(coordinates);
     }
-    if (source) return source.setCoordinates(coordinates);
-    this.map.addSource("mosaic", { type: "canvas", canvas: this.canvas, animate: false, coordinates });
+    this.removeMosaic();
+    this.versionShown = version;
+    this.map.addSource("mosaic", { type: "canvas", canvas, animate: false, coordinates });
     return this.map.addLayer({ id: "mosaic", type: "raster", source: "mosaic" }, "footprint");
   }
 
@@ -107,7 +106,6 @@ export class EarthMap {
     if (!this.map.getSource("mosaic")) return;
     this.map.removeLayer("mosaic");
     this.map.removeSource("mosaic");
-    this.mosaicShown = null;
   }
 }
 
@@ -143,19 +141,6 @@ function featuresOf(record, trails, followed, geo) {
 function boundsOf(features) {
   const places = features.flatMap(({ geometry: { type, coordinates } }) => (type === "Point" ? [coordinates] : coordinates));
   return [Math.min, Math.max].map((pick) => [0, 1].map((axis) => pick(...places.map((place) => place[axis]))));
-}
-
-// The mosaic is black where there is none.
-function transparent(image, canvas = document.createElement("canvas")) {
-  [canvas.width, canvas.height] = [image.width, image.height];
-  const context = canvas.getContext("2d", { willReadFrequently: true });
-  context.drawImage(image, 0, 0);
-  const pixels = context.getImageData(0, 0, image.width, image.height);
-  for (let at = 0; at < pixels.data.length; at += 4) {
-    if (Math.max(pixels.data[at], pixels.data[at + 1], pixels.data[at + 2]) < MOSAIC_BLACK) pixels.data[at + 3] = 0;
-  }
-  context.putImageData(pixels, 0, 0);
-  return canvas;
 }
 
 // A vector archive is drawn as outlines and pale areas, without text: its fonts would be elsewhere.

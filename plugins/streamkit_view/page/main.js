@@ -8,6 +8,7 @@ import { GeoFit } from "./geo.js";
 import { project } from "./geometry.js";
 import { dropsOf, ElementLoad } from "./load.js";
 import { GroundMap } from "./map.js";
+import { Mosaic } from "./mosaic.js";
 import { drawBox, drawTracks, fitCanvas } from "./overlay.js";
 import { place, showFeeds, showFigures, showNote, showState, showTracks } from "./panel.js";
 import { Player } from "./player.js";
@@ -26,11 +27,12 @@ const geo = new GeoFit();
 const series = new Series(document.getElementById("series"));
 const load = new ElementLoad();
 const followed = new Followed();
+const mosaic = new Mosaic();
 const map = new GroundMap(document.getElementById("map"), document.getElementById("ground"), {
-  geo, chosen: (id) => follow(id), changed: () => { page.needsDrawing = true; },
+  geo, mosaic, chosen: (id) => follow(id), changed: () => { page.needsDrawing = true; },
 });
 const earth = new EarthMap(document.getElementById("earth-map"), document.getElementById("earth"), {
-  geo, chosen: (id) => follow(id),
+  geo, mosaic, chosen: (id) => follow(id),
 });
 const player = new Player({ show: showVideo, cannot: (reason) => { page.reason = reason; } });
 const timeline = new Timeline({ go: (seconds) => connection.back(seconds) });
@@ -46,6 +48,7 @@ const page = { feed: 0, states: [], isOnline: false, clockMs: null };
 resetFeed();
 
 function resetFeed() {
+  mosaic.clear();
   map.clear();
   earth.clear();
   series.clear();
@@ -94,7 +97,8 @@ const connection = new Connection({
     if (message.type === "tracks") return takeRecord(message.body);
     if (message.type === "skipped") return void (page.skipped += message.body.frames);
     if (message.type === "video") return takePacket(message, payload);
-    if (message.type === "frame" || message.type === "mosaic") return takeImage(message, payload);
+    if (message.type === "mosaic") return mosaic.begin(message.body);
+    if (message.type === "frame" || message.type === "tile") return takeImage(message, payload);
     return undefined;
   },
 });
@@ -156,10 +160,15 @@ async function takeImage({ type, body, extra }, payload) {
   const feed = page.feed;
   const image = await createImageBitmap(new Blob([payload], { type: extra.png ? "image/png" : "image/jpeg" }));
   if (feed !== page.feed) image.close();
-  else if (type === "mosaic") map.show(image, body);
+  else if (type === "tile") takeTile(body, image);
   else if (!page.video || player.isRefused) present(image, body.record, image.width, image.height);
   else image.close();
   page.needsDrawing = true;
+}
+
+function takeTile(tile, image) {
+  mosaic.take(tile, image);
+  image.close();
 }
 
 function showVideo(frame, header) {
@@ -244,7 +253,7 @@ function refresh() {
   showFeeds(page.states, page.feed, selectFeed);
   showFigures(figures(state));
   const record = page.shown?.record ?? page.newest;
-  earth.draw(record, page.trails, page.followed, map.mosaic(record));
+  earth.draw(record, page.trails, page.followed);
   showTracks(page.newest?.tracks ?? [], page.followed, follow, (track) => geo.length([track.vx, track.vy]));
 }
 
@@ -317,4 +326,4 @@ setInterval(refresh, 250);
 requestAnimationFrame(draw);
 
 // For tests and for the console: what is on the screen.
-window.streamkit = { page, player, earth, medianDelay };
+window.streamkit = { page, player, map, mosaic, earth, medianDelay };

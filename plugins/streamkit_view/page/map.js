@@ -13,8 +13,8 @@ const BAR_PX = 140;
 
 export class GroundMap {
   // `chosen(id)` is called when a track is clicked, `changed()` when the map must be drawn.
-  constructor(canvas, section, { geo, chosen, changed }) {
-    Object.assign(this, { canvas, section, geo, chosen, changed, pointers: new Map(), dots: [] });
+  constructor(canvas, section, { geo, mosaic, chosen, changed }) {
+    Object.assign(this, { canvas, section, geo, mosaic, chosen, changed, pointers: new Map(), dots: [] });
     this.clear();
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     canvas.addEventListener("pointerdown", (event) => this.press(event));
@@ -26,31 +26,10 @@ export class GroundMap {
   }
 
   clear() {
-    this.image?.close();
-    this.image = null;
-    this.motion = null;
-    this.bounds = null;
     this.view = null;
     this.isFitted = true;
     this.reference = undefined;
     this.section.hidden = true;
-  }
-
-  show(image, header) {
-    this.image?.close();
-    this.image = image;
-    this.motion = header.motion ?? null;
-    this.size = [header.record.width ?? image.width, header.record.height ?? image.height];
-  }
-
-  // The mosaic with the corners of its image on the plane of a record; null without one.
-  mosaic(record) {
-    if (!this.image || !this.isOnPlane(record?.registration)) return null;
-    return { image: this.image, corners: rectangle(...this.size, this.motion.to_reference) };
-  }
-
-  isOnPlane(registration) {
-    return Boolean(this.motion?.to_reference) && this.motion.reference === registration?.reference;
   }
 
   fit() {
@@ -67,13 +46,12 @@ export class GroundMap {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, this.canvas.width, this.canvas.height);
     const footprint = rectangle(record.width, record.height, registration.to_reference);
-    const hasMosaic = this.image && this.isOnPlane(registration);
-    const corners = [...footprint, ...(hasMosaic ? rectangle(...this.size, this.motion.to_reference) : [])];
-    if (corners.length === 0) return;
+    const mosaic = this.mosaic.corners(record);
+    if (footprint.length + mosaic.length === 0) return;
     if (this.reference !== registration.reference) this.isFitted = true;
     this.reference = registration.reference;
-    if (this.isFitted) this.view = fitted(corners, this.canvas);
-    if (hasMosaic) this.drawMosaic(context);
+    if (this.isFitted) this.view = fitted([...footprint, ...mosaic], this.canvas);
+    if (mosaic.length) this.drawMosaic(context, mosaic.map((corner) => this.at(corner)));
     if (footprint.length) outline(context, footprint.map((point) => this.at(point)), "#32d7ff", 1.5 * ratio);
     this.drawTracks(context, record, trails, followed, ratio);
     this.drawBar(context, ratio);
@@ -91,17 +69,12 @@ export class GroundMap {
   }
 
   // A canvas draws affine maps only: that of three corners, which for a preview is the exact one.
-  drawMosaic(context) {
-    const [width, height] = this.size;
-    const [a, b, c] = [[0, 0], [width, 0], [0, height]].map((corner) => {
-      const point = project(this.motion.to_reference, corner);
-      return point && this.at(point);
-    });
-    if (!a || !b || !c) return;
-    const across = [(b[0] - a[0]) / this.image.width, (b[1] - a[1]) / this.image.width];
-    const down = [(c[0] - a[0]) / this.image.height, (c[1] - a[1]) / this.image.height];
-    context.setTransform(...across, ...down, ...a);
-    context.drawImage(this.image, 0, 0);
+  drawMosaic(context, [origin, right, , below]) {
+    const { canvas } = this.mosaic.shown;
+    const across = [0, 1].map((axis) => (right[axis] - origin[axis]) / canvas.width);
+    const down = [0, 1].map((axis) => (below[axis] - origin[axis]) / canvas.height);
+    context.setTransform(...across, ...down, ...origin);
+    context.drawImage(canvas, 0, 0);
     context.setTransform(1, 0, 0, 1, 0, 0);
   }
 

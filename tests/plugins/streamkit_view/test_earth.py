@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,6 @@ import tifffile
 import zenoh
 from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
-
-from streamkit_zenoh.configuration import SessionSettings
-from streamkit_zenoh.session import close_session, open_session
 
 METRES_PER_DEGREE = 111_320
 LATITUDE, LONGITUDE = 47.0, 8.0
@@ -55,16 +51,12 @@ def record(number: int) -> dict[str, Any]:
 
 
 @pytest.fixture
-def publish(key: str) -> Iterator[Callable[[], None]]:
+def publish(key: str, session: zenoh.Session) -> Callable[[], None]:
     """Publishes the next record."""
-    session = open_session(SessionSettings())
     encoding = zenoh.Encoding("application/json;streamkit.tracks/1")
     publisher = session.declare_publisher(f"{key}/tracks", encoding=encoding)
     numbers = iter(range(100_000))
-    try:
-        yield lambda: publisher.put(msgspec.json.encode(record(next(numbers))))
-    finally:
-        close_session(session, 5.0)
+    return lambda: publisher.put(msgspec.json.encode(record(next(numbers))))
 
 
 def pixels(browser: Chrome) -> np.ndarray[Any, Any]:
@@ -170,13 +162,13 @@ def assert_all_is_local(browser: Chrome, url: str) -> None:
 
 @pytest.mark.timeout(180)
 def test_targets_lie_on_the_image_where_their_coordinates_say(
-    browser: Chrome, start_view: Callable[..., Any], key: str, publish: Callable[[], None],
+    browser: Chrome, serve_keys: Callable[..., str], key: str, publish: Callable[[], None],
     wait_for: Callable[..., Any], tmp_path: Path,
 ) -> None:  # fmt: skip
     """Within 0.3 m of the mark on the ground; a click follows one, at the cursor's coordinates."""
     write_geotiff(tmp_path / "base.tif")
-    server = start_view(key, "--basemap", str(tmp_path / "base.tif"))
-    open_map(browser, server.url, publish, wait_for)
+    url = serve_keys(key, basemap=tmp_path / "base.tif")
+    open_map(browser, url, publish, wait_for)
     shown = pixels(browser)
     dots = blobs(shown, YELLOW)
     px_per_m = np.linalg.norm(dots[2] - dots[0]) / math.dist(PLACES_PX[2], PLACES_PX[0]) / METRES_PER_PX
@@ -194,45 +186,39 @@ def test_targets_lie_on_the_image_where_their_coordinates_say(
     assert longitude == pytest.approx(lon, abs=3 / px_per_m / METRES_PER_DEGREE)
     assert text.endswith("± 3.0 m")
     assert browser.find_element(By.CSS_SELECTOR, ".maplibregl-ctrl-scale").text.endswith(" m")
-    assert_all_is_local(browser, server.url)
+    assert_all_is_local(browser, url)
 
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("kind", [MVT, PNG])
 def test_an_archive_of_tiles_is_shown(
-    browser: Chrome, start_view: Callable[..., Any], key: str, publish: Callable[[], None],
+    browser: Chrome, serve_keys: Callable[..., str], key: str, publish: Callable[[], None],
     wait_for: Callable[..., Any], tmp_path: Path, kind: int,
 ) -> None:  # fmt: skip
     """Tiles of images, and vectors as areas; the page reads parts of the file from the server."""
     image = cv2.imencode(".png", np.full((256, 256, 3), BLUE, np.uint8))[1].tobytes()
     write_pmtiles(tmp_path / "base.pmtiles", image if kind == PNG else vector_tile(), kind)
-    server = start_view(key, "--basemap", str(tmp_path / "base.pmtiles"))
-    open_map(browser, server.url, publish, wait_for)
+    url = serve_keys(key, basemap=tmp_path / "base.pmtiles")
+    open_map(browser, url, publish, wait_for)
     ground = np.median(pixels(browser).reshape(-1, 3), axis=0)
     bare = np.array([26, 20, 16])
     assert (
         np.abs(ground - (BLUE if kind == PNG else bare + 0.15 * (np.array([163, 148, 138]) - bare))).max() < 6
     )
-    assert_all_is_local(browser, server.url)
+    assert_all_is_local(browser, url)
 
 
 @pytest.mark.timeout(180)
 def test_the_mosaic_lies_on_the_map(
-    browser: Chrome, start_view: Callable[..., Any], key: str, publish: Callable[[], None],
-    wait_for: Callable[..., Any],
+    browser: Chrome, serve_keys: Callable[..., str], key: str, publish: Callable[[], None],
+    publish_mosaic: Callable[[np.ndarray[Any, Any]], None], wait_for: Callable[..., Any],
 ) -> None:  # fmt: skip
     """Between its corners on the plane, not where it is black; without base map none is requested."""
-    server = start_view(key)
-    is_shown = open_map(browser, server.url, publish, wait_for)
-    image = (
-        "const image = new OffscreenCanvas(100, 100); const context = image.getContext('2d');"
-        "context.fillStyle = '#000'; context.fillRect(0, 0, 100, 100);"
-        "context.fillStyle = '#f00'; context.fillRect(50, 0, 50, 100);"
-        f"const corners = {json.dumps([[500, 120], [900, 120], [900, 520], [500, 520]])};"
-        "streamkit.earth.showMosaic({ image: image.transferToImageBitmap(), corners });"
-        "streamkit.earth.draw = () => {};"
-    )
-    browser.execute_script(image)
+    url = serve_keys(key)
+    is_shown = open_map(browser, url, publish, wait_for)
+    image = np.zeros((100, 100, 3), np.uint8)
+    image[:, 50:] = RED
+    publish_mosaic(image)
     wait_for(lambda: has_colour(pixels(browser), RED).any())
     wait_for(is_shown)
     shown = pixels(browser)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from streamkit_view import history as module
 from streamkit_view.history import HISTORY_S, History, replay
-from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage
+from streamkit_view.messages import FRAME, MOSAIC, TILE, TRACKS, VIDEO, PageMessage
 
 
 def packet(number: int, *, is_keyframe: bool = False) -> PageMessage:
@@ -79,15 +79,27 @@ def test_messages_come_at_their_distances_and_new_ones_follow(monkeypatch: pytes
 
 
 def test_a_new_page_begins_at_the_newest_keyframe() -> None:
-    """After the last images, before the last record; without a keyframe there is no video."""
+    """After the last image, before the last record; without a keyframe there is no video."""
     history = filled(History(), 35, 0.1)
-    for kind in (MOSAIC, TRACKS, MOSAIC, FRAME):
-        history.note(PageMessage(kind, 0, f"{kind} {len(history.latest())}"), 4.0)
+    for number, kind in enumerate((FRAME, TRACKS, TRACKS, FRAME)):
+        history.note(PageMessage(kind, 0, f"{kind} {number}"), 4.0)
     history.note(packet(35), 4.1)
     found = history.latest()
-    assert [message.kind for message in found] == [MOSAIC, FRAME, *[VIDEO] * 6, TRACKS]
-    assert [message.data for message in found[2:-1]] == [packet(number).data for number in range(30, 36)]
-    assert found[0].data == "mosaic 7"
+    assert [message.kind for message in found] == [FRAME, *[VIDEO] * 6, TRACKS]
+    assert [message.data for message in found[1:-1]] == [packet(number).data for number in range(30, 36)]
+    assert (found[0].data, found[-1].data) == ("frame 3", "tracks 2")
     without = History()
     without.note(packet(1), 0.0)
     assert without.latest() == []
+
+
+def test_a_new_page_gets_all_tiles_of_the_newest_mosaic() -> None:
+    """Of each the newest, behind the mosaic that they are of; those of the mosaic before are gone."""
+    history = History()
+    sent = [(MOSAIC, None), (TILE, (7, 7)), (MOSAIC, None), (TILE, (0, 0)), (TILE, (0, 1)), (TILE, (0, 0))]
+    for number, (kind, part) in enumerate(sent):
+        history.note(PageMessage(kind, 0, str(number), part=part), 0.0)
+    found = history.latest()
+    assert found[0].data == "2"
+    assert {message.part: message.data for message in found[1:]} == {(0, 0): "5", (0, 1): "4"}
+    assert history.get(0) is None  # the past has no mosaic

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -26,9 +27,11 @@ def status(run: int, published_ns: int, **busy_ns: int) -> dict[str, Any]:
 
 
 @pytest.mark.timeout(120)
-def test_shares_are_those_between_two_statuses_of_one_run(browser: Chrome, server: Any) -> None:
+def test_shares_are_those_between_two_statuses_of_one_run(
+    browser: Chrome, serve_keys: Callable[..., str], key: str
+) -> None:
     """The busiest comes first; a status that is seen twice and a new run change nothing."""
-    browser.get(server.url)
+    browser.get(serve_keys(key))
     first, second = status(1, 10**9, a=0, b=10), status(1, 3 * 10**9, a=10**9, b=10, c=5)
     found = browser.execute_async_script(SHARES, [first, second, second, status(2, 4 * 10**9, a=1)])
     expected = [["a", 0.5], ["b", 0]]
@@ -36,9 +39,11 @@ def test_shares_are_those_between_two_statuses_of_one_run(browser: Chrome, serve
 
 
 @pytest.mark.timeout(120)
-def test_drops_of_all_places_are_listed_the_most_first(browser: Chrome, server: Any) -> None:
+def test_drops_of_all_places_are_listed_the_most_first(
+    browser: Chrome, serve_keys: Callable[..., str], key: str
+) -> None:
     """Those of streams and of elements; nothing that dropped nothing, and nothing of older publishers."""
-    browser.get(server.url)
+    browser.get(serve_keys(key))
     dropping = {
         "run": 1, "published_ns": 1, "drops": [{"stream": "tracks", "reason": "queue full", "count": 2}],
         "elements": [{"name": "q", "busy_ns": 0, "drops": [

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit_view import viewer as module
-from streamkit_view.messages import BACK, MOSAIC, SKIPPED, STATE, TRACKS, VIDEO, PageMessage, binary_message
+from streamkit_view.messages import BACK, FRAME, MOSAIC, SKIPPED, STATE, TILE, TRACKS, VIDEO, PageMessage
 from streamkit_view.viewer import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
 
 
@@ -112,12 +112,29 @@ def test_of_pictures_and_states_only_the_newest_waits() -> None:
     """Records are kept for the frames that wait with them."""
     viewer = Viewer()
     for number in range(10):
-        viewer.offer(binary_message(MOSAIC, 0, b"{}", b"%d" % number, {}))
+        viewer.offer(PageMessage(FRAME, 0, str(number)))
         viewer.offer(PageMessage(STATE, 0, str(number)))
         viewer.offer(PageMessage(TRACKS, 0, str(number)))
     taken = take_all(viewer)
     assert [message.kind for message in taken].count(TRACKS) == 10
-    assert [message.kind for message in taken if message.kind != TRACKS] == [MOSAIC, STATE]
+    assert [message.kind for message in taken if message.kind != TRACKS] == [FRAME, STATE]
+
+
+def test_of_a_mosaic_the_newest_of_each_tile_waits() -> None:
+    """Tiles follow the mosaic that they are of, also to a page that is late; those of another do not wait."""
+    viewer = Viewer()
+    viewer.offer(PageMessage(MOSAIC, 0, "old"))
+    viewer.offer(PageMessage(TILE, 0, "old", part=(5, 5)))
+    viewer.offer(PageMessage(TILE, 1, "of another feed", part=(5, 5)))
+    viewer.offer(PageMessage(MOSAIC, 0, "new"))
+    for number in range(1500):
+        viewer.offer(packet(number, is_keyframe=number % 25 == 0))
+        viewer.offer(PageMessage(TILE, 0, str(number), part=(number % 10, 3)))
+    taken = [message for message in take_all(viewer) if message.kind in (MOSAIC, TILE)]
+    assert [message.data for message in taken[:2]] == ["of another feed", "new"]
+    assert {message.part: message.data for message in taken[2:]} == {
+        (number % 10, 3): str(number) for number in range(1490, 1500)
+    }
 
 
 @pytest.mark.parametrize("count", [-1, 2, 10**30])

@@ -1,0 +1,49 @@
+"""What a feed is said to do, by what its publisher publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import zenoh
+
+from streamkit import Pipeline
+from streamkit_view.feed import Feed
+from streamkit_view.messages import PageMessage
+
+
+@pytest.fixture
+def received() -> list[PageMessage]:
+    """What a feed has delivered."""
+    return []
+
+
+@pytest.fixture
+def feed(session: zenoh.Session, key: str, received: list[PageMessage]) -> Iterator[Feed]:
+    """A feed that receives."""
+    found = Feed(session, key, 0, received.append)
+    yield found
+    for undeclare in found.close():
+        undeclare()
+
+
+@pytest.mark.parametrize("options", ["", "tracks=false", "tracks=false frame-rate=5", "track=false"])
+def test_a_publisher_plays_whether_it_publishes_records_or_not(
+    feed: Feed, key: str, wait_for: Callable[..., Any], options: str
+) -> None:
+    """Without records its status tells that frames come."""
+    assert feed.state(0.0).state == "waiting"
+    with Pipeline.parse(f"videotestsrc is-live=true ! zenohsink key={key} {options}") as pipeline:
+        pipeline.play()
+        wait_for(lambda: feed.state(0.0).state == "playing")
+    wait_for(lambda: feed.state(0.0).state == "ended")
+
+
+def test_a_publisher_without_frames_is_waited_for(feed: Feed, key: str, wait_for: Callable[..., Any]) -> None:
+    """Its status counts none."""
+    text = f"appsrc name=in caps=video/x-raw,format=GRAY8,width=64,height=48 ! zenohsink key={key}"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        wait_for(lambda: feed.state(0.0).status)
+        assert feed.state(0.0).reason == "The publisher is there; no frame has come yet."
