@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+import inspect
 import math
 import os
 import sys
@@ -73,7 +74,7 @@ class PropertyDeclaration(Traits):
     def _kind_and_optional(self) -> tuple[type, bool]:
         annotation = self._annotation
         if annotation is None:
-            annotation = self.owner.__annotations__.get(self.attribute, type(self.default))
+            annotation = inspect.get_annotations(self.owner).get(self.attribute, type(self.default))
         if isinstance(annotation, str):
             names = vars(sys.modules[self.owner.__module__])
             annotation = eval(annotation, dict(names))  # the author's own annotation
@@ -133,12 +134,18 @@ class PropertyDeclaration(Traits):
             raise self.refusal(value, f"it takes {self.describe()}", element)
         return value
 
-    def check_default(self) -> None:
-        """Checks that the default is a value of the property.
+    def check_declaration(self) -> None:
+        """Checks that the name is free and the default is a value of the property.
 
         Raises:
-            TypeError: it is of another type, or out of range; names class, property, rule and remedy.
+            TypeError: it is not; names class, property, rule and remedy.
         """
+        where = f"{self.owner.__name__}.{self.attribute}"
+        for base in self.owner.__mro__[1:]:
+            if inspect.isroutine(vars(base).get(self.attribute)):
+                raise TypeError(
+                    f"{where}: the property hides the method {base.__name__}.{self.attribute}; rename it"
+                )
         try:
             kind, default = self.kind, self.default
             self.check(default)
@@ -150,9 +157,7 @@ class PropertyDeclaration(Traits):
             if default is None or isinstance(default, kind) or kind in (float, Fraction):
                 return
             rule = f"it must be {kind.__name__}, as the annotation says, got {default!r}"
-        raise TypeError(
-            f"{self.owner.__name__}.{self.attribute}: the default does not fit the property: {rule}"
-        )
+        raise TypeError(f"{where}: the default does not fit the property: {rule}")
 
     def refusal(self, value: Any, rule: str, element: str) -> PropertyError:
         """The error for a value that the property refuses."""

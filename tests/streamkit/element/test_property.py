@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from streamkit import Caps, Element, Message, Property, PropertyError
+from streamkit import Caps, Element, Message, Property, PropertyError, Transform
 
 
 class Mode(enum.StrEnum):
@@ -293,3 +293,21 @@ def test_a_default_out_of_range_is_refused_with_the_class() -> None:
     """So is one that no user could set."""
     with pytest.raises(TypeError, match=r"it takes float 0\.\.1"):
         type("Wrong", (Element,), {"value": Property(2.0, min=0, max=1), "__module__": __name__})
+
+
+def test_a_class_without_annotations_may_declare_a_property() -> None:
+    """The type is that of the default."""
+
+    class Plain(Transform):
+        fade = Property(0.9, doc="x")
+
+    assert Plain.properties["fade"].kind is float
+
+
+def test_a_property_does_not_hide_a_method() -> None:
+    """It would only show when the engine calls the method."""
+    rule = re.escape("Hiding.stop: the property hides the method Element.stop; rename it")
+    with pytest.raises(TypeError, match=rule):
+
+        class Hiding(Transform):
+            stop: int = Property(3, doc="x")
