@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from streamkit import StreamkitError
+from streamkit import StateError, StreamkitError
 from streamkit.masking import presentable
 
 START_LIMIT_S = 60.0  # of a Ray that `up` has just started
@@ -44,7 +44,7 @@ def _connected(address: str | None) -> Iterator[Any]:
 
         local = None if address else local_ray.known()
         if not address and local is None:
-            raise typer.BadParameter("no fleet runs on this machine; start one with `streamkit fleet up`")
+            raise StateError("no fleet runs on this machine; start one with `streamkit fleet up`")
         if local is not None:
             local_ray.use_token()
         with connected(address or (local.address if local else None), wait_s=START_LIMIT_S if local else 0.0):

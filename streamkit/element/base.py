@@ -40,8 +40,7 @@ class Element(PadOwner):
     accepts in descriptions that contain only a URI, and the `rank` among elements with the same scheme.
 
     Attributes:
-        name: unique in its bin.
-        factory: element type.
+        name, factory: unique in its bin; element type.
         stopping: set while the pipeline stops; every wait of an element checks it.
         clock: the pipeline's clock.
         timing: the pipeline's running time.
@@ -53,8 +52,10 @@ class Element(PadOwner):
         drops: number of frames not delivered, by reason.
         results: number of things that the element has made, such as tracks, by name in the plural.
         outcomes: number of frames by what the element has found of each, such as "lost".
+        has_failed: whether a call by the engine has raised in this run; the element is then not drained.
         activity: name, start (perf_counter, ns) and frame of the current call by the engine, else None.
         is_waiting: whether the element waits on purpose; the watchdog then ignores it.
+        waited_ns: time of calls with frames in which it waited on purpose, ns; not counted as work.
         at_work: one byte, "1" during a call, else "0"; in memory shared with the crash reporter.
     """
 
@@ -69,7 +70,7 @@ class Element(PadOwner):
         cls.properties = declared_properties(cls)
         for item in vars(cls).values():
             if isinstance(item, PropertyDeclaration):
-                item.check_default()
+                item.check_declaration()
         cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
@@ -87,7 +88,7 @@ class Element(PadOwner):
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
         self.is_flushing = False
-        self.flushes = 0
+        self.flushes = self.waited_ns = 0
         self.clock: Clock = SystemClock()
         self.timing = Timing(lambda: self.clock)
         self.host: Host | None = None
@@ -98,7 +99,7 @@ class Element(PadOwner):
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
-        self.is_playing = self.is_waiting = False
+        self.is_playing = self.is_waiting = self.has_failed = False
         self.set_in_text: dict[str, Any] = {}
         for key, value in properties.items():
             self.set_property(key, value)
@@ -185,11 +186,13 @@ class Element(PadOwner):
     @contextlib.contextmanager
     def waiting(self) -> Iterator[None]:
         """Context of a wait on purpose: the watchdog ignores the element."""
-        before, self.is_waiting = self.is_waiting, True
+        before, self.is_waiting, began_ns = self.is_waiting, True, time.perf_counter_ns()
         try:
             yield
         finally:
             self.is_waiting = before
+            if not before and self.activity is not None and self.activity[0] == "frame":
+                self.waited_ns += time.perf_counter_ns() - began_ns
 
     def add_pad(self, template: str, name: str = "") -> Pad:
         """Makes a sometimes pad and the delayed links that wait for it."""
@@ -241,9 +244,13 @@ class Element(PadOwner):
         """Context that turns any exception but the engine's own into an `ElementFailure` of this element."""
         try:
             yield
-        except (FlowStop, ElementFailure, NotNegotiated):
+        except (FlowStop, ElementFailure):
+            raise
+        except NotNegotiated:
+            self.has_failed = True
             raise
         except (Exception, SystemExit) as cause:
+            self.has_failed = True
             raise self.failure(cause) from cause
 
     def halt(self) -> None:

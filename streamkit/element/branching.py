@@ -127,7 +127,7 @@ class Combine(Element):
             return
         self._has_ended = True
         with self.guarded():
-            for frame in self.drain():
+            for frame in () if self.has_failed else self.drain():
                 self.push_output(frame)
         self.src_pad.send_event(EOS)
 

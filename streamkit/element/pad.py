@@ -185,7 +185,12 @@ class Pad:
             if src.peer is None:
                 return
             src.peer.store_event(event)
-            onward = src.peer.element.pass_event(src.peer, event)
+            try:
+                onward = src.peer.element.pass_event(src.peer, event)
+            except Exception:
+                if isinstance(event, CapsEvent):
+                    src.caps = src.peer.caps = None  # the peer is not configured: its next frame fails, too
+                raise
 
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""

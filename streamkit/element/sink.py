@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -30,7 +29,6 @@ class Sink(Element):
 
     Attributes:
         position_ns: timestamp of the last frame rendered with `sync` or `throttle-time`, or None.
-        waited_ns: time spent waiting for frames to be due, ns; not counted as work.
     """
 
     sync: bool = Property(False, doc="Render each frame at its running time.")
@@ -60,7 +58,6 @@ class Sink(Element):
 
     def begin_run(self) -> None:
         """Resets the state of an earlier run."""
-        self.waited_ns = 0
         self._has_prerolled = False
         self._last_end_ns = self._next_ns = 0
         self.position_ns: int | None = None
@@ -121,13 +118,11 @@ class Sink(Element):
     def _wait_for_time(self, frame: Frame, running_time_ns: int) -> bool:
         """Waits until a frame is due, across pauses; False if it is too late."""
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
-        began_ns = time.perf_counter_ns()
         with self.waiting():
             while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
                 if self.stopping.is_set() or self.flushes != flushes:
                     raise Flushing(self.name)
                 self._hold(frame)
-        self.waited_ns += time.perf_counter_ns() - began_ns
         late_ns = self.clock_ns() - self.timing.due_ns(due_ns)
         if self.max_lateness < 0 or late_ns <= self.max_lateness:
             return True
@@ -178,8 +173,9 @@ class Sink(Element):
         if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns + self.ts_offset):
             raise Flushing(self.name)
         if all(other.is_eos for other in self.sink_pads() if other is not pad and other.peer is not None):
-            with self.calling("drain"):
-                self.drain()
+            if not self.has_failed:
+                with self.calling("drain"):
+                    self.drain()
             pad.is_eos = True
             if self.host is not None:
                 self.host.sink_ended(self)

@@ -100,7 +100,7 @@ class Transform(Element):
     def _drain(self) -> None:
         # If downstream wants no more of them, EOS follows all the same: other threads behind wait for it.
         with self.calling("drain"), contextlib.suppress(EndOfStream):
-            for item in self.drain():
+            for item in () if self.has_failed else self.drain():
                 if isinstance(item, tuple):
                     self.push_to_side_pad(*item)
                 else:

@@ -8,14 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, runtime_checkable
 
 from streamkit.element.base import AT_WORK, IDLE, Element
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.errors import ElementFailure, NotNegotiated, StreamError, StreamkitError
-from streamkit.flow.events import EOS, FlowStop, NotLinked
+from streamkit.flow.events import EOS, EndOfStream, FlowStop, NotLinked
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
 
@@ -81,6 +81,7 @@ class Chain:
         )
         self._is_behind_source = isinstance(src.element, Source)
         self._left_ns = 0
+        self._has_failed = False
         self.frames = self.upstream_ns = 0
 
     def push(self, frame: Frame) -> None:
@@ -88,8 +89,10 @@ class Chain:
 
         Raises:
             ElementFailure: an element failed.
-            FlowStop: downstream accepts no more frames.
+            FlowStop: downstream accepts no more frames, as after a failure.
         """
+        if self._has_failed:
+            raise EndOfStream(self.src.path)
         clock = time.perf_counter_ns
         self.frames += 1
         before = clock()
@@ -121,10 +124,8 @@ class Chain:
                         frame = stage.element.announce_src_caps(frame)
             if stage is None or not stage.is_terminal:
                 self._end.not_linked(frame)
-        except (FlowStop, ElementFailure, NotNegotiated):
-            raise
         except (Exception, SystemExit) as cause:
-            raise (stage.element if stage else self.src.element).failure(cause, frame) from cause
+            self._raise(cause, stage.element if stage else self.src.element, frame)
         finally:
             if stage is not None and stage.element.activity is not None:
                 stage.element.leave()
@@ -150,6 +151,16 @@ class Chain:
     def busy_ns(self) -> int:
         """Time spent in all stages, ns."""
         return sum(stage.busy_ns for stage in self.stages)
+
+    def _raise(self, cause: BaseException, element: Element, frame: Frame) -> NoReturn:
+        """Raises an exception of a call with a frame: as it is, or as a failure of the element called."""
+        if isinstance(cause, FlowStop):
+            raise cause
+        self._has_failed = True
+        if isinstance(cause, ElementFailure | NotNegotiated):
+            raise cause
+        element.has_failed = True
+        raise element.failure(cause, frame) from cause
 
     def _push_each(self, stage: Stage, results: Any) -> None:
         """Pushes the frames of a transform that returned None or several to its own src pads."""

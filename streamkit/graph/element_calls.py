@@ -176,12 +176,15 @@ def check_ended(stuck: Iterable[str], limit_s: float) -> None:
 
 
 class Watchdog:
-    """A thread that checks every element periodically while a graph streams.
+    """A thread that checks periodically, while a graph streams, every element and whether the program goes on.
 
     Time is counted in checks, not read from a clock, because a suspended process does not hang. It ignores
     sources, which may wait for frames without limit, elements that wait on purpose (`Element.waiting`), and
     elements inside a call of a downstream element. A long call such as `drain` is a warning, an element that
-    does not return from a frame fails. Without a limit nothing is checked.
+    does not return from a frame fails. Without a limit elements are not checked.
+
+    A program has left its pipeline when both its main thread and the thread that began to stream have ended;
+    without `abandon` the pipeline's threads would keep the interpreter from ending.
     """
 
     def __init__(
@@ -190,29 +193,33 @@ class Watchdog:
         limit_s: float,
         post: Callable[[Message], None],
         fail: Callable[[Exception], None],
+        abandon: Callable[[], None],
     ) -> None:
         self._limit_s = limit_s
-        self._elements, self._post, self._fail = elements, post, fail
-        self._interval_s = min(MAX_INTERVAL_S, limit_s / 4)
+        self._elements, self._post, self._fail, self._abandon = elements, post, fail, abandon
+        self._interval_s = min(MAX_INTERVAL_S, limit_s / 4) if limit_s > 0 else MAX_INTERVAL_S
         self._checks: dict[Element, tuple[int, int]] = {}  # start of the call and number of checks
         self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._users = threading.main_thread(), threading.current_thread()
+        self._thread = threading.Thread(target=self._run, name="streamkit-watchdog")
 
     def start(self) -> None:
         """Starts the thread."""
-        if self._limit_s > 0:
-            self._thread = threading.Thread(target=self._run, name="streamkit-watchdog")
-            self._thread.start()
+        self._thread.start()
 
     def stop(self) -> None:
         """Stops the thread."""
         self._stopping.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
+        if self._thread is not threading.current_thread():
             self._thread.join()
 
     def _run(self) -> None:
         while not self._stopping.wait(self._interval_s):
-            self._check()
+            if not any(thread.is_alive() for thread in self._users):
+                self._abandon()
+                return
+            if self._limit_s > 0:
+                self._check()
 
     def _check(self) -> None:
         checks: dict[Element, tuple[int, int]] = {}

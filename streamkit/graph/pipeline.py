@@ -32,6 +32,8 @@ WATCHDOG_S = 30.0
 class Pipeline:
     """A graph of elements that streams; `Pipeline.parse(text)` makes one. A context manager that stops it.
 
+    A pipeline is stopped, too, when the main thread and the thread that played it have both ended.
+
     Attributes:
         graph: the elements and links.
         bus: messages from the elements.
@@ -152,7 +154,7 @@ class Pipeline:
                 self.timing.latency_ns = self.latency().minimum_ns
                 self.timing.begin()
             if begins:
-                self._playback.begin(self.watchdog_s)
+                self._playback.begin(self.watchdog_s, self.stop)
             else:
                 self._playback.resume()
             self._processes.stream("play")
@@ -173,7 +175,7 @@ class Pipeline:
                 self.timing.pause()
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
-                self._playback.begin(self.watchdog_s)
+                self._playback.begin(self.watchdog_s, self.stop)
                 self._processes.stream("pause")
             elif self.state is State.PLAYING:
                 self._playback.pause()

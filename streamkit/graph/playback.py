@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -23,6 +24,8 @@ from streamkit.graph.link import RAW_VIDEO, DelayedLink
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import ElementStatistics, RetiredChains, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
+
+log = logging.getLogger("streamkit")
 
 
 class Playback:
@@ -60,14 +63,20 @@ class Playback:
         """Whether any source is live, in any process."""
         return any(isinstance(element, Source) and element.is_live for element in self._graph.elements)
 
-    def begin(self, watchdog_s: float) -> None:
-        """Makes the chains; starts the watchdog and a thread for every source and queue."""
+    def begin(self, watchdog_s: float, stop: Callable[[], None]) -> None:
+        """Makes the chains; starts the watchdog and a thread for every source and queue.
+
+        Args:
+            watchdog_s: time limit of an element's call, s; 0 is none.
+            stop: stops the pipeline; called if the program ends and leaves it playing.
+        """
         graph = self._graph
         local = graph.local()
         for element in graph.elements:
             for pad in element.pads.values():
                 pad.reset()
             element.drops.clear()
+            element.has_failed, element.waited_ns = False, 0
             element.outcomes.clear()
         self.end.expect_end(self._sinks())
         self._expect_preroll()
@@ -81,7 +90,13 @@ class Playback:
                 source.set_paused(source.is_live)
         self.is_streaming = True
         self.cpu_began_ns = time.process_time_ns()
-        self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail)
+
+        def abandoned() -> None:
+            if not self.end.ended.is_set():
+                log.warning("the program has ended, its pipeline had not: use `with` or stop()")
+            stop()
+
+        self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail, abandoned)
         self._watchdog.start()
         for thread in self.add_threads(filter(graph.is_local, graph.from_sinks())):
             thread.start()

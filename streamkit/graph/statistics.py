@@ -13,7 +13,6 @@ import msgspec
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
-from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
@@ -235,7 +234,6 @@ def collect_statistics(
     def row(element: Element) -> ElementStatistics:
         name = element.name
         newest_ns = totals.newest_ns[element]
-        waited_ns = element.waited_ns if isinstance(element, Sink) else 0
         return ElementStatistics(
             element=name,
             parent=element.parent,
@@ -248,7 +246,7 @@ def collect_statistics(
             location=mask_secrets(getattr(element, "location", "")) if element.results["files"] else "",
             errors=counts[name, MessageKind.ERROR],
             warnings=counts[name, MessageKind.WARNING],
-            busy_ns=max(0, totals.busy_ns[element] - waited_ns),
+            busy_ns=max(0, totals.busy_ns[element] - element.waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element),
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],

@@ -61,7 +61,7 @@ class ProcessLink(Element):
         before_end: called before EOS is sent on; waits until the messages from before it have arrived.
         last_frame: the number of the newest frame received, -1 before one; a child has it in memory that
             outlives it.
-        waited_ns: time that the half here waited for frames or for room, ns.
+        link_wait_ns: time that the half here waited for frames or for room, ns.
     """
 
     sink = src = "ANY"
@@ -88,7 +88,7 @@ class ProcessLink(Element):
     def begin_run(self) -> None:
         """Resets the state of an earlier run; the connection stays."""
         self.last_frame[0] = -1
-        self.waited_ns = 0
+        self.link_wait_ns = 0
         self._is_given_up = False
         self._used: Connection | None = None
         # Of the writing half.
@@ -151,7 +151,7 @@ class ProcessLink(Element):
         try:
             return channel.receive(wait_s)
         finally:
-            self.waited_ns += time.perf_counter_ns() - began_ns
+            self.link_wait_ns += time.perf_counter_ns() - began_ns
 
     # The writing half, in the upstream thread.
 

@@ -70,7 +70,7 @@ def measure_process(graph: Graph, rows: Iterable[ElementStatistics], cpu_began_n
         frames = max(frames, row.frames_in, row.frames_out)
         if isinstance(element, ProcessLink):
             crossings += row.frames_in if element.writes else row.frames_out
-            waited_ns += element.waited_ns
+            waited_ns += element.link_wait_ns
     return ProcessStatistics(
         process=MAIN if graph.here is None else graph.here.name,
         pid=os.getpid(),

@@ -21,6 +21,6 @@ def test_without_a_fleet_the_remedy_is_said(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     done = CliRunner().invoke(make_app(), ["fleet", "status"], env={"COLUMNS": "200"})
-    assert done.exit_code == 2
-    assert "no fleet runs on this machine; start one with `streamkit fleet up`" in done.stderr
+    assert done.exit_code == 1
+    assert done.stderr == "error: no fleet runs on this machine; start one with `streamkit fleet up`\n"
     assert list(tmp_path.iterdir()) == []

@@ -257,3 +257,15 @@ def test_frames_of_a_removed_branch_stay_counted() -> None:
         rows = {row.element: row for row in pipeline.statistics()}
     assert "out" not in rows
     assert (rows["t"].frames_in, rows["t"].frames_out) == (1, 2)
+
+
+@pytest.mark.parametrize("setting", ["sync=true", "sleep-time=10000"])
+def test_a_transform_that_waits_is_not_busy(setting: str) -> None:
+    """What waits for time is no bottleneck."""
+    text = f"videotestsrc num-buffers=15 ! video/x-raw,framerate=50/1 ! identity {setting} name=i ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert pipeline.wait(20) is not None
+        rows = {row.element: row for row in pipeline.statistics()}
+    assert rows["i"].frames_in == 15
+    assert rows["i"].busy_ns < 75_000_000  # of the 150 ms that it waits at least

@@ -79,3 +79,12 @@ def test_a_container_is_no_file_of_bytes(tmp_path: Path, small_video: Path, sour
     with pytest.raises(ElementFailure, match=rf"no \.mp4 file; write {sink} location={path}"):
         Pipeline.parse(f"{source.format(small_video)} ! filesink location={path}").run(timeout_s=30)
     assert not path.exists()
+
+
+def test_a_refused_stream_leaves_the_older_file(tmp_path: Path) -> None:
+    """The encoder's last packets do not become the file that was refused."""
+    path = tmp_path / "keep.mp4"
+    path.write_bytes(b"older")
+    with pytest.raises(ElementFailure, match=r"no \.mp4 file"):
+        Pipeline.parse(f"videotestsrc num-buffers=30 ! encode ! filesink location={path}").run(20)
+    assert path.read_bytes() == b"older"

@@ -1,0 +1,56 @@
+"""A program that leaves its pipeline without `stop` ends all the same."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LIVE = """
+from streamkit import Pipeline
+pipeline = Pipeline.parse("videotestsrc is-live=true ! appsink name=out")
+pipeline.play()
+next(iter(pipeline["out"]))
+raise KeyError("the program's own error")
+"""
+ENDED = """
+from streamkit import Pipeline
+text = "videotestsrc num-buffers=3 ! filesink location={location}"
+pipeline = Pipeline.parse(text, watchdog_s={watchdog_s})
+pipeline.play()
+print(pipeline.wait().kind)
+"""
+IN_A_THREAD = """
+import threading
+from streamkit import Pipeline
+text = "videotestsrc num-buffers=40 is-live=true ! fakesink"
+threading.Thread(target=lambda: print(Pipeline.parse(text).run())).start()
+"""
+
+
+def run(script: str) -> subprocess.CompletedProcess[str]:
+    """The script in a process of its own, which must end by itself."""
+    command = [sys.executable, "-c", script]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+
+
+def test_an_error_of_the_program_ends_it_and_its_live_pipeline() -> None:
+    """The shell gets the prompt back, with the reason."""
+    done = run(LIVE)
+    assert done.returncode == 1
+    assert "the program's own error" in done.stderr
+    assert "the program has ended, its pipeline had not" in done.stderr
+
+
+@pytest.mark.parametrize("watchdog_s", [30, 0])
+def test_a_pipeline_after_eos_does_not_hold_the_program(tmp_path: Path, watchdog_s: int) -> None:
+    """Nothing is said: all was done."""
+    done = run(ENDED.format(location=tmp_path / "frames.raw", watchdog_s=watchdog_s))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "eos\n", "")
+    assert (tmp_path / "frames.raw").stat().st_size > 0
+
+
+def test_a_pipeline_goes_on_with_the_thread_that_runs_it() -> None:
+    """The main thread may end before it."""
+    done = run(IN_A_THREAD)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "None\n", "")
