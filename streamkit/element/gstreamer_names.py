@@ -9,7 +9,8 @@ ELEMENTS = {
     "encode":
         "x264enc x265enc openh264enc avenc_mpeg4 vaapih264enc nvh264enc vah264enc v4l2h264enc vp8enc "
         "vp9enc",
-    "filesrc location=FILE ! decode, rtspsrc location=rtsp://... ! decode": "uridecodebin uridecodebin3 urisourcebin parsebin playbin playbin3",
+    "filesrc location=FILE ! decode, rtspsrc location=rtsp://... ! decode":
+        "uridecodebin uridecodebin3 urisourcebin parsebin playbin playbin3",
     "nothing; link the source to decode or packetsink":
         "h264parse h265parse jpegparse mpegvideoparse rtph264depay rtph265depay rtpjpegdepay "
         "rtpjitterbuffer qtdemux matroskademux tsdemux avidemux",
