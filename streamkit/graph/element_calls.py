@@ -176,7 +176,7 @@ def check_ended(stuck: Iterable[str], limit_s: float) -> None:
 
 
 class Watchdog:
-    """A thread that checks every element, and whether the program goes on, at intervals while a graph streams.
+    """A thread that checks every element, and whether the program goes on, while a graph streams.
 
     Time is counted in checks, not read from a clock, because a suspended process does not hang. It ignores
     sources, which may wait for frames without limit, elements that wait on purpose (`Element.waiting`), and
