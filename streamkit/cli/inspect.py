@@ -108,9 +108,7 @@ def describe_element(name: str) -> dict[str, Any]:
         "class": entry.target,
         "doc": prose.strip(),
         "example": re.split(r"\n\s*\n", python_inspect.cleandoc(example))[0].strip(),
-        "kind": next(
-            base.__name__ for base in found.__mro__ if base.__module__.startswith("streamkit.element.")
-        ),
+        "kind": next(kind.__name__ for kind in element_kinds() if issubclass(found, kind)),
         "pads": [
             {
                 "name": template.name,
@@ -140,12 +138,20 @@ def describe_element(name: str) -> dict[str, Any]:
 
 
 def inherited(found: type[Element]) -> set[str]:
-    """The names of the properties that an element class has from the engine's base classes."""
-    return {
-        declared.spelling
-        for declared in found.properties.values()
-        if declared.owner is not found and declared.owner.__module__.startswith("streamkit.element.")
-    }
+    """The names of the properties that every element of the kind has."""
+    kinds = element_kinds()
+    return {declared.spelling for declared in found.properties.values() if declared.owner in kinds}
+
+
+def element_kinds() -> tuple[type[Element], ...]:
+    """The base classes that say how many pads an element has, the most general last."""
+    from streamkit.element.base import Element
+    from streamkit.element.branching import Combine, Split
+    from streamkit.element.sink import Sink
+    from streamkit.element.source import Source
+    from streamkit.element.transform import Transform
+
+    return Source, Sink, Transform, Combine, Split, Element
 
 
 def as_text(facts: dict[str, Any], folded: Container[str] = ()) -> str:

@@ -2,7 +2,8 @@
 
     python subscribe.py KEY [ENDPOINT] [COUNT]
 
-Prints one line per record; says what was missed, and when the publisher comes and goes.
+Prints one line per record; says what was missed, and when the publisher comes and goes. ENDPOINT is where the
+publisher listens: on this machine the first free port from 7450 on. A publisher with connect=ROUTER is found there.
 """
 
 import json
@@ -10,6 +11,8 @@ import queue
 import sys
 
 import zenoh
+
+WAIT_S = 10.0  # then it says that nothing comes
 
 
 class Gaps:
@@ -31,12 +34,11 @@ class Gaps:
         return 0 if last is None else number - last - 1
 
 
-def main(key: str, endpoint: str = "", count: int = -1) -> None:
+def main(key: str, endpoint: str = "tcp/127.0.0.1:7450", count: int = -1) -> None:
     """Prints records until the publisher has gone, or so many."""
     config = zenoh.Config()
-    if endpoint:
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     news: queue.Queue[zenoh.Sample | zenoh.Reply] = queue.Queue(maxsize=1000)
     gaps = Gaps()
     with zenoh.open(config) as session:
@@ -46,7 +48,11 @@ def main(key: str, endpoint: str = "", count: int = -1) -> None:
         # Who comes late asks for the last record.
         session.get(f"{key}/tracks", news.put)
         while count:
-            item = news.get()
+            try:
+                item = news.get(timeout=WAIT_S)
+            except queue.Empty:
+                print(f"no message of {key} at {endpoint} for {WAIT_S:g} s", file=sys.stderr, flush=True)
+                continue
             sample = item.ok if isinstance(item, zenoh.Reply) else item
             if sample is None:
                 continue
