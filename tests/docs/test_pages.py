@@ -19,7 +19,7 @@ from tests.slowness import patience
 
 DOCS = Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
-OWN_TEST = {"fleet.md", "tutorial-first-element.md", "tutorial-feature-space.md"}
+OWN_TEST = {"fleet.md", "tutorial-first-element.md", "tutorial-several-pads.md", "tutorial-feature-space.md"}
 WIDE = {"COLUMNS": "200"}  # no option is cut short in the help
 FOLLOWED = ("statistics.md", "guide/python.md", "guide/opencv.md")
 GENERATED = DOCS / "elements"
