@@ -19,6 +19,7 @@ STATUS_COLOURS = {
     "ok": "#2ca02c", "still": "#98df8a", "weak": "#ffbb33", "cut": "#9467bd", "lost": "#d62728",
 }  # fmt: skip
 MOST_ROWS = 120
+MOST_LABELS = 50  # more cannot be read one below the other
 MOST_POINTS = 1000  # of one trail
 METRES_PER_DEGREE = 111_320.0
 
@@ -114,7 +115,8 @@ def _draw_targets(axes: Any, run: RecordedRun) -> str:
     for row, path in enumerate(rows):
         for state, start_s, width_s in _stretches(path.times_s, path.states):
             axes.broken_barh([(start_s, width_s)], (row - 0.4, 0.8), facecolors=STATE_COLOURS[state])
-    axes.set_yticks(range(len(rows)), [str(path.id) for path in rows], fontsize=5)
+    labelled = range(0, len(rows), -(-len(rows) // MOST_LABELS))
+    axes.set_yticks(labelled, [str(rows[row].id) for row in labelled], fontsize=5)
     axes.invert_yaxis()
     axes.set_xlabel("s")
     axes.set_ylabel("id")

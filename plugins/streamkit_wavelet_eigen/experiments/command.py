@@ -45,6 +45,7 @@ def experiments(
     try:
         folder = data_folder(data)
         output.mkdir(parents=True, exist_ok=True)
+        typer.echo("running; each part says when it is done, the first takes minutes", err=True)
         results = run_all(
             folder,
             follow_target,
