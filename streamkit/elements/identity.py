@@ -39,7 +39,7 @@ class Identity(Transform):
 
     sink = src = "ANY"
 
-    sleep_time: int = Property(0, min=0, max=UINT, unit="us", doc="Delay of each frame.")
+    sleep_time: int = Property(0, min=0, max=UINT, unit="us", doc="Delay of each frame; counts as work.")
     error_after: int = Property(-1, min=-1, max=INT, doc="Fails at the n-th frame; -1 is never.")
     eos_after: int = Property(-1, min=-1, max=INT, doc="Ends the stream at the n-th frame; -1 is never.")
     drop_probability: float = Property(0.0, min=0.0, max=1.0, doc="Probability that a frame is dropped.")
@@ -123,8 +123,7 @@ class Identity(Transform):
         if self.sync and frame.pts is not None:
             self._hold(frame.pts)
         if self.sleep_time:
-            with self.waiting():
-                self.stopping.wait(self.sleep_time / 1e6)
+            self.stopping.wait(self.sleep_time / 1e6)
         return frame
 
     def _is_dropped(self, frame: Frame) -> bool:

@@ -3,7 +3,7 @@
     python subscribe.py KEY [ENDPOINT] [COUNT]
 
 Prints one line per record; says what was missed, and when the publisher comes and goes. ENDPOINT is where the
-publisher listens: on this machine the first free port from 7450 on. A publisher with connect=ROUTER is found there.
+publisher listens, on this machine the first free port from 7450 on, or the router that it connects to.
 """
 
 import json
