@@ -1,36 +1,21 @@
-"""Branches of a graph: they join and leave while it streams, and may fail alone.
-
-A branch behind a tee whose sinks all have `on-error=drop-branch` fails alone.
-"""
+"""Branches of a graph that join and leave while it streams: `Pipeline.add_branch` and `remove_branch`."""
 
 from __future__ import annotations
 
-import contextlib
-import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from streamkit.element.base import Element
-from streamkit.element.branching import Split
 from streamkit.element.pad import Direction, Pad, Presence
-from streamkit.element.sink import OnError, Sink
-from streamkit.errors import DescriptionError, ElementFailure, NotNegotiated, Place, StreamkitError
-from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, SegmentEvent
-from streamkit.flow.frame import Frame
-from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.bus import Bus
+from streamkit.errors import DescriptionError, ElementFailure, Place
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph, downstream, free_name, upstream, walk
+from streamkit.graph.graph import Graph, free_name
 from streamkit.graph.link import find_pad
 from streamkit.graph.negotiate import negotiate, remember_caps
-from streamkit.graph.stream_end import StreamEnd
 
 if TYPE_CHECKING:
     from streamkit.graph.playback import Playback
-
-Survives = Callable[[Pad, Exception], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +45,8 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     src = find_pad(element, Direction.SRC, "", Place())
     if src.template.presence is not Presence.REQUEST:
         raise DescriptionError("link", f"{name} makes no pads on request; put a tee there: tee name=t")
-    src.awaits_first_frame = (
-        playback is not None and playback.is_streaming
-    )  # no event before its elements have started
+    # No event before its elements have started.
+    src.awaits_first_frame = playback is not None and playback.is_streaming
     src.link(entry)
     graph.added_branches.add(src)
     before = len(graph.inserted)
@@ -122,177 +106,3 @@ def _detach(graph: Graph, branch: Branch) -> None:
     graph.inserted[:] = [element for element in graph.inserted if element not in branch.elements]
     parents = {element.parent for element in branch.elements} - {e.parent for e in graph.elements}
     graph.bins[:] = [group for group in graph.bins if group.name not in parents]
-
-
-class BranchOutput:
-    """Sends the frames of a src pad into the branch behind it, until it is removed or has failed.
-
-    Args:
-        src: the first pad of the branch; its `push` becomes this object's.
-        send: pushes a frame into the branch.
-        survives: whether the failure of the branch has been dealt with, so that the other branches continue.
-    """
-
-    def __init__(self, src: Pad, send: Callable[[Frame], None], survives: Survives) -> None:
-        self._src, self._send, self._survives = src, send, survives
-        self._entry = src.peer
-        self._is_removed = self._has_failed = self._has_sent_eos = False
-        self._sending = threading.RLock()  # held while a frame or EOS is on its way into the branch
-        src.push = self.push
-
-    def push(self, frame: Frame) -> None:
-        """Sends a frame; of a failed branch, counts it as dropped, after EOS in place of the first one."""
-        with self._sending:
-            if self._src.awaits_first_frame:
-                self._join(frame)
-            if self._is_removed or self._has_failed:
-                self._end()
-                if self._has_failed:
-                    self._src.element.count_drop("branch dropped after its failure")
-                return
-            try:
-                self._send(frame)
-            except (ElementFailure, NotNegotiated) as error:
-                if not self._survives(self._src, error):
-                    raise
-            except EndOfStream:  # failed behind a queue, or finished
-                if not is_expendable(self._src):
-                    raise
-                self._src.element.count_drop("branch has ended")
-
-    def remove(self, timeout_s: float) -> None:
-        """Ends the branch: EOS goes out behind the frame on its way, which has `timeout_s` to arrive."""
-        self._is_removed = True
-        if self._sending.acquire(timeout=max(0.0, timeout_s)):
-            try:
-                self._end()
-            finally:
-                self._sending.release()
-
-    def fail(self) -> None:
-        """Ends the branch at its next frame; the frames that follow are counted as dropped."""
-        self._has_failed = True
-
-    def relink(self) -> None:
-        """Links a branch that has failed again, for the next run."""
-        if self._entry is not None and self._src.peer is None:
-            self._src.link(self._entry)
-
-    def _join(self, frame: Frame) -> None:
-        src = self._src
-        src.awaits_first_frame = False
-        src.send_event(CapsEvent(frame.caps))
-        above = next(src.element.sink_pads(), None)
-        if above is not None:
-            src.send_event(SegmentEvent(above.segment))
-
-    def _end(self) -> None:
-        if self._has_sent_eos:
-            return
-        self._has_sent_eos = True
-        src = self._src
-        if self._has_failed:
-            with contextlib.suppress(FlowStop, StreamkitError):
-                src.send_event(EOS)
-            src.unlink()
-            src.push = self.push
-        elif not src.is_eos:
-            src.is_eos = True
-            src.send_event(EOS)
-
-
-class BranchOutputs:
-    """The outputs of one run whose branches join, leave or may fail alone; other pads push into their chain.
-
-    Args:
-        graph: the graph.
-        bus: gets a warning for each dropped branch.
-        end: the sinks of a dropped branch are removed from it.
-    """
-
-    def __init__(self, graph: Graph, bus: Bus, end: StreamEnd) -> None:
-        self._graph = graph
-        self._bus = bus
-        self._end = end
-        self._lock = threading.Lock()
-        self._outputs: dict[Pad, BranchOutput] = {}
-        self._dropped: set[Element] = set()  # sinks
-
-    def reset(self) -> None:
-        """Forgets an earlier run, and opens the branches that may be dropped or removed."""
-        self._outputs, self._dropped = {}, set()
-        for element in self._graph.local():
-            for src in list(element.src_pads()):
-                src.awaits_first_frame = False
-                if src in self._graph.added_branches or is_expendable(src):
-                    self._output(src)
-
-    def join(self, src: Pad, send: Callable[[Frame], None]) -> None:
-        """Opens a branch whose pad awaits its first frame."""
-        self._outputs[src] = BranchOutput(src, send, self._drop)
-
-    def remove(self, src: Pad, timeout_s: float) -> None:
-        """Ends a branch; no frame follows."""
-        output = self._outputs.pop(src, None)
-        if output is not None:
-            output.remove(timeout_s)
-
-    def relink(self) -> None:
-        """Links the branches that have failed again, for the next run."""
-        for output in self._outputs.values():
-            output.relink()
-
-    def drops(self, error: Exception) -> bool:
-        """Drops the branch of a failed element; False if the pipeline fails."""
-        if not isinstance(error, ElementFailure):
-            return False
-        failed = next((e for e in self._graph.elements if e.name == error.element), None)
-        branch = None if failed is None else expendable_branch_of(failed)
-        return branch is not None and self._drop(branch, error)
-
-    def _output(self, src: Pad) -> BranchOutput:
-        with self._lock:
-            if src not in self._outputs:
-                self._outputs[src] = BranchOutput(src, src.push, self._drop)
-            return self._outputs[src]
-
-    def _drop(self, src: Pad, error: Exception) -> bool:
-        """Drops a branch; False if it may not fail alone, or no other sink would be left."""
-        if not is_expendable(src):
-            return False
-        sinks = sinks_behind(src)
-        every_sink = {element for element in self._graph.elements if isinstance(element, Sink)}
-        with self._lock:
-            dropped = self._dropped.union(sinks)
-            if not every_sink - dropped:
-                return False
-            is_first = dropped != self._dropped
-            self._dropped = dropped
-        if is_first:
-            self._output(src).fail()
-            source = error.element if isinstance(error, ElementFailure) else src.element.name
-            text = f"the branch behind {src.path} is dropped, the others continue: {error}"
-            fields = {"code": "branch-dropped", "branch": src.path}
-            self._bus.post(Message(MessageKind.WARNING, source, text, fields, error))
-            self._end.remove(sinks)
-        return True
-
-
-def sinks_behind(src: Pad) -> list[Sink]:
-    """Every sink downstream of a src pad."""
-    first = [] if src.peer is None else [src.peer.element]
-    return [element for element in walk(first, downstream) if isinstance(element, Sink)]
-
-
-def is_expendable(src: Pad) -> bool:
-    """Whether the branch behind a src pad of a tee may be dropped."""
-    if not isinstance(src.element, Split):
-        return False
-    sinks = sinks_behind(src)
-    return bool(sinks) and all(sink.on_error is OnError.DROP_BRANCH for sink in sinks)
-
-
-def expendable_branch_of(element: Element) -> Pad | None:
-    """The nearest src pad upstream of an element whose branch may be dropped, or None."""
-    peers = (sink.peer for nearest in walk([element], upstream) for sink in nearest.sink_pads())
-    return next((src for src in peers if src is not None and is_expendable(src)), None)

@@ -15,7 +15,7 @@ from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, NotNegotiated, StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.branches import BranchOutputs
+from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
 from streamkit.graph.element_calls import Watchdog
