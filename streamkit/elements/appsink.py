@@ -8,6 +8,7 @@ from typing import Any
 
 from typing_extensions import override
 
+from streamkit.element.frame_queue import FrameQueue
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64
@@ -17,7 +18,6 @@ from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
 from streamkit.flow.frame import Frame
-from streamkit.handoff.frame_queue import FrameQueue
 
 
 class AppSink(PlainSink):

@@ -7,6 +7,7 @@ from typing import Any
 
 from typing_extensions import override
 
+from streamkit.element.frame_queue import FrameQueue
 from streamkit.element.property import Property
 from streamkit.element.property_text import INT, INT64, UINT64, Choice
 from streamkit.element.source import Source
@@ -17,7 +18,6 @@ from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import Event
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.bounded_queue import POLL_S
-from streamkit.handoff.frame_queue import FrameQueue
 
 
 class LeakyType(Choice):

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from streamkit.element.base import Element
+from streamkit.element.frame_queue import data_size
 from streamkit.element.pad import Pad
 from streamkit.flow.frame import Frame
-from streamkit.handoff.frame_queue import data_size
 
 MAX_DUMPED = 4096
 FAILURE_POLL_S = 0.2  # interval at which the application learns of a failure of the pipeline

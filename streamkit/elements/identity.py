@@ -7,6 +7,7 @@ from typing import Any
 
 from typing_extensions import override
 
+from streamkit.element.frame_queue import data_size
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import INT, INT64, UINT
@@ -15,7 +16,6 @@ from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import PropertyError, StreamError
 from streamkit.flow.events import OPEN_SEGMENT, EndOfStream, Event, Flushing, GapEvent, Segment, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.handoff.frame_queue import data_size
 
 FLAGS = {"discont": FrameFlags.DISCONTINUITY, "corrupted": FrameFlags.CORRUPT}
 DELTA_UNIT = "delta-unit"  # not a keyframe; only coded streams distinguish them

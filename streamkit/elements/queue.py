@@ -9,6 +9,7 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.element.base import Element
+from streamkit.element.frame_queue import FrameQueue
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64, Choice
@@ -28,7 +29,6 @@ from streamkit.flow.events import (
 )
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.handoff.bounded_queue import POLL_S
-from streamkit.handoff.frame_queue import FrameQueue
 
 PARK_S = 2.0  # longest wait of a flush for the frame in flight downstream
 

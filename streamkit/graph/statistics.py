@@ -12,13 +12,13 @@ from typing import Any, Literal
 import msgspec
 
 from streamkit.element.base import Element
+from streamkit.element.frame_queue import FrameQueue
 from streamkit.element.pad import Pad
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
 from streamkit.graph.chain import Chain, Streaming
 from streamkit.graph.graph import Graph
-from streamkit.handoff.frame_queue import FrameQueue
 from streamkit.masking import mask_secrets
 
 

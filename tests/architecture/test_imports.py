@@ -22,7 +22,7 @@ ALLOWED = {
     "geometry": set(),
     "errors": {"masking"},
     "flow": {"masking", "errors", "geometry"},
-    "handoff": {"masking", "errors", "flow"},
+    "handoff": {"masking", "errors"},
     "crossing": {"masking", "errors", "flow"},
     "element": {"masking", "errors", "flow", "handoff", "settings", "output"},
     "elements": {"masking", "errors", "flow", "element", "handoff"},

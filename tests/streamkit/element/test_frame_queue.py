@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit import Caps, EosEvent, Frame, Segment, SegmentEvent
-from streamkit.handoff.frame_queue import FrameQueue, data_size
+from streamkit.element.frame_queue import FrameQueue, data_size
 
 ANYTHING = Caps("a/b")
 SECOND = 1_000_000_000
