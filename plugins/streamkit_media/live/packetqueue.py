@@ -35,7 +35,7 @@ def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[QueuedPack
 class DropToKeyframe:
     """Has a full queue drop the oldest packets up to a keyframe, so that frames stay decodable.
 
-    Without a later keyframe it drops all, and refuses those of the video until the next one.
+    Without a later keyframe it drops all; if there was video among them, it refuses the video until the next.
 
     Args:
         longest_wait_ns: once the oldest packet has waited longer, the next keyframe replaces all before it.
@@ -59,6 +59,6 @@ class DropToKeyframe:
         keyframes = (at for at in range(len(held) - 1, 0, -1) if held[at].is_keyframe)
         count = len(held) if new.is_keyframe else next(keyframes, 0)
         if is_full and not count:
-            self._awaits_keyframe = True
+            self._awaits_keyframe = any(packet.kind is StreamKind.VIDEO for packet in (*held, new))
             return range(len(held) + 1)
         return range(count)

@@ -104,6 +104,15 @@ def test_a_stream_without_key_frames_continues() -> None:
     assert ring.statistics.received == ring.statistics.dropped + 2
 
 
+def test_video_goes_on_where_only_telemetry_was_dropped() -> None:
+    """None of its packets is missing, so that it need not wait for a keyframe."""
+    ring = packet_queue(4, SECOND)
+    for number in range(5):
+        ring.put(QueuedPacket(StreamKind.KLV, number, Frame(b"", ANY)))
+    fill(ring, range(1, 3), 1000)
+    assert empty(ring) == [1, 2]
+
+
 def test_telemetry_is_kept_while_the_video_waits_for_a_key_frame() -> None:
     """It is neither refused nor taken for the frame that ends the wait."""
     ring = packet_queue(4, SECOND)
