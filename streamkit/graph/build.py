@@ -109,8 +109,9 @@ class GraphBuilder:
     def _check_order(self) -> None:
         """Notes elements downstream of one that uses their metadata."""
         for element in self.graph.elements:
-            for other in walk(downstream(element), downstream):
-                if other.factory in element.wants_upstream():
+            wanted = element.wants_upstream()
+            for other in walk(downstream(element), downstream) if wanted else ():
+                if other.factory in wanted:
                     what = f"{element.name} does not get what {other.name} measures"
                     self.graph.warnings.append(("order", f"{what}: put {other.name} before it"))
 

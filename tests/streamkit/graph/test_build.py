@@ -309,6 +309,19 @@ def test_large_graphs_are_built_quickly(text: str) -> None:
     assert time.process_time() - begun < 15.0
 
 
+def test_twice_the_elements_cost_twice_as_much(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Elements of a chain are not compared pairwise."""
+    looks: list[str] = []
+    src_pads = Element.src_pads
+    monkeypatch.setattr(Element, "src_pads", lambda self: looks.append(self.name) or src_pads(self))
+    counts = []
+    for number in (100, 200):
+        build("fakesrc ! " + "identity ! " * number + "fakesink", {})
+        counts.append(len(looks))
+        looks.clear()
+    assert counts[1] < 2.2 * counts[0]
+
+
 def test_a_misspelt_field_of_a_filter_is_noted() -> None:
     """It would restrict nothing; fields that are like none of raw video's are the user's own."""
     graph = build("fakesrc ! video/x-raw, widht=320, scene=3 ! fakesink", {})
