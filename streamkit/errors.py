@@ -60,7 +60,9 @@ def write_remedy(error: Exception) -> str:
         return "; free some space"
     if number == errno.EPIPE:
         return "; what read it has ended"
-    refused = isinstance(error, OSError) and number != errno.EINVAL
+    if number == errno.ETIMEDOUT:
+        return "; let it read on, or allow it more time with timeout-s="
+    refused = isinstance(error, OSError) and number not in (None, errno.EINVAL)
     return "; check that the directory is there and takes files" if refused else ""
 
 

@@ -25,13 +25,18 @@ ELEMENTS = {
     "livesrc uri=udp://127.0.0.1:PORT, with gst-launch-1.0 v4l2src ! videoconvert ! x264enc tune=zerolatency "
     "! mpegtsmux ! udpsink port=PORT running":
         "v4l2src",
-    "rtspclientsink, or zenohsink": "udpsink tcpserversink srtsink rtmpsink rtmp2sink webrtcbin",
+    "packetsink or videofilesink location=udp://HOST:PORT": "udpsink",
+    "packetsink or videofilesink location=udp://127.0.0.1:PORT, with srt-live-transmit udp://:PORT "
+    "srt://HOST:PORT running":
+        "srtsink srtserversink srtclientsink",
+    "packetsink or videofilesink location=live.m3u8": "hlssink hlssink2 hlssink3",
+    "rtspclientsink, or zenohsink": "tcpserversink rtmpsink rtmp2sink webrtcbin",
     "videoconvert, which negotiation inserts itself": "autovideoconvert videoconvertscale glcolorconvert",
     "trackoverlay, which draws tracks; textoverlay, which draws text": "cairooverlay rsvgoverlay",
     "multifilesrc location=frames/%05d.png": "imagefreeze imagesequencesrc",
     "jpegsink": "jpegenc pngenc",
     "queue": "queue2 multiqueue",
-    "filesink location=/dev/stdout": "fdsink",
+    "filesink location=-": "fdsink",
     "filesrc location=FILE; a pipe cannot be read": "fdsrc",
     "zenohsrc": "shmsrc unixfdsrc",
     "zenohsink": "shmsink unixfdsink",

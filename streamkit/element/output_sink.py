@@ -15,6 +15,7 @@ from streamkit.errors import PropertyError, ResourceError, StreamkitError, write
 from streamkit.flow.frame import Frame
 from streamkit.output.file import OutputFile, check_writable, is_special
 from streamkit.output.names import FileNames, local_path
+from streamkit.output.pipe import STANDARD_OUTPUT, Patience, standard_output
 from streamkit.output.retention import Retention, RetentionLimits
 
 CLOSE_LIMIT_S = 5.0
@@ -46,10 +47,15 @@ class OutputFileSink(Sink):
     example: ClassVar[str] = "out.bin"
     write_errors: ClassVar[tuple[type[Exception], ...]] = (OSError,)
 
-    location: str = Property("", file="write", doc="File to write; missing folders are made.")
+    location: str = Property(
+        "", file="write", doc="File to write; missing folders are made. - is the standard output."
+    )
     if_exists: IfExists = Property(
         IfExists.REPLACE,
         doc="An older file: refuse it, continue it or its numbers, or replace it when whole.",
+    )
+    timeout_s: float = Property(
+        10.0, min=0.1, max=3600.0, unit="s", doc="How long what reads a pipe may take nothing."
     )
 
     file: OutputFile | None = None
@@ -86,6 +92,10 @@ class OutputFileSink(Sink):
         """Whether one file cannot hold the stream; a number is then added to the name."""
         return False
 
+    def is_file(self) -> bool:
+        """Whether files are written, or a device or pipe that has a path."""
+        return True
+
     def pattern(self) -> str:
         """What names the files."""
         return self.location
@@ -95,7 +105,8 @@ class OutputFileSink(Sink):
     def open_file(self, *, is_whole: bool = False) -> OutputFile:
         """The next file; with `is_whole` it appears once it has content that is complete."""
         append = self.can_append() and self.if_exists is IfExists.CONTINUE
-        return OutputFile(self.next_path(), append=append, is_whole=is_whole)
+        patience = Patience(self.timeout_s, self.stopping, self.waiting)
+        return OutputFile(self.next_path(), append=append, is_whole=is_whole, patience=patience)
 
     def next_path(self) -> Path:
         """The path of the next file.
@@ -139,11 +150,13 @@ class OutputFileSink(Sink):
         self.number = 0
         if not self.location:
             raise ResourceError(f"location must be set; write for example location={self.example}")
-        if self.location == "-":
-            raise ResourceError("location=- is no file; write location=/dev/stdout for the standard output")
+        if self.location == STANDARD_OUTPUT:
+            standard_output()
         self.check_properties()
         self.names = FileNames(self.pattern(), adds_number=self.needs_several_files())
-        with self._reported():
+        if not self.is_file():
+            return
+        with self.reported():
             first = self.names.path(0, self.clock.utc_ns())
             check_writable(first)
             if self.names.is_several:
@@ -182,7 +195,7 @@ class OutputFileSink(Sink):
         Raises:
             ResourceError: the disk refuses.
         """
-        with self._writing, self._reported():
+        with self._writing, self.reported():
             if not self.has_begun:
                 self.has_begun = True
                 self.begin()
@@ -207,7 +220,7 @@ class OutputFileSink(Sink):
         try:
             is_open, self._is_over = self.has_begun and not self._is_over, True
             if is_open:
-                with self._reported():
+                with self.reported():
                     self.end()
                 if text := self.shortfall():
                     self.post_warning(f"{self.location}: {text}", "shortfall")
@@ -215,7 +228,7 @@ class OutputFileSink(Sink):
             self._writing.release()
 
     @contextlib.contextmanager
-    def _reported(self) -> Iterator[None]:
+    def reported(self) -> Iterator[None]:
         """Turns an error of writing into ResourceError, once, and abandons the file."""
         try:
             yield

@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import io
 import os
+import select
 import stat
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from streamkit.output.pipe import STANDARD_OUTPUT, Patience, open_fifo, standard_output, wait_writable
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -26,7 +29,7 @@ class OutputFile(io.FileIO):
     Missing folders are made. Devices, pipes and sockets are opened directly; symbolic links are followed.
 
     Args:
-        path: of the file.
+        path: of the file; `-` is the standard output.
         append: whether to continue an existing file.
         is_whole: whether the path appears only with the finished file, or the first piece of `append`, also
             if there is no older file.
@@ -42,8 +45,15 @@ class OutputFile(io.FileIO):
 
     failure: OSError | None = None
 
-    def __init__(self, path: Path, *, append: bool = False, is_whole: bool = False) -> None:
-        self.path = path
+    def __init__(
+        self,
+        path: Path,
+        *,
+        append: bool = False,
+        is_whole: bool = False,
+        patience: Patience = Patience(),  # noqa: B008 - frozen; the event of the default is never set
+    ) -> None:
+        self.path, self._patience = path, patience
         self._target = path.resolve()
         self._unpublished: Path | None = None
         if not is_special(path):
@@ -54,7 +64,13 @@ class OutputFile(io.FileIO):
                 self._unpublished = self._target.with_name(name)
             elif not is_there:
                 self._unpublished = self._target
-        super().__init__(self._unpublished or path, "ab" if append else "wb")
+        target: Path | int = self._unpublished or path
+        if is_stdout := str(path) == STANDARD_OUTPUT:
+            target = standard_output()
+        elif path.is_fifo():
+            target = open_fifo(path, patience)
+        super().__init__(target, "ab" if append else "wb", closefd=not is_stdout)
+        self._waits_for_reader = not stat.S_ISREG(os.fstat(self.fileno()).st_mode)
         self._pending = bytearray()
         self._tail: Callable[[], bytes] | None = None
         self._end = self.tell() if append and self.seekable() else 0
@@ -63,12 +79,18 @@ class OutputFile(io.FileIO):
         self.is_new = not self._end
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Writes all of the data."""
+        """Writes all of the data; after a failed write to a pipe nothing more is tried."""
         rest = memoryview(data).cast("B")
         size = rest.nbytes
+        if self.failure is not None and self._waits_for_reader:
+            raise self.failure
         try:
             while rest:
-                rest = rest[super().write(rest) or 0 :]
+                piece = rest
+                if self._waits_for_reader:
+                    wait_writable(self.fileno(), self._patience)
+                    piece = rest[: select.PIPE_BUF]
+                rest = rest[super().write(piece) or 0 :]
         except OSError as error:
             self.failure = self.failure or error
             raise
@@ -176,8 +198,8 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def is_special(path: Path) -> bool:
-    """Whether a path is a device, pipe, socket, or an open file of this process."""
-    if str(path).startswith(("/dev/", "/proc/")):
+    """Whether a path is a device, pipe, socket, an open file of this process, or `-`."""
+    if str(path) == STANDARD_OUTPUT or str(path).startswith(("/dev/", "/proc/")):
         return True
     try:
         return not (stat.S_ISREG(path.stat().st_mode) or path.is_dir())

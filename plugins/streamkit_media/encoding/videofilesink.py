@@ -1,4 +1,4 @@
-"""videofilesink: frames to an H.264 file that plays everywhere, each frame at its own time."""
+"""videofilesink: frames as H.264 to a file, pipe, network or playlist, each frame at its own time."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import math
 import time
 from fractions import Fraction
 
-from streamkit import Caps, Frame, OutputFileSink, Property, StreamError
+from streamkit import SECOND_NS, Caps, Frame, Property, StreamError
 from streamkit_media.codecs import caps_rate
-from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.encoding.encoder import ASSUMED_RATE, RAW_CAPS, Encoder, EncoderSettings, Preset
 from streamkit_media.recording.filemuxer import (
     FORMATS,
@@ -18,6 +17,7 @@ from streamkit_media.recording.filemuxer import (
     FileMuxer,
     ticks,
 )
+from streamkit_media.recording.mediaoutput import SEGMENT_NS, MediaOutput
 
 FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
@@ -33,20 +33,29 @@ MIN_HOLDING_RATE = 12
 MIN_RATE = Fraction(1, 3600)  # for the encoder; MP4 cannot hold a frame of 7 hours
 
 
-class VideoFileSink(OutputFileSink):
+class VideoFileSink(MediaOutput):
     """Encodes frames to an H.264 file that plays while it grows, and however the process ended.
 
-    Odd sizes are extended by one repeated row or column at the lower or right edge.
+    Over UDP there is a keyframe each second, so that a receiver may join at any time. Odd sizes are extended
+    by one repeated row or column at the lower or right edge.
 
     Example:
         videotestsrc num-buffers=50 ! videofilesink location=test.mp4
     """
 
     sink = RAW_CAPS
-    suffixes = tuple(FORMATS)
+    formats = OWN_FORMATS
     example = "out.mp4"
-    write_errors = (*MEDIA_ERRORS, OSError)
 
+    location: str = Property(
+        "",
+        file="write",
+        doc="File to write; missing folders are made. Or - (the standard output), udp://HOST:PORT, or a "
+        "playlist of segments (HLS), live.m3u8.",
+    )
+    max_files: int = Property(
+        0, min=0, doc="Segments of a playlist kept; older ones are deleted. 0 keeps all."
+    )
     crf: int = Property(23, min=0, max=51, doc="Quality: 0 loses nothing, 18 looks it, 51 is worst.")
     preset: Preset = Property(Preset.VERYFAST, doc="x264's trade of time for size.")
 
@@ -66,6 +75,7 @@ class VideoFileSink(OutputFileSink):
         Raises:
             StreamError: the size or format changed, which one file cannot hold.
         """
+        self.check_pace(frame.pts)
         if frame.caps is not self._caps:
             self._follow(frame.caps)
         assert self._encoder is not None
@@ -80,9 +90,13 @@ class VideoFileSink(OutputFileSink):
             rate = max(caps_rate(caps) or ASSUMED_RATE, MIN_RATE)
             self._frame_ticks = max(1, round(1 / rate / TIME_BASE))
             self._last = -self._frame_ticks
-            self._muxer = FileMuxer(self.open_file(), OWN_FORMATS)
+            self._muxer = FileMuxer(self.open_output(count=self.max_files), self.container())
+            gop = KEYFRAME_INTERVAL
+            if self.is_sent or self.is_playlist:
+                gop = max(1, round(rate * (1 if self.is_sent else SEGMENT_NS // SECOND_NS)))
+            is_live = self.is_sent or rate < MIN_HOLDING_RATE
             settings = EncoderSettings(
-                quality=self.crf, gop=KEYFRAME_INTERVAL, preset=self.preset, live=rate < MIN_HOLDING_RATE
+                quality=self.crf, gop=min(gop, KEYFRAME_INTERVAL), preset=self.preset, live=is_live
             )
             self._encoder = Encoder(settings, pixel_format, size, rate, self._muxer.container, TIME_BASE)
         elif (pixel_format, size) != (encoder.pixel_format, encoder.size):

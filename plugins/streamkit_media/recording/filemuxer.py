@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import suppress
 from fractions import Fraction
+from typing import TypeAlias
 
 import av
 from av.container import OutputContainer
@@ -15,6 +15,7 @@ from av.stream import Stream
 from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
 from streamkit_media.nalunits import AnnexBConverter, BadPacket
+from streamkit_media.recording.destination import Destination, Playlist
 from streamkit_media.recording.parametersets import check_parameter_sets
 
 TIME_BASE = Fraction(1, 90_000)
@@ -23,7 +24,9 @@ MAX_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer on
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
 FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
-FORMATS: dict[str, tuple[str, dict[str, str]]] = {
+ContainerFormat: TypeAlias = tuple[str, dict[str, str]]
+Output: TypeAlias = OutputFile | Destination
+FORMATS: dict[str, ContainerFormat] = {
     ".mp4": ("mp4", FRAGMENTED),
     ".mov": ("mov", FRAGMENTED),
     ".mkv": ("matroska", {"cluster_time_limit": "500"}),
@@ -31,15 +34,16 @@ FORMATS: dict[str, tuple[str, dict[str, str]]] = {
     ".mts": ("mpegts", {}),
     ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
 }
-WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts"})
+HLS = "hls"
+WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts", HLS})
 
 
 class FileMuxer:
-    """Base of what writes packets to a container in a file.
+    """Base of what writes packets to a container.
 
     Args:
-        file: of a name in `formats`; FFmpeg would leave one of its own open where the head cannot be written.
-        formats: FFmpeg's format and its options for each ending of a name.
+        file: takes it; FFmpeg would leave one of its own open where the head cannot be written.
+        container: FFmpeg's format and its options.
 
     Attributes:
         file: the file.
@@ -48,15 +52,19 @@ class FileMuxer:
             could not be written.
     """
 
-    def __init__(self, file: OutputFile, formats: Mapping[str, tuple[str, dict[str, str]]] = FORMATS) -> None:
+    def __init__(self, file: Output, container: ContainerFormat) -> None:
         self.failure: Exception | None = None
         self.file = file
         self.is_closed = False
-        name, options = formats[file.path.suffix.lower()]
+        name, options = container
         self._is_limited = "movflags" in options
-        self.container: OutputContainer = av.open(
-            file, "w", format=name, container_options={**ALWAYS, **options}
-        )
+        options = {**ALWAYS, **options}
+        if isinstance(file, Playlist):
+            self.container: OutputContainer = av.open(
+                str(file.path), "w", format=name, container_options=options | file.options, io_open=file.open
+            )
+        else:
+            self.container = av.open(file, "w", format=name, container_options=options)
 
     def mux(self, packet: Packet[Stream], *, can_play: bool) -> None:
         """Writes one packet; the file replaces an older one once it `can_play`.
@@ -131,7 +139,8 @@ class PacketWriter(FileMuxer):
     """One file being written.
 
     Args:
-        file: of a name in `FORMATS`; is closed by `close`.
+        file: is closed by `close`.
+        container: FFmpeg's format and its options.
         codec: of the video, FFmpeg's name.
         size: width, height, px.
         extradata: the codec's headers kept outside the packets.
@@ -143,15 +152,22 @@ class PacketWriter(FileMuxer):
     """
 
     def __init__(
-        self, file: OutputFile, codec: str, size: tuple[int, int], extradata: bytes, *, with_klv: bool = False
+        self,
+        file: Output,
+        container: ContainerFormat,
+        codec: str,
+        size: tuple[int, int],
+        extradata: bytes,
+        *,
+        with_klv: bool = False,
     ) -> None:
         self._annexb = AnnexBConverter(codec, extradata)
         self._codec = codec
         self.has_begun = False  # whether the file's head is written; a packet may be left out from then on
-        self._reads_parameter_sets = FORMATS[file.path.suffix.lower()][0] not in WITHOUT_HEADERS
+        self._reads_parameter_sets = container[0] not in WITHOUT_HEADERS
         self._last_dts: dict[int, int] = {}
         self._is_after_pause = False
-        super().__init__(file)
+        super().__init__(file, container)
         try:
             self._video = self.container.add_mux_stream(codec, width=size[0], height=size[1])
             self._klv: Stream | None = self.container.add_data_stream("klv") if with_klv else None

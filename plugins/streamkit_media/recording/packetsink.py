@@ -1,4 +1,4 @@
-"""packetsink: coded packets to a file, without encoding."""
+"""packetsink: coded packets to a file, pipe, network or playlist, without encoding."""
 
 from __future__ import annotations
 
@@ -21,11 +21,14 @@ from streamkit import (
     Property,
     PropertyError,
     StreamError,
+    mask_secrets,
 )
+from streamkit.output.file import OutputFile
+from streamkit.output.pipe import STANDARD_OUTPUT
 from streamkit_media.codecs import CODED_CAPS, codec_of, extradata_of, is_same_format, size_of
-from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.nalunits import BadPacket
-from streamkit_media.recording.filemuxer import FORMATS, WITH_KLV, PacketWriter
+from streamkit_media.recording.filemuxer import WITH_KLV, PacketWriter
+from streamkit_media.recording.mediaoutput import MediaOutput, shown_location
 from streamkit_media.recording.replaysrc import arrival_line, arrivals_path
 from streamkit_media.streams import KLV_CAPS, nanoseconds
 
@@ -33,15 +36,18 @@ KLV_NAME = Caps(KLV_CAPS).name
 BEFORE_KEYFRAME = "before the first keyframe"
 DAMAGED = "damaged packet"
 EARLY_LIMIT = 256
+SEGMENTS = ("max_size_time", "max_files")
+FILES_ALONE = ("max_size_bytes", "max_total_size", "max_age", "arrivals")
 
 
-class PacketSink(NumberedFilesSink):
-    """Records coded video and KLV telemetry without encoding.
+class PacketSink(MediaOutput, NumberedFilesSink):
+    """Records or sends coded video and KLV telemetry without encoding.
 
     Packets are in the file within two seconds, so that a recording plays also when the process was killed. A
     new segment begins with a keyframe once the one before is long or large enough, or when the format
-    changes. Telemetry needs .ts. A damaged packet is left out and counted. A recording is never overwritten
-    unless if-exists=replace; behind a tee, a full disk ends the recording and not the pipeline.
+    changes. Telemetry needs a transport stream: .ts, UDP, the standard output, a playlist. A damaged packet
+    is left out and counted. A recording is never overwritten unless if-exists=replace; behind a tee, a full
+    disk ends the recording and not the pipeline.
 
     Example:
         filesrc location=flight.mp4 ! packetsink location=copy.ts
@@ -49,14 +55,13 @@ class PacketSink(NumberedFilesSink):
 
     sink = CODED_CAPS
     templates = (PadTemplate("klv", Direction.SINK, Caps(KLV_CAPS), Presence.REQUEST),)
-    suffixes = tuple(FORMATS)
     example = "flight.ts"
-    write_errors = (*MEDIA_ERRORS, OSError)
 
     location: str = Property(
         "",
         file="write",
-        doc="File; segments need a number or time: flight-%05d.ts, flight-%Y%m%dT%H%M%SZ.ts (UTC).",
+        doc="File; segments need a number or time: flight-%05d.ts, flight-%Y%m%dT%H%M%SZ.ts (UTC). Or - (the "
+        "standard output), udp://HOST:PORT, or a playlist of segments (HLS), live.m3u8.",
     )
     max_size_time: int = Property(0, min=0, unit="ns", doc="Length of a segment; 0 is no limit.")
     max_size_bytes: int = Property(0, min=0, unit="bytes", doc="Size of a segment; 0 is no limit.")
@@ -69,18 +74,24 @@ class PacketSink(NumberedFilesSink):
     _arrivals: BinaryIO | None = None
 
     def check_properties(self) -> None:
-        """Checks the ending of the name; only a transport stream holds telemetry."""
+        """Checks the location; only a transport stream holds telemetry, and only files are kept in pieces."""
         super().check_properties()
-        names = tuple(suffix for suffix, (name, _) in FORMATS.items() if name in WITH_KLV)
-        if self.location and "klv" in self.pads and not self.location.lower().endswith(names):
+        is_stream = self.is_sent or self.location == STANDARD_OUTPUT
+        names = FILES_ALONE * (is_stream or self.is_playlist) + SEGMENTS * is_stream
+        if unknown := [name.replace("_", "-") for name in names if getattr(self, name)]:
+            raise PropertyError(
+                f"{self.name}: location={mask_secrets(self.location)}: {', '.join(unknown)} must not be set: "
+                "it is for files; write for example location=flight-%05d.ts"
+            )
+        if self.location and "klv" in self.pads and self.container()[0] not in WITH_KLV:
             raise PropertyError(
                 f"{self.name}: location={self.location}: only .ts holds KLV telemetry; "
                 "write a name that ends in .ts"
             )
 
     def needs_several_files(self) -> bool:
-        """Whether there is a limit for a segment."""
-        return bool(self.max_size_time or self.max_size_bytes)
+        """Whether there is a limit for a segment that is a file by itself."""
+        return not self.is_playlist and bool(self.max_size_time or self.max_size_bytes)
 
     def start(self) -> None:
         """Checks the name; the file is made when the first keyframe comes."""
@@ -128,6 +139,7 @@ class PacketSink(NumberedFilesSink):
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
         pts, dts = times_of(frame)
+        self.check_pace(frame.pts)
         if self._must_change(frame.caps, pts - self._begin, is_keyframe):
             self._change(frame.caps, pts, dts)
         writer = self._writer
@@ -139,7 +151,7 @@ class PacketSink(NumberedFilesSink):
             bytes(frame.data), pts - self._zero, dts - self._zero, frame.duration, is_keyframe
         )
         if is_first:
-            self.post_message("segment", location=str(writer.file.path), pts=pts)
+            self.post_message("segment", location=shown_location(writer.file, self.location), pts=pts)
             while self._early:
                 self._write_klv(self._early.popleft())
         if self._arrivals is not None:
@@ -173,7 +185,8 @@ class PacketSink(NumberedFilesSink):
         if not is_same_format(caps, self._caps):
             return True
         is_long = self.max_size_time and length_ns >= self.max_size_time
-        return bool(is_long or (self.max_size_bytes and self._bytes >= self.max_size_bytes))
+        is_large = self.max_size_bytes and self._bytes >= self.max_size_bytes
+        return not self.is_playlist and bool(is_long or is_large)
 
     def _change(self, caps: Caps, pts: int, dts: int) -> None:
         """Completes the file under way and begins the next."""
@@ -184,10 +197,15 @@ class PacketSink(NumberedFilesSink):
                 f"{self.location}: one file holds one format, and {caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
-        file = self.open_file()
+        file = self.open_output(self.max_size_time, self.max_files)
         try:
             self._writer = PacketWriter(
-                file, codec_of(caps), size_of(caps), extradata_of(caps), with_klv="klv" in self.pads
+                file,
+                self.container(),
+                codec_of(caps),
+                size_of(caps),
+                extradata_of(caps),
+                with_klv="klv" in self.pads,
             )
         except BaseException:
             self.take_back()
@@ -226,7 +244,7 @@ class PacketSink(NumberedFilesSink):
             else:
                 arrivals_path(writer.file.path).unlink(missing_ok=True)
                 self.take_back()
-        if writer.has_begun:
+        if writer.has_begun and isinstance(writer.file, OutputFile):
             self.file_is_complete(writer.file.path, arrivals_path(writer.file.path))
 
     def abandon(self) -> None:

@@ -4,12 +4,15 @@ import errno
 import json
 import os
 import resource
+import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from streamkit.output.file import OutputFile, check_writable
+from streamkit.output.pipe import Patience
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -169,3 +172,37 @@ def test_a_pipe_gets_the_tail_at_the_end(tmp_path: Path) -> None:
     file.finish()
     assert os.read(reader, 10) == b",1]"
     os.close(reader)
+
+
+def test_a_named_pipe_without_a_reader_is_an_error(tmp_path: Path) -> None:
+    """Opening it would wait for ever."""
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    with pytest.raises(TimeoutError, match=r"its reader has taken nothing for 0\.2 s"):
+        OutputFile(path, patience=Patience(0.2))
+
+
+def test_a_pipe_whose_reader_stops_fails_once(tmp_path: Path) -> None:
+    """What follows fails at once; a reader that takes its time gets everything."""
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    file = OutputFile(path, patience=Patience(0.3))
+    with pytest.raises(TimeoutError):
+        file.write(bytes(1 << 20))
+    began = time.monotonic()
+    with pytest.raises(TimeoutError):
+        file.write(b"more")
+    assert time.monotonic() - began < 0.3
+    file.discard()
+    os.close(reader)
+
+
+def test_a_stop_ends_the_wait_for_a_reader(tmp_path: Path) -> None:
+    """Whatever the limit."""
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    stopping = threading.Event()
+    stopping.set()
+    with pytest.raises(TimeoutError, match="nothing for 1 s"):
+        OutputFile(path, patience=Patience(600, stopping))

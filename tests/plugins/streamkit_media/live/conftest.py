@@ -7,53 +7,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from fractions import Fraction
 from pathlib import Path
 from urllib.parse import urlsplit
 
-import av
-import numpy as np
 import pytest
 
 SENDER, RTMP_SERVER = (Path(__file__).with_name(name) for name in ("sender.py", "rtmp_server.py"))
 DATAGRAM = 7 * 188
 Start = Callable[..., subprocess.Popen[bytes]]
-
-
-@pytest.fixture(scope="session")
-def clip(tmp_path_factory: pytest.TempPathFactory, klv_packet: Callable[..., bytes]) -> Path:
-    """100 frames of 64 x 48 at 25/s, a keyframe every 10, each with a position in two KLV streams."""
-    path = tmp_path_factory.mktemp("live") / "clip.ts"
-    options = {"bf": "0", "g": "10", "tune": "zerolatency"}
-    with av.open(str(path), "w", format="mpegts") as container:
-        video = container.add_stream("libx264", rate=Fraction(25), options=options)
-        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
-        telemetry = [container.add_data_stream("klv"), container.add_data_stream("klv")]
-        for index in range(100):
-            pixels = np.full((72, 64), 128, np.uint8)
-            pixels[:48] = 40 + index
-            frame = av.VideoFrame.from_ndarray(pixels, "yuv420p")
-            frame.pts, frame.time_base = index, Fraction(1, 25)
-            container.mux(video.encode(frame))
-            for number, stream in enumerate(telemetry):
-                packet = av.Packet(klv_packet(10.0 * (number + 1), 10**15 + 40_000 * index))
-                packet.stream, packet.time_base = stream, Fraction(1, 90_000)
-                packet.pts = packet.dts = index * 3600
-                container.mux(packet)
-        container.mux(video.encode(None))
-    return path
-
-
-@pytest.fixture
-def port() -> int:
-    """A port that is free for UDP and TCP."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams,
-        socket.create_server(("", 0)) as server,
-    ):
-        free = int(server.getsockname()[1])
-        datagrams.bind(("", free))
-        return free
 
 
 def kill(process: subprocess.Popen[bytes]) -> None:

@@ -10,12 +10,13 @@ from pathlib import Path
 import av
 from av.error import FFmpegError
 from streamkit.output.file import OutputFile
-from streamkit_media.recording.filemuxer import PacketWriter
+from streamkit_media.recording.filemuxer import FORMATS, PacketWriter
 source, target = sys.argv[1:]
 container = av.open(source)
 stream = container.streams.video[0]
 extradata = stream.codec_context.extradata
-writer = PacketWriter(OutputFile(Path(target)), "h264", (64, 48), extradata)
+file = OutputFile(Path(target))
+writer = PacketWriter(file, FORMATS[file.path.suffix], "h264", (64, 48), extradata)
 for packet in container.demux(stream):
     if packet.size:
         try:

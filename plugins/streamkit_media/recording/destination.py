@@ -1,0 +1,209 @@
+"""Where media may go apart from files: datagrams over UDP, and playlists with their segments (HLS)."""
+
+from __future__ import annotations
+
+import io
+import ipaddress
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+from urllib.parse import parse_qsl, urlsplit
+
+from streamkit.output.file import OutputFile
+
+PACKET_BYTES = 188
+DATAGRAM_BYTES = 7 * PACKET_BYTES  # as many packets as fit into an Ethernet frame
+BUFFER_BYTES = 1 << 20  # a keyframe of high quality
+SEND_LIMIT_S = 1.0
+SHORT_TTL, MAX_TTL = 1, 255
+FOR_WRITING = 2  # FFmpeg's AVIO_FLAG_WRITE
+
+
+class Destination:
+    """What takes a container in place of an `OutputFile`, and cannot be taken back.
+
+    Attributes:
+        path: of the file that a receiver opens, or the location.
+        failure: the first error of a write that FFmpeg may hide.
+    """
+
+    failure: OSError | None = None
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def publish(self) -> None:
+        """Nothing is held back."""
+
+    def finish(self) -> None:
+        """Releases it."""
+
+    def abandon(self) -> None:
+        """Releases it after an error."""
+        self.finish()
+
+    discard = abandon
+
+
+class PlaylistFile:
+    """A playlist or segment, as far as FFmpeg writes it; it appears when it is closed whole.
+
+    Args:
+        path: of the file.
+        fail: called with an error, of which FFmpeg would not tell.
+    """
+
+    def __init__(self, path: Path, fail: Callable[[OSError], object]) -> None:
+        self._file, self._fail = OutputFile(path, is_whole=True), fail
+
+    def write(self, data: bytes) -> int:
+        """Writes all of the data."""
+        try:
+            return self._file.write(data)
+        except OSError as error:
+            self._fail(error)
+            return len(data)
+
+    def close(self) -> None:
+        """Publishes the file, or removes it where it is damaged."""
+        try:
+            if self._file.failure is None:
+                self._file.finish()
+        except OSError as error:
+            self._fail(error)
+        finally:
+            self._file.discard()
+
+
+class Playlist(Destination):
+    """An HLS playlist and its segments, files that FFmpeg opens one after another; each appears whole.
+
+    Args:
+        path: of the playlist.
+        segment_s: least length of a segment, s; it ends before the next keyframe.
+        count: of segments kept; 0 keeps all.
+        continues: whether to continue an older playlist.
+
+    Attributes:
+        options: of FFmpeg's muxer.
+    """
+
+    def __init__(self, path: Path, segment_s: float, count: int, *, continues: bool) -> None:
+        super().__init__(path)
+        flags = (
+            ["independent_segments"]
+            + ["delete_segments"] * (count > 0)
+            + ["append_list"] * (continues and path.is_file())
+        )
+        self.options = {
+            "hls_time": f"{segment_s:.3f}",
+            "hls_list_size": str(count),
+            "hls_flags": "+".join(flags),
+            "hls_segment_filename": str(path.with_suffix("")).replace("%", "%%") + "-%05d.ts",
+        }
+
+    def open(self, path: str, flags: int, options: object) -> PlaylistFile | BinaryIO:
+        """Opens a file for FFmpeg; after an error one that is never seen, as FFmpeg cannot tell of it."""
+        try:
+            return PlaylistFile(Path(path), self._fail) if flags & FOR_WRITING else Path(path).open("rb")
+        except OSError as error:
+            self._fail(error)
+            return io.BytesIO()
+
+    def _fail(self, error: OSError) -> None:
+        self.failure = self.failure or error
+
+
+class Datagrams(Destination):
+    """Sends a transport stream to udp://HOST:PORT[?localaddr=ADDRESS][&ttl=HOPS], a receiver or a group.
+
+    Nothing is sent twice and nobody is waited for, so that a receiver may come and go.
+
+    Args:
+        location: the URL.
+        lose: called with a reason for each datagram that cannot be sent.
+
+    Raises:
+        OSError: the host is not known, or no way leads there.
+    """
+
+    def __init__(self, location: str, lose: Callable[[str], object]) -> None:
+        super().__init__(Path(location))
+        self._lose = lose
+        self._rest = b""
+        self._socket = open_sender(*datagram_target(location))
+
+    def write(self, data: bytes) -> int:
+        """Sends what is there of whole packets: FFmpeg writes at the end of each frame."""
+        rest = self._rest + data
+        while len(rest) >= DATAGRAM_BYTES or (rest and len(rest) % PACKET_BYTES == 0):
+            self._send(rest[:DATAGRAM_BYTES])
+            rest = rest[DATAGRAM_BYTES:]
+        self._rest = rest
+        return len(data)
+
+    def _send(self, datagram: bytes) -> None:
+        try:
+            self._socket.send(datagram)
+        except OSError as error:  # such as that nothing receives there yet, or a link that is down
+            self._lose(error.strerror or "the network takes nothing")
+
+    def finish(self) -> None:
+        """Closes the socket."""
+        self._socket.close()
+
+
+def datagram_target(location: str) -> tuple[str, int, str, int]:
+    """The address in udp://HOST:PORT[?localaddr=ADDRESS][&ttl=HOPS].
+
+    Returns:
+        Host, port, address of the interface to send from ("" for the system's choice), and how many networks
+        a datagram to a group crosses.
+
+    Raises:
+        ValueError: it is no such URL.
+    """
+    parts = urlsplit(location)
+    fields = dict(parse_qsl(parts.query, keep_blank_values=True))
+    local, ttl = fields.pop("localaddr", ""), fields.pop("ttl", str(SHORT_TTL))
+    if not parts.hostname or not parts.port:
+        raise ValueError("the host or the port is missing")
+    if fields or not ttl.isdecimal() or not 1 <= int(ttl) <= MAX_TTL:
+        raise ValueError(f"it takes ?localaddr=ADDRESS and ttl= from 1 to {MAX_TTL} only")
+    return parts.hostname, parts.port, local, int(ttl)
+
+
+def open_sender(host: str, port: int, local: str, ttl: int) -> socket.socket:
+    """A socket that sends to an address, within a time limit.
+
+    Raises:
+        OSError: see `Datagrams`; with the remedy in its text.
+    """
+    try:
+        family, _, _, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        sender = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            _prepare(sender, target, local, ttl)
+        except BaseException:
+            sender.close()
+            raise
+    except socket.gaierror:
+        raise OSError(f"the host name {host!r} is not known here") from None
+    except OSError as error:
+        raise OSError(f"{error.strerror or error}: check the address, and that of the interface") from None
+    return sender
+
+
+def _prepare(sender: socket.socket, target: tuple[Any, ...], local: str, ttl: int) -> None:
+    sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+    if local:
+        sender.bind((local, 0))
+    is_old = sender.family == socket.AF_INET
+    if ipaddress.ip_address(target[0].partition("%")[0]).is_multicast:
+        level = socket.IPPROTO_IP if is_old else socket.IPPROTO_IPV6
+        sender.setsockopt(level, socket.IP_MULTICAST_TTL if is_old else socket.IPV6_MULTICAST_HOPS, ttl)
+        if local and is_old:
+            sender.setsockopt(level, socket.IP_MULTICAST_IF, socket.inet_aton(local))
+    sender.connect(target)
+    sender.settimeout(SEND_LIMIT_S)

@@ -1,0 +1,133 @@
+"""Base of packetsink and videofilesink: a location is a file, `-`, udp://HOST:PORT or a playlist."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import ClassVar
+from urllib.parse import urlsplit
+
+from typing_extensions import override
+
+from streamkit import SECOND_NS, OutputFileSink, PropertyError, ResourceError, mask_secrets
+from streamkit.output.file import OutputFile
+from streamkit.output.names import is_network
+from streamkit.output.pipe import STANDARD_OUTPUT, standard_output
+from streamkit_media.container import MEDIA_ERRORS
+from streamkit_media.recording.destination import Datagrams, Playlist, datagram_target
+from streamkit_media.recording.filemuxer import FORMATS, HLS, ContainerFormat, Output
+
+SEGMENT_NS = 2 * SECOND_NS
+MAX_AHEAD_NS = 2 * SECOND_NS
+PLAYLIST = ".m3u8"
+REMEDIES = {
+    "srt": "FFmpeg has no SRT here; write location=udp://127.0.0.1:5000 and pass it on with "
+    "srt-live-transmit udp://:5000 srt://HOST:PORT (or GStreamer's udpsrc ! srtsink)",
+    **dict.fromkeys(("rtsp", "rtsps"), "rtspclientsink pushes to an RTSP server"),
+}
+
+
+class MediaOutput(OutputFileSink):
+    """Base of sinks that write a container; its format is by the ending of the name, or a transport stream.
+
+    Attributes:
+        formats: by ending.
+    """
+
+    formats: ClassVar[dict[str, ContainerFormat]] = FORMATS
+    suffixes = (*FORMATS, PLAYLIST)
+    write_errors = (*MEDIA_ERRORS, OSError)
+
+    _ahead: tuple[int, int] | None = None
+
+    @property
+    def is_playlist(self) -> bool:
+        """Whether segments and their playlist are written."""
+        return self.location.lower().endswith(PLAYLIST)
+
+    @property
+    def is_sent(self) -> bool:
+        """Whether the location is no file, and receivers may join at any time."""
+        return is_network(self.location)
+
+    @override
+    def is_file(self) -> bool:
+        return not self.is_sent
+
+    @override
+    def can_append(self) -> bool:
+        return self.is_playlist
+
+    @override
+    def check_properties(self) -> None:
+        if not self.is_sent:
+            super().check_properties()
+            return
+        scheme = urlsplit(self.location).scheme
+        try:
+            if scheme != "udp":
+                rule = "location must be a file, - (the standard output), udp://HOST:PORT or NAME.m3u8 (HLS)"
+                raise ValueError(REMEDIES.get(scheme, rule))
+            datagram_target(self.location)
+        except ValueError as error:
+            # The location stands last: with a secret at its end, what follows would be masked, too.
+            raise PropertyError(f"{self.name}: {error}; got location={mask_secrets(self.location)}") from None
+
+    @override
+    def start(self) -> None:
+        self._ahead = None
+        super().start()
+        if self.location == STANDARD_OUTPUT and os.isatty(standard_output()):
+            raise ResourceError(
+                "location=- is a terminal, which shows no video; write it to a program: ... | ffplay -"
+            )
+        if self.is_sent:
+            with self.reported():
+                Datagrams(self.location, self._lose).finish()
+
+    def container(self) -> ContainerFormat:
+        """FFmpeg's format of the container, and its options but for a playlist's."""
+        default = FORMATS[".ts"]
+        return (
+            (HLS, {}) if self.is_playlist else self.formats.get(Path(self.location).suffix.lower(), default)
+        )
+
+    def open_output(self, segment_ns: int = 0, count: int = 0) -> Output:
+        """The next file, or what stands in its place.
+
+        Args:
+            segment_ns: length of a playlist's segments; 0 is the usual one.
+            count: of segments that are kept; 0 keeps all.
+        """
+        if self.is_sent:
+            return Datagrams(self.location, self._lose)
+        if not self.is_playlist:
+            return self.open_file()
+        continues = self.if_exists == "continue"
+        return Playlist(self.next_path(), (segment_ns or SEGMENT_NS) / SECOND_NS, count, continues=continues)
+
+    def _lose(self, reason: str) -> None:
+        """Counts a datagram that could not be sent, and warns of the first."""
+        self.results["lost_datagrams"] += 1
+        if self.results["lost_datagrams"] == 1:
+            where = mask_secrets(self.location)
+            self.post_warning(f"{where}: a datagram could not be sent: {reason}; others like it are counted")
+
+    def check_pace(self, pts: int | None) -> None:
+        """Warns once of frames that are sent long before their time, pts in ns."""
+        if pts is None or not self.is_sent or self._ahead == (0, 0):
+            return
+        now = time.monotonic_ns()
+        first, began = self._ahead = self._ahead or (pts, now)
+        if (pts - first) - (now - began) > MAX_AHEAD_NS:
+            self._ahead = 0, 0
+            where = mask_secrets(self.location)
+            self.post_warning(
+                f"{where}: frames are sent faster than they play, too fast for receivers; set sync=true"
+            )
+
+
+def shown_location(output: Output, location: str) -> str:
+    """The path of a file, or the location of what has none."""
+    return str(output.path) if isinstance(output, OutputFile | Playlist) else mask_secrets(location)
