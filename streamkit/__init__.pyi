@@ -59,6 +59,7 @@ from streamkit.flow.metadata import Detections as Detections
 from streamkit.flow.metadata import Features as Features
 from streamkit.flow.metadata import FeatureSpace as FeatureSpace
 from streamkit.flow.metadata import GroundReference as GroundReference
+from streamkit.flow.metadata import HiddenPixels as HiddenPixels
 from streamkit.flow.metadata import Pose as Pose
 from streamkit.flow.metadata import Provenance as Provenance
 from streamkit.flow.metadata import Registration as Registration

@@ -71,11 +71,13 @@ class Differencer:
         own_motion: whether the camera motion is measured here for frames without registration; else they
             count as those of a fixed camera.
         region: uint8[h, w] of the frames' size, 255 where objects are searched; None for everywhere.
+        hidden: uint8[h, w] of the frames' size, 255 where they do not show the scene; None for nowhere.
     """
 
     settings: DifferencerSettings = field(default_factory=DifferencerSettings)
     own_motion: bool = False
     region: ByteImage | None = None
+    hidden: ByteImage | None = None
     _shape: tuple[int, int] | None = None
     _scale: int = 1
     _canvas: Canvas | None = None
@@ -126,6 +128,10 @@ class Differencer:
             return None
         frame = self._model.next_frame()
         region, is_resampled = draw_on_canvas(working, position.working_to_canvas, frame)
+        if self.hidden is not None:
+            frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
+            size = frame.seen.shape[1], frame.seen.shape[0]
+            frame.seen[cv2.warpPerspective(self.hidden, frame_to_canvas, size) > 0] = 0
         self._model.settings = self.settings.background
         parallax = self._parallax(position, working.shape, is_registered=motion is not None)
         found = self._model.update(frame, region, parallax, is_resampled)

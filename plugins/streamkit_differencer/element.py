@@ -15,6 +15,7 @@ from streamkit import (
     Direction,
     Frame,
     FrameFlags,
+    HiddenPixels,
     PadTemplate,
     Presence,
     Property,
@@ -149,7 +150,9 @@ class FrameDiff(Transform):
             self._differencer.reset()
         # After a gap `to_previous` leads to a frame that this element did not get.
         is_next = self._last_seq is not None and frame.seq == self._last_seq + 1
+        hidden = frame.get(HiddenPixels)
         self._differencer.settings = self.settings
+        self._differencer.hidden = None if hidden is None else hidden.mask
         return self._differencer.update(luma(frame), motion(registration, is_next))
 
     def _report(self, result: Result | None) -> None:

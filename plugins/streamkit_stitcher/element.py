@@ -24,6 +24,7 @@ from streamkit import (
     Frame,
     FrameFlags,
     GroundReference,
+    HiddenPixels,
     IfExists,
     Pad,
     PadTemplate,
@@ -43,6 +44,7 @@ from streamkit.output.names import FileNames
 from streamkit_kernels import COMPILING, on_compilation
 from streamkit_stitcher.flight_plan.plan import FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.ground_view import ground_view
+from streamkit_stitcher.hidden_pixels import without_hidden
 from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
 from streamkit_stitcher.mosaic.georeference import Georeference
@@ -186,7 +188,9 @@ class Stitch(Transform):
         if frame.flags & FrameFlags.CORRUPT:
             self.outcomes[RegistrationStatus.LOST.value] += 1
             return frame.attach(registration(self._registrar.skip()))
-        grey = grey_of(frame)
+        grey, hidden = grey_of(frame), frame.get(HiddenPixels)
+        if hidden is not None:
+            grey = without_hidden(grey, hidden.mask)
         registered = self._registrar.register(grey)
         self.outcomes[registered.status.value] += 1
         shape = int(grey.shape[0]), int(grey.shape[1])

@@ -14,7 +14,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from streamkit import SECOND_NS, Caps, Frame, Pad, Registration, Transform, luma
+from streamkit import SECOND_NS, Caps, Frame, HiddenPixels, Pad, Registration, Transform, luma
 from streamkit.geometry.homography import inverse
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
@@ -95,6 +95,8 @@ class LiveMosaic:
         """
         if self._failure is not None:
             raise self._failure
+        if (hidden := frame.get(HiddenPixels)) is not None:
+            self.recorder.frames.graphics.given = hidden.mask
         refused = self.recorder.refused
         self._has_changed |= self.recorder.add(registered, shape, partial(mosaic_image, frame), position)
         if self.recorder.refused and not refused:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import ClassVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from streamkit import Caps, Frame, NotNegotiated, Pose, Transform, scale_metadata
+from streamkit import Caps, Frame, HiddenPixels, NotNegotiated, Pose, Transform, scale_metadata
 from streamkit_video.dronetestsrc.truth import TrueRegistration, TrueTargets
 from streamkit_video.pixel_formats import ANY_FORMAT, ByteArray, odd_size_error, supports_size
 
@@ -64,6 +65,9 @@ class ReframingTransform(Transform):
             return frame
         if frame.metadata:
             frame = scale_metadata(frame, mapping, previous)
+        if (hidden := frame.get(HiddenPixels)) is not None:
+            mask = cv2.warpAffine(hidden.mask, mapping[:2], self._after, flags=cv2.INTER_NEAREST)
+            frame = frame.attach(HiddenPixels(np.asarray(mask, np.uint8)))
         if (registration := frame.get(TrueRegistration)) is not None:
             frame = frame.attach(registration.scaled(mapping, previous))
         if (targets := frame.get(TrueTargets)) is not None:

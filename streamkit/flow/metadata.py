@@ -49,6 +49,17 @@ class Registration:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class HiddenPixels:
+    """Pixels of a frame that do not show the scene, such as those of a HUD, a logo or a time stamp.
+
+    Attributes:
+        mask: uint8[h, w] of the frame's size, 255 where hidden, else 0.
+    """
+
+    mask: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Detections:
     """Objects detected in a frame, one row each.
 

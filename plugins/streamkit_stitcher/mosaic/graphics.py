@@ -32,7 +32,12 @@ class OverlaidGraphics:
     Edges of the ground that meet at a pixel in two frames are alike in sign by chance only, those of graphics
     always. The sum of the products of signs, over all pairs of successive frames and a window, is tested
     against chance; so graphics that come and go are found, too.
+
+    Attributes:
+        given: uint8[h, w], other than 0 where graphics are known to be; None for unknown.
     """
+
+    given: ImageArray | None = None
 
     def __init__(self) -> None:
         self._before: list[SignArray] = []
@@ -53,7 +58,16 @@ class OverlaidGraphics:
         self._before = signs
 
     def mask(self, shape: tuple[int, int]) -> MaskArray | None:
-        """Pixels on or inside of graphics, bool of the working size, for frames of a shape; None for none."""
+        """Pixels on or inside of graphics, bool of any size, for frames of a shape; None for none."""
+        found, given = self._found(shape), self.given
+        if given is None or given.shape != shape:
+            return found
+        if found is None:
+            return np.asarray(given > 0)
+        return found | (cv2.resize(given, found.shape[::-1], interpolation=cv2.INTER_AREA) > 0)
+
+    def _found(self, shape: tuple[int, int]) -> MaskArray | None:
+        """What was found, bool of the working size."""
         if self._shape != shape or self._pairs < _FEWEST:
             return None
         totals = self._alike.astype(np.float32), self._both.astype(np.float32)

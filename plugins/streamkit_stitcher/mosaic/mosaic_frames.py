@@ -69,6 +69,7 @@ class MosaicFrames:
 
     Attributes:
         reference: number of the current plane.
+        graphics: what does not show the ground in the frames.
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class MosaicFrames:
         self._report_progress = report_progress
         self._largest_px = 0.0
         self._mosaic: Mosaic | None = None
-        self._graphics = OverlaidGraphics()
+        self.graphics = OverlaidGraphics()
         self.clear(0)
 
     @property
@@ -139,7 +140,7 @@ class MosaicFrames:
 
     def look_for_graphics(self, load: Callable[[], ImageArray]) -> None:
         """Compares a frame with the last that was given here, which showed the ground elsewhere."""
-        self._graphics.add(load())
+        self.graphics.add(load())
 
     def write(
         self, covered_px: float, planes: AdjustedPlanes, views: Sequence[FrameView] = ()
@@ -246,7 +247,7 @@ class MosaicFrames:
             return None
         turned = [replace(frame, to_plane=normalised(turn @ frame.to_plane)) for frame in placed]
         seam, memory_px = self._settings.seam, self._settings.memory_px
-        whole = compose(turned, self._load, seam, memory_px, self._graphics.mask)
+        whole = compose(turned, self._load, seam, memory_px, self.graphics.mask)
         return None if whole is None else replace(whole, from_plane=normalised(whole.from_plane @ turn))
 
 
