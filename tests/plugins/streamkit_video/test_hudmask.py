@@ -85,7 +85,7 @@ def test_the_mask_follows_a_smaller_frame() -> None:
 
 def test_a_real_flight_with_a_clock(streamkit_data: Path) -> None:
     """Framediff takes the clock of a HUD for movers; behind hudmask it finds what it finds without a HUD."""
-    source = f"filesrc location={streamkit_data / 'telemetry' / 'sample-stream.ts'} stop-s=8 ! decode"
+    source = f"filesrc location={streamkit_data / 'telemetry' / 'sample-stream.ts'} stop-s=4 ! decode"
     clock = "! timeoverlay valignment=top halignment=left"
     mask = "! hudmask areas=0,0,1,0.12"
 
@@ -102,7 +102,7 @@ def test_a_real_flight_with_a_clock(streamkit_data: Path) -> None:
         return at_top, len(found) - at_top
 
     plain, with_clock, masked = boxes(""), boxes(clock), boxes(f"{clock} {mask}")
-    assert with_clock[0] > 50
+    assert with_clock[0] > 20
     assert masked[0] == 0
     assert abs(masked[1] - plain[1]) <= 0.1 * plain[1]
 
