@@ -88,10 +88,9 @@ class MediaOutput(OutputFileSink):
 
     def container(self) -> ContainerFormat:
         """FFmpeg's format of the container, and its options but for a playlist's."""
-        default = FORMATS[".ts"]
-        return (
-            (HLS, {}) if self.is_playlist else self.formats.get(Path(self.location).suffix.lower(), default)
-        )
+        if self.is_playlist:
+            return HLS, {}
+        return self.formats.get(Path(self.location).suffix.lower(), FORMATS[".ts"])
 
     def open_output(self, segment_ns: int = 0, count: int = 0) -> Output:
         """The next file, or what stands in its place.
