@@ -17,11 +17,8 @@ FloatArray = NDArray[np.float64]
 # First column and row of boxes, and those after the last, [n, 4].
 Corners = NDArray[np.int64]
 CORNERS = types.Array(types.int64, 2, "C")
-# A part of the canvas as slices, and as kernels take it: first row, row after the last, first column, column
-# after the last.
+# Rows and columns of a part of the canvas.
 Slices = tuple[slice, slice]
-Region = tuple[int, int, int, int]
-REGION = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 # Images of any strides that a kernel writes to.
 UINT8_OUTPUT = types.Array(types.uint8, 2, "A")
 FLOAT32_OUTPUT = types.Array(types.float32, 2, "A")

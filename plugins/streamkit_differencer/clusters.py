@@ -21,38 +21,25 @@ MAX_FRAGMENTS = 1500
 def clustered(cells: ByteImage, criterion: Criterion, gap: int) -> tuple[LabelImage, int]:
     """The object of each cell, int32[h, w] from 1, undefined between cells; and the number of objects.
 
+    By gap, the two nearest clusters are merged until no two have less than `gap` cells between them. Their
+    distance is that of their nearest cells. The distance of their boxes would merge vehicles that drive side
+    by side: the box around two of them overlaps a third.
+
     Args:
         cells: uint8[h, w], mask.
         criterion: J_mn; that of the gap also where there are too many fragments for the other.
-        gap: see `label_by_gap` and `merge_by_scatter`.
-    """
-    if criterion is Criterion.GAP:
-        return label_by_gap(cells, gap)
-    count, labels, statistics, centres = cv2.connectedComponentsWithStats(cells, connectivity=8)
-    if count > MAX_FRAGMENTS:
-        return label_by_gap(cells, gap)
-    areas = statistics[1:, cv2.CC_STAT_AREA].astype(np.float64)
-    cluster = merge_by_scatter(centres[1:].astype(np.float64), areas, gap)
-    numbers = np.concatenate([[0], cluster + 1]).astype(np.int32)
-    return numbers[labels], int(cluster.max()) + 1
-
-
-def label_by_gap(cells: ByteImage, gap: int) -> tuple[LabelImage, int]:
-    """Merges the two nearest clusters until no two have less than `gap` cells between them.
-
-    The distance of two clusters is that of their nearest cells. The distance of their boxes would merge
-    vehicles that drive side by side: the box around two of them overlaps a third.
-
-    Args:
-        cells: uint8[h, w], mask.
-        gap: empty cells between two clusters that stay apart.
-
-    Returns:
-        int32[h, w], the cluster of each cell, from 1, undefined between cells; and the number of clusters.
+        gap: empty cells between two clusters that stay apart; for scatter see `merge_by_scatter`.
 
     Source: merging the nearest pair up to a distance is single linkage; its result is the connected
         components of all cells within that distance.
     """
+    if criterion is Criterion.SCATTER:
+        count, labels, statistics, centres = cv2.connectedComponentsWithStats(cells, connectivity=8)
+        if count <= MAX_FRAGMENTS:
+            areas = statistics[1:, cv2.CC_STAT_AREA].astype(np.float64)
+            cluster = merge_by_scatter(centres[1:].astype(np.float64), areas, gap)
+            numbers = np.concatenate([[0], cluster + 1]).astype(np.int32)
+            return numbers[labels], int(cluster.max()) + 1
     # Dilated by this, cells with less than `gap` between them touch.
     near = cv2.dilate(cells, np.ones((gap, gap), np.uint8)) if gap > 1 else cells
     count, labels = cv2.connectedComponents(near, connectivity=8)

@@ -38,6 +38,7 @@ class Persistence:
         return ages
 
 
+@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 4)
 def contrasts(
     boxes: FloatArray,
     to_image: FloatArray,
@@ -59,24 +60,11 @@ def contrasts(
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
     """
-    excess = _excesses(boxes, to_image, image, background, thresholds, known)
-    return np.asarray(excess.sum(axis=1) / np.maximum(np.count_nonzero(excess, axis=1), 1))
-
-
-@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 4)
-def _excesses(
-    boxes: FloatArray,
-    to_image: FloatArray,
-    image: ByteImage,
-    background: ByteImage,
-    thresholds: ByteImage,
-    known: ByteImage,
-) -> FloatArray:
-    """The contrast at each sampled point, float64[n, 25]; 0 where it does not exceed the threshold."""
     height, width = image.shape
-    result = np.zeros((len(boxes), GRID * GRID))
+    result = np.zeros(len(boxes))
     for number in range(len(boxes)):
         left, top, right, bottom = boxes[number]
+        total, points = 0.0, 0
         for place in range(GRID * GRID):
             x = left + (right - left) * ((place % GRID + 0.5) / GRID)
             y = top + (bottom - top) * ((place // GRID + 0.5) / GRID)
@@ -89,7 +77,8 @@ def _excesses(
             difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
             excess = float(difference) / float(max(thresholds[row, column], np.uint8(1)))
             if excess > 1.0 and known[row, column] > 0:
-                result[number, place] = excess
+                total, points = total + excess, points + 1
+        result[number] = total / max(points, 1)
     return result
 
 

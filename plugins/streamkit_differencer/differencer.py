@@ -15,6 +15,7 @@ from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.canvas import FIXED, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
 from streamkit_differencer.confidence import Persistence, confidence, contrasts
 from streamkit_differencer.cuts import Cut, CutDetector
+from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.parallax import MIN_STEP_PX
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
@@ -24,7 +25,6 @@ from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import downsampled, draw_on_canvas
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
-from streamkit_differencer.warping import warp_mask_back
 from streamkit_kernels import prepare
 
 # Smaller frames, in working pixels, are processed at full resolution.
@@ -126,12 +126,10 @@ class Differencer:
         if position is None:
             self.miss()
             return None
-        frame = self._model.next_frame()
-        region, is_resampled = draw_on_canvas(working, position.working_to_canvas, frame)
+        frame, region, is_resampled = draw_on_canvas(working, position.working_to_canvas, self._model.size)
         if self.hidden is not None:
             frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
-            size = frame.seen.shape[1], frame.seen.shape[0]
-            frame.seen[cv2.warpPerspective(self.hidden, frame_to_canvas, size) > 0] = 0
+            frame.seen[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = 0
         self._model.settings = self.settings.background
         parallax = self._parallax(position, working.shape, is_registered=motion is not None)
         found = self._model.update(frame, region, parallax, is_resampled)
@@ -140,7 +138,8 @@ class Differencer:
         if self.settings.background.shadow:
             mask[shadow_mask(found.image, found.background, found.mask) > 0] = SHADOW
         if is_resampled:
-            mask = warp_mask_back(mask, to_region, inverse(to_region), *working.shape)
+            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            mask = cast("ByteImage", cv2.warpPerspective(mask, to_region, working.shape[::-1], flags=flags))
         objects, mask = self._objects(image, working, mask, found, position, to_region, motion)
         event = ModelChange.GAIN if found.follows_exposure else ModelChange.NONE
         if cut is Cut.CONFIRMED:
@@ -213,8 +212,9 @@ class Differencer:
         if self.region is not None:
             size = mask.shape[1], mask.shape[0]
             mask &= cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
-        contrast = object_contrasts(mask, working, found.background, to_region)
-        trim(mask, working, *contrast, 0.0, SHADOW_SHARE)
+        blocks, count = components_of(mask)
+        contrast = object_contrasts(mask, working, found.background, to_region, blocks, count)
+        trim(mask, working, blocks, *contrast, 0.0, SHADOW_SHARE)
         objects = find_objects(mask, scale, settings, max(settings.max_objects, MAX_SCORED))
         from_frame = inverse(working_to_frame(scale))
         to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
@@ -224,11 +224,12 @@ class Differencer:
         )
         quality = motion.quality if motion else 1.0
         objects = replace(objects, confidences=confidence(clearness, ages, quality))
-        objects = most_confident(objects, settings.max_objects)
+        if len(objects) > settings.max_objects:
+            objects = most_confident(objects, settings.max_objects)
         refined = refine_objects(objects, image, found.background, to_background, mask, scale)
         if self._model.tolerance > 0:
             # Small objects are found with their halo.
-            trim(mask, working, *contrast, HALO_SHARE, 0.0)
+            trim(mask, working, blocks, *contrast, HALO_SHARE, 0.0)
         mark_moving(mask, objects, scale)
         return refined, mask
 

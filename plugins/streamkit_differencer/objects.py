@@ -15,9 +15,9 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
+from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage, above
 from streamkit_differencer.clusters import clustered
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING, binary_mask
+from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
     BOTTOM,
     CHANGED,
@@ -128,13 +128,11 @@ def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]
 
 
 def most_confident(objects: Objects, count: int) -> Objects:
-    """The `count` objects of the highest confidence, in their order.
+    """The `count` objects of the highest confidence, of more than that, in their order.
 
     A choice by size would leave out the same small objects in every frame of dense traffic, and let a flood
     of noise, which is large and new, push out older objects.
     """
-    if len(objects) <= count:
-        return objects
     kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:count])
     names = "centroids", "boxes", "areas", "changes", "confidences"
     rows = {name: getattr(objects, name)[kept] for name in names}
@@ -146,13 +144,13 @@ def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
 
     Each halving is a vote of two by two pixels; beyond the border nothing is set.
     """
-    cells = binary_mask(foreground)
+    cells = above(foreground, HIGHEST_BACKGROUND)
     while scale < CELL_SIZE:
         height, width = cells.shape
         even = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
         means = cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA)
         # The mean of two set pixels of four is 128.
-        cells = cast("ByteImage", cv2.threshold(means, 127, 255, cv2.THRESH_BINARY)[1])
+        cells = above(cast("ByteImage", means), 127)
         scale *= 2
     return cells
 

@@ -7,10 +7,9 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import corners, inverse, project
+from streamkit.geometry.homography import corners, project, translation
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices
 from streamkit_differencer.ground import CanvasFrame
-from streamkit_differencer.warping import warp_frame
 
 # The outermost pixels of a warped frame mix with the border.
 BORDER_PX = 2
@@ -29,18 +28,20 @@ def downsampled(image: ByteImage, scale: int) -> ByteImage:
     return image
 
 
-def draw_on_canvas(working: ByteImage, to_canvas: FloatArray, frame: CanvasFrame) -> tuple[Slices, bool]:
+def draw_on_canvas(
+    working: ByteImage, to_canvas: FloatArray, size: tuple[int, int]
+) -> tuple[CanvasFrame, Slices, bool]:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
         working: uint8[h, w], the frame at working resolution.
         to_canvas: float64[3, 3], working pixels to canvas.
-        frame: of the canvas, on which it is drawn.
+        size: width and height of the canvas, px.
 
     Returns:
-        Rows and columns of the canvas; and whether the frame was resampled.
+        The canvas with the frame alone; the rows and columns that it covers; and whether it was resampled.
     """
-    shape, size = (working.shape[0], working.shape[1]), frame.image.shape[::-1]
+    shape, frame = (working.shape[0], working.shape[1]), CanvasFrame.empty(size)
     outline = corners(shape)
     placed = project(to_canvas, outline)
     low, high = placed.min(axis=0) + WHOLE_PIXEL_PX, placed.max(axis=0) - WHOLE_PIXEL_PX
@@ -50,9 +51,11 @@ def draw_on_canvas(working: ByteImage, to_canvas: FloatArray, frame: CanvasFrame
     is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
     if is_whole and (bottom - top, right - left) == shape:
         frame.image[region], frame.seen[region] = working, 255
-        return region, False
-    warp_frame(np.ascontiguousarray(working), inverse(to_canvas), frame.image, (top, bottom, left, right))
+        return frame, region, False
+    if top < bottom and left < right:
+        to_region = translation(np.array([-left, -top])) @ to_canvas
+        frame.image[region] = cv2.warpPerspective(working, to_region, (right - left, bottom - top))
     # A wider border than the one that interpolation mixes with.
     inner = project(to_canvas, outline + _INWARDS * BORDER_PX)
     cv2.fillConvexPoly(frame.seen, np.round(inner).astype(np.int32), 255)
-    return region, True
+    return frame, region, True

@@ -10,7 +10,6 @@ import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, LabelImage
-from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.foreground import HIGHEST_BACKGROUND
 from streamkit_differencer.refinement import background_at
 from streamkit_kernels import FLOAT32, FLOAT64, INT32, UINT8, UINT8_STRIDED, compiled, kernel
@@ -26,27 +25,8 @@ MAX_DEVIATION, NOISE_LEVELS = 0.04, 3.0
 TRIMMED = 1
 
 
-def object_contrasts(
-    mask: ByteImage, image: ByteImage, background: ByteImage, to_background: FloatArray
-) -> tuple[LabelImage, ByteImage, FloatImage]:
-    """The background under the foreground, and the contrast to it.
-
-    Args:
-        mask: uint8[h, w], foreground.
-        image: uint8[h, w], the frame at the same scale.
-        background: uint8, its border is replicated.
-        to_background: float64[3, 3], frame pixels to those of `background`.
-
-    Returns:
-        int32[n, 3], see `components_of`; uint8[h, w], the background under each foreground pixel, at least 1;
-        and float32[h, w], the mean contrast of its component.
-    """
-    blocks, count = components_of(mask)
-    return blocks, *_contrasts(mask, image, background, to_background, blocks, count)
-
-
 @kernel(UINT8, UINT8_STRIDED, UINT8_STRIDED, FLOAT64, INT32, types.int64)
-def _contrasts(
+def object_contrasts(
     mask: ByteImage,
     image: ByteImage,
     background: ByteImage,
@@ -54,7 +34,20 @@ def _contrasts(
     blocks: LabelImage,
     count: int,
 ) -> tuple[ByteImage, FloatImage]:
-    """The last two results of `object_contrasts`."""
+    """The background under the foreground, and the contrast to it.
+
+    Args:
+        mask: uint8[h, w], foreground.
+        image: uint8[h, w], the frame at the same scale.
+        background: uint8, its border is replicated.
+        to_background: float64[3, 3], frame pixels to those of `background`.
+        blocks: int32[n, 3], the components of the foreground, see `components_of`.
+        count: number of components.
+
+    Returns:
+        uint8[h, w], the background under each foreground pixel, at least 1; and float32[h, w], the mean
+        contrast of its component.
+    """
     ground, contrast = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
     sums, pixels = np.zeros(count), np.zeros(count)
     for index in range(len(blocks)):
@@ -86,8 +79,8 @@ def trim(
     Args:
         mask: uint8[h, w], foreground; updated in place.
         image: uint8[h, w], the frame at the same scale.
-        blocks: see `object_contrasts`, as `ground` and `contrast`.
-        ground: uint8[h, w].
+        blocks: int32[n, 3], see `components_of`.
+        ground: uint8[h, w], see `object_contrasts`, as `contrast`.
         contrast: float32[h, w].
         halo_share: of an object's mean contrast; pixels with less are its halo.
         shadow_share: of an object's mean contrast; darker pixels with less may be soft shadow.

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import cv2
 import numpy as np
-from numba import types
 
 from streamkit_differencer.arrays import ByteImage, Flags, FloatImage, Indices, LabelImage
-from streamkit_kernels import INT32, kernel
 
 _BLOCK = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]], np.int32)
 
@@ -30,20 +26,10 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
     whole = mask[: 2 * height, : 2 * width]
     blocks = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
     count, labels = cv2.connectedComponents(blocks, connectivity=8)
-    return _listed(cast("LabelImage", labels), cv2.countNonZero(blocks)), count - 1
-
-
-@kernel(INT32, types.int64)
-def _listed(labels: LabelImage, total: int) -> LabelImage:
-    """The first result of `components_of`; `labels` has the component of each of `total` blocks, from 1."""
-    blocks, found = np.empty((total, 3), np.int32), 0
-    for row in range(labels.shape[0]):
-        for column in range(labels.shape[1]):
-            if labels[row, column] > 0:
-                blocks[found, 0], blocks[found, 1] = 2 * row, 2 * column
-                blocks[found, 2] = labels[row, column] - 1
-                found += 1
-    return blocks
+    if count == 1:
+        return np.zeros((0, 3), np.int32), 0
+    columns, rows = cv2.findNonZero(blocks).reshape(-1, 2).T
+    return np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1]), count - 1
 
 
 def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[Indices, Indices, Indices]:

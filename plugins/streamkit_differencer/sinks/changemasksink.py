@@ -5,7 +5,8 @@ import numpy as np
 
 from streamkit import Frame, IfExists, OutputFileSink, Property
 from streamkit.output.file import OutputFile
-from streamkit_differencer.foreground import binary_mask
+from streamkit_differencer.arrays import above
+from streamkit_differencer.foreground import HIGHEST_BACKGROUND
 
 
 class ChangeMaskSink(OutputFileSink):
@@ -40,7 +41,8 @@ class ChangeMaskSink(OutputFileSink):
     def write(self, frame: Frame) -> None:
         """Writes one mask."""
         # Masks are mostly empty: higher levels gain little for their time.
-        _, encoded = cv2.imencode(".png", binary_mask(frame.data), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        mask = above(frame.data, HIGHEST_BACKGROUND)
+        _, encoded = cv2.imencode(".png", mask, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         self.file = OutputFile(self.next_path(), is_whole=True)
         self.file.write(np.asarray(encoded).tobytes())
         self.file.finish()

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.clusters import label_by_gap, merge_by_scatter
+from streamkit_differencer.clusters import clustered, merge_by_scatter
+from streamkit_differencer.settings import Criterion
 
 
 def as_partition(cluster):
@@ -14,7 +15,7 @@ def as_partition(cluster):
 
 def partition_by_gap(labels, gap):
     """The sets of fragments that get one label."""
-    clusters, _ = label_by_gap(np.where(labels > 0, 255, 0).astype(np.uint8), gap)
+    clusters, _ = clustered(np.where(labels > 0, 255, 0).astype(np.uint8), Criterion.GAP, gap)
     of_fragment = [set(clusters[labels == number].tolist()) for number in range(1, labels.max() + 1)]
     assert all(len(found) == 1 for found in of_fragment)
     return as_partition(np.array([found.pop() for found in of_fragment]))

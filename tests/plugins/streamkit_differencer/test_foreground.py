@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.foreground import binary_mask, cleaned, find_foreground, full_size
+from streamkit_differencer.foreground import cleaned, find_foreground, full_size
 
 SHAPE = (40, 60)
 
@@ -102,8 +102,3 @@ def test_a_frame_that_was_not_judged_is_black():
     """Its size is the frame's all the same."""
     assert full_size(None, 5, 4).shape == (4, 5)
     assert not full_size(None, 5, 4).any()
-
-
-def test_shadow_is_no_thing():
-    """What moves and what has stopped become 255, shadow and ground 0."""
-    assert binary_mask(np.array([[0, 50, 128, 255]], np.uint8)).tolist() == [[0, 0, 255, 255]]

@@ -8,8 +8,9 @@ import pytest
 
 from streamkit.geometry.homography import translation
 from streamkit_differencer.foreground import MOVING, STOPPED
-from streamkit_differencer.ground import PROVISIONAL
+from streamkit_differencer.ground import PROVISIONAL, CanvasFrame
 from streamkit_differencer.model import BackgroundModel
+from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION
 from streamkit_differencer.settings import BackgroundSettings
 
 SHAPE = (120, 160)
@@ -35,7 +36,7 @@ def with_thing(image, x, y=20, size=10, tone=250):
 
 def show(model, image, seen=SEEN, region=WHOLE):
     """Gives a model a frame: its foreground, 128 where that is quiet, and if it follows the exposure."""
-    frame = model.next_frame()
+    frame = CanvasFrame.empty((SHAPE[1], SHAPE[0]))
     frame.image[region], frame.seen[region] = image, seen
     found = model.update(frame, region)
     return cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)), found.follows_exposure
@@ -57,6 +58,15 @@ def test_background_is_valid_after_lambda_quiet_frames():
         show(model, ground())
     assert (model.ground.valid == 255).all()
     np.testing.assert_array_equal(model.ground.background, ground())
+
+
+def test_new_ground_begins_with_the_noise_that_edges_may_have():
+    """A first deviation and a share of the local range."""
+    image = np.full(SHAPE, 100, np.uint8)
+    image[:, 80:] = 150
+    deviation = learnt(image=image, frames=2).ground.deviation
+    np.testing.assert_allclose(deviation[:, :79], FIRST_DEVIATION)
+    np.testing.assert_allclose(deviation[:, 79:81], FIRST_DEVIATION + 50 * EDGE_SHARE)
 
 
 def test_a_thing_is_foreground_and_marked_as_changed():

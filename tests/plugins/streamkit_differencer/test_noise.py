@@ -2,13 +2,9 @@
 
 import numpy as np
 
-from streamkit_differencer.arrays import local_range
 from streamkit_differencer.ground import Ground
 from streamkit_differencer.noise import (
     DEVIATION_RATIO,
-    EDGE_SHARE,
-    FIRST_DEVIATION,
-    first_deviation,
     learn_noise,
     thresholds_of,
 )
@@ -29,12 +25,3 @@ def test_thresholds_are_bounded():
     deviation = np.array([[1.0, 5.0, 50.0]], np.float32)
     assert thresholds_of(deviation, 4.0 / DEVIATION_RATIO, 10.0).tolist() == [[10, 20, 60]]
     assert thresholds_of(deviation, 0.0, 22.0).tolist() == [[22, 22, 22]]
-
-
-def test_new_pixels_begin_with_the_noise_that_edges_may_have():
-    """A first deviation and a share of the local range."""
-    earlier = np.full((20, 40), 100, np.uint8)
-    earlier[:, 20:] = 150
-    found = first_deviation(local_range(earlier))
-    np.testing.assert_allclose(found[:, :19], FIRST_DEVIATION)
-    np.testing.assert_allclose(found[:, 19:21], FIRST_DEVIATION + 50 * EDGE_SHARE)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_differencer.ground import CanvasFrame
 from streamkit_differencer.sampling import draw_on_canvas
 
 SHAPE, CANVAS = (90, 160), (120, 200)
@@ -19,8 +18,7 @@ def texture(seed=0, shape=SHAPE):
 
 def drawn(image, place):
     """The frame on the canvas, the region that it covers, and whether it was resampled."""
-    frame = CanvasFrame.empty(CANVAS[::-1])
-    return frame, *draw_on_canvas(image, place, frame)
+    return draw_on_canvas(image, place, CANVAS[::-1])
 
 
 @pytest.mark.parametrize("place", [TURNED, translation((10.25, 7.5))])

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
 
 SHAPE = (40, 60)
@@ -13,8 +14,9 @@ def trimmed(mask, image, halo_share=0.0, shadow_share=0.0, shift=(0, 0), ground=
     ground = np.full((60, 90), 100, np.uint8) if ground is None else ground
     to_ground = np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1.0]])
     result = mask.copy()
-    contrasts = object_contrasts(result, image, ground, to_ground)
-    trim(result, image, *contrasts, halo_share, shadow_share)
+    blocks, count = components_of(result)
+    contrasts = object_contrasts(result, image, ground, to_ground, blocks, count)
+    trim(result, image, blocks, *contrasts, halo_share, shadow_share)
     return result
 
 

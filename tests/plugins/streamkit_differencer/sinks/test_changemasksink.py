@@ -9,18 +9,20 @@ from streamkit.testing import Harness
 
 
 def test_files_are_named_and_valued_as_the_tools_read_them(tmp_path):
-    """Six digits from 1; 255 for objects, 0 for shadow and ground."""
+    """Six digits from 1; 255 for what moves and what has stopped, 0 for shadow and ground."""
     folder = tmp_path / "results" / "baseline"
     with Harness("changemasksink", location=str(folder)) as harness:
         for value in (255, 50):
             mask = np.zeros((4, 6), np.uint8)
             mask[1, 2] = value
+            mask[2, 3] = 128 if value == 255 else 0
             harness.push(Frame(mask, raw_video_caps("GRAY8", 6, 4)))
     assert sorted(path.name for path in folder.iterdir()) == ["bin000001.png", "bin000002.png"]
     first, second = (cv2.imread(str(folder / f"bin00000{n}.png"), cv2.IMREAD_UNCHANGED) for n in (1, 2))
     assert first.shape == (4, 6)
     assert first[1, 2] == 255
-    assert first.sum() == 255
+    assert first[2, 3] == 255
+    assert first.sum() == 2 * 255
     assert not second.any()
 
 
