@@ -8,6 +8,7 @@ from numba import types
 from numpy.typing import NDArray
 
 ByteImage = NDArray[np.uint8]
+CountImage = NDArray[np.uint16]
 FloatImage = NDArray[np.float32]
 LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
@@ -21,6 +22,7 @@ CORNERS = types.Array(types.int64, 2, "C")
 Slices = tuple[slice, slice]
 # Images of any strides that a kernel writes to.
 UINT8_OUTPUT = types.Array(types.uint8, 2, "A")
+UINT16_OUTPUT = types.Array(types.uint16, 2, "A")
 FLOAT32_OUTPUT = types.Array(types.float32, 2, "A")
 
 

@@ -6,6 +6,7 @@ import enum
 from fractions import Fraction
 from typing import ClassVar
 
+import numpy as np
 from typing_extensions import override
 
 from streamkit import (
@@ -38,6 +39,8 @@ from streamkit_kernels import COMPILING, on_compilation
 
 WORKING_SCALES = (0, 1, 2, 4)
 MASK_CAPS = Caps("video/x-raw, format=GRAY8")
+# Labels of detections.
+MOVING, STOPPED = "moving", "stopped"
 WEAK_REGISTRATION = 0.5
 # Residual of a registration that is worth half, px.
 POOR_RMSE_PX = 4.0
@@ -60,8 +63,8 @@ class FrameDiff(Transform):
     known. Until then an earlier frame stands for it, in which things may be that move on and leave a ghost;
     behind `stitch`, only known background counts in the first second.
     The score of a detection combines its contrast, its age in frames and the quality of the frame's
-    registration. A frame that is corrupt or whose registration is lost gets no detections and does not
-    update the background.
+    registration. An object that has stopped is reported with `stopped=true`, until it is background. A frame
+    that is corrupt or whose registration is lost gets no detections and does not update the background.
 
     The pad `mask` carries the foreground mask: 255 moving, 128 stopped, 50 shadow, 0 background.
     Messages `model` report when the background starts from scratch (`new`; `reset` after a cut), moved to
@@ -132,9 +135,10 @@ class FrameDiff(Transform):
         self._report(result)
         found = result.objects if result else NO_OBJECTS
         kept = found.confidences >= self.min_score
-        passed = frame.attach(
-            Detections(found.centroids[kept], found.boxes[kept], found.areas[kept], found.confidences[kept])
-        )
+        rows = found.centroids[kept], found.boxes[kept], found.areas[kept], found.confidences[kept]
+        has_stopped = found.changes[kept] < self.settings.objects.min_change
+        labels = np.where(has_stopped, STOPPED, MOVING).tolist() if self.settings.objects.stopped else ()
+        passed = frame.attach(Detections(*rows, labels=tuple(labels)))
         if "mask" not in self.pads:
             return passed
         height, width = luma(frame).shape

@@ -8,17 +8,23 @@ from typing import NamedTuple, TypeVar, cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, Slices
+from streamkit_differencer.arrays import ByteImage, CountImage, FloatArray, FloatImage, Slices
 from streamkit_differencer.equations import LONGEST_WAIT
 
-Image = TypeVar("Image", ByteImage, FloatImage)
+Image = TypeVar("Image", ByteImage, CountImage, FloatImage)
 # Values of `Ground.valid`.
 UNKNOWN, PROVISIONAL, KNOWN = 0, 1, 255
 # Mean deviation of an unknown pixel, grey levels.
 UNKNOWN_DEVIATION = 5.0
 # Value of each image where nothing is known, if it is not 0.
 FILLS = {"deviation": UNKNOWN_DEVIATION, "waiting": LONGEST_WAIT}
-FLOATS = ("background", "deviation")
+# Type of each image that is not of bytes.
+TYPES = {
+    "background": np.float32,
+    "deviation": np.float32,
+    "known_frames": np.uint16,
+    "other_frames": np.uint16,
+}
 
 
 class CanvasFrame(NamedTuple):
@@ -51,9 +57,9 @@ class Ground:
         deviation: float32[h, w], mean absolute deviation of the background, grey levels.
         waiting: uint8[h, w], the counter D of equation 1, see `equations.count_down`.
         valid: uint8[h, w], `UNKNOWN`, `PROVISIONAL` or `KNOWN`.
-        known_frames: uint8[h, w], frames that the background was seen at rest.
+        known_frames: uint16[h, w], frames that the background was seen at rest.
         other: uint8[h, w], the other value of each pixel, see `learning`.
-        other_frames: uint8[h, w], frames that it was seen at rest.
+        other_frames: uint16[h, w], frames that it was seen at rest.
         flicker: uint8[h, w], see `filters.flicker`.
         foreground_before: uint8[h, w], mask of the previous frame's foreground.
     """
@@ -62,9 +68,9 @@ class Ground:
     deviation: FloatImage
     waiting: ByteImage
     valid: ByteImage
-    known_frames: ByteImage
+    known_frames: CountImage
     other: ByteImage
-    other_frames: ByteImage
+    other_frames: CountImage
     flicker: ByteImage
     foreground_before: ByteImage
 
@@ -72,8 +78,7 @@ class Ground:
     def unknown(cls, size: tuple[int, int]) -> Ground:
         """Ground of which nothing is known, for a canvas of this width and height."""
         images = {
-            name: np.full(size[::-1], FILLS.get(name, 0), np.float32 if name in FLOATS else np.uint8)
-            for name in cls.__slots__
+            name: np.full(size[::-1], FILLS.get(name, 0), TYPES.get(name, np.uint8)) for name in cls.__slots__
         }
         return cls(**images)
 

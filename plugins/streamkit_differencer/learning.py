@@ -17,14 +17,23 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import FLOAT32_OUTPUT, UINT8_OUTPUT, ByteImage, FloatImage
+from streamkit_differencer.arrays import (
+    FLOAT32_OUTPUT,
+    UINT8_OUTPUT,
+    UINT16_OUTPUT,
+    ByteImage,
+    CountImage,
+    FloatImage,
+)
 from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
 from streamkit_kernels import UINT8, UINT8_STRIDED, kernel
 
+# Frames are counted up to this, or up to `absorb_frames` if that is more.
 MAX_FRAMES = 255
+STATES = FLOAT32_OUTPUT, UINT8_OUTPUT, UINT16_OUTPUT, UINT8_OUTPUT, UINT16_OUTPUT
 
 
-@kernel(UINT8, UINT8_STRIDED, *[UINT8] * 4, FLOAT32_OUTPUT, *[UINT8_OUTPUT] * 4, *[types.int64] * 4)
+@kernel(UINT8, UINT8_STRIDED, *[UINT8] * 4, *STATES, *[types.int64] * 4)
 def choose_values(
     undecided: ByteImage,
     image: ByteImage,
@@ -34,9 +43,9 @@ def choose_values(
     thresholds: ByteImage,
     background: FloatImage,
     valid: ByteImage,
-    known_frames: ByteImage,
+    known_frames: CountImage,
     other: ByteImage,
-    other_frames: ByteImage,
+    other_frames: CountImage,
     quiet_frames: int,
     absorb_frames: int,
     same: int,
@@ -53,14 +62,15 @@ def choose_values(
         thresholds: uint8[h, w], T_F of each pixel: values that differ by no more are the same.
         background: float32[h, w], B; updated in place as the other states.
         valid: uint8[h, w], `UNKNOWN`, `PROVISIONAL` or `KNOWN`; quiet pixels become known.
-        known_frames: uint8[h, w], frames that the background was seen.
+        known_frames: uint16[h, w], frames that the background was seen.
         other: uint8[h, w], the other value of each pixel.
-        other_frames: uint8[h, w], frames that it was seen.
+        other_frames: uint16[h, w], frames that it was seen.
         quiet_frames: lambda, the frames that quiet pixels were seen at rest.
         absorb_frames: frames after which a stationary object becomes background at the latest.
         same: largest difference of values that are the same to a provisional background, grey levels.
         min_frames: frames in which the value that replaces a provisional background was seen.
     """
+    most = max(MAX_FRAMES, absorb_frames)
     for row in range(undecided.shape[0]):
         for column in range(undecided.shape[1]):
             if undecided[row, column] == 0:
@@ -76,7 +86,7 @@ def choose_values(
             limit = min(limit, same) if is_provisional else limit
             is_refused = False
             if is_provisional and abs(value - here) <= limit:
-                known, count = min(known + 1, MAX_FRAMES), max(count - 1, 0)
+                known, count = min(known + 1, most), max(count - 1, 0)
             elif valid[row, column] != UNKNOWN:
                 is_like = abs(value - int(np.int64(other[row, column]))) <= limit
                 # A value that does not show loses a frame; without any left, another one takes its place.
@@ -84,7 +94,7 @@ def choose_values(
                 if begins:
                     count, other[row, column] = int(is_provisional), value
                 elif is_like:
-                    count = min(count + int(is_provisional or is_quiet), MAX_FRAMES)
+                    count = min(count + int(is_provisional or is_quiet), most)
                 else:
                     count -= 1
                 # What is quiet was there for quiet_frames.
@@ -95,7 +105,7 @@ def choose_values(
                     wins = is_quiet and (is_like or begins) and age >= min(known, absorb_frames)
                 if is_foreground and wins:
                     background[row, column], other[row, column] = value, here
-                    known, count = age, known
+                    known, count = age, min(known, most)
                 is_refused = is_foreground and not wins
             if is_quiet and valid[row, column] != KNOWN and not is_refused:
                 background[row, column], valid[row, column] = value, KNOWN

@@ -202,7 +202,7 @@ class BackgroundModel:
         states = ground.background, ground.valid, ground.known_frames, ground.other, ground.other_frames
         choose_values(cast("ByteImage", cv2.bitwise_and(undecided, frame.seen)), *images, *states, *limits)
         update_background(ground.background, frame.image, averaged, settings.learning_rate)
-        cv2.add(ground.known_frames, averaged & np.uint8(1), dst=ground.known_frames)
+        cv2.add(ground.known_frames, averaged & np.uint8(1), dst=ground.known_frames, dtype=cv2.CV_16U)
         if self._frames % NOISE_INTERVAL:
             return
         # The threshold limits what a missed object adds.

@@ -95,8 +95,8 @@ def find_objects(
     table = measure_objects(foreground, inside, labels, count, *place, settings.min_area)
     table = table[table[:, PIXELS] > 0.0]
     changes = table[:, CHANGED] / table[:, PIXELS]
-    moving = np.flatnonzero(changes >= settings.min_change)
-    order = moving[np.argsort(-table[moving, PIXELS], kind="stable")]
+    reported = np.flatnonzero((changes >= settings.min_change) | settings.stopped)
+    order = reported[np.argsort(-table[reported, PIXELS], kind="stable")]
     kept = order[: max_objects or settings.max_objects]
     rows = table[kept]
     pixels = rows[:, PIXELS]

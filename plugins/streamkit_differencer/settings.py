@@ -104,10 +104,10 @@ class BackgroundSettings:
     absorb_frames: int = setting(
         60,
         min=0,
-        max=255,
+        max=65535,
         live=True,
         unit="frames",
-        doc="Frames after which a stationary object becomes background.",
+        doc="Frames after which an object that has stopped becomes background.",
         aliases=("absorb",),
     )
     shadow: bool = setting(
@@ -165,7 +165,13 @@ class ObjectSettings:
         min=0.0,
         max=1.0,
         live=True,
-        doc="Share of an object that must have changed within quiet-frames; 0 also reports stopped objects.",
+        doc="Share of an object that must have changed within quiet-frames; with less it has stopped.",
+    )
+    stopped: bool = setting(
+        False,
+        live=True,
+        doc="Also reports objects that have stopped, labelled `stopped`, until absorb-frames; the others are "
+        "labelled `moving`.",
     )
     max_objects: int = setting(
         300,

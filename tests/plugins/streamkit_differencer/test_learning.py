@@ -24,7 +24,7 @@ def a_state(seed, valid):
     """Random images of the model, with few frames counted."""
     random = np.random.default_rng(seed)
     counts = "known_frames", "other_frames"
-    whole = {name: random.integers(0, 12, SHAPE).astype(np.uint8) for name in counts}
+    whole = {name: random.integers(0, 12, SHAPE).astype(np.uint16) for name in counts}
     whole["other"], whole["valid"] = random.integers(90, 110, SHAPE).astype(np.uint8), valid
     whole["thresholds"] = random.integers(4, 9, SHAPE).astype(np.uint8)
     whole["background"] = random.uniform(0, 255, SHAPE).astype(np.float32)

@@ -127,6 +127,18 @@ def test_an_object_that_stopped_for_long_leaves_no_ghost_when_it_goes():
     assert frames == SETTINGS.frame_interval + SETTINGS.quiet_frames
 
 
+@pytest.mark.parametrize("absorb_frames", [20, 300])
+def test_an_object_that_stopped_is_foreground_for_as_long_as_is_set(absorb_frames):
+    """Where the ground was known for longer; not for a frame more, also beyond what a byte counts."""
+    model = learnt(replace(SETTINGS, absorb_frames=absorb_frames), frames=absorb_frames + 20)
+    frames = 0
+    while show(model, with_thing(ground(), 30))[0].any():
+        frames += 1
+        assert frames < 400
+    times = SETTINGS.frame_interval, SETTINGS.quiet_frames
+    assert frames == absorb_frames + sum(times) - 1
+
+
 def test_what_the_frame_does_not_cover_is_held():
     """Outside `seen` and outside the region nothing changes, and nothing there is foreground."""
     model = learnt()
@@ -267,9 +279,12 @@ def test_warping_by_a_shift_equals_scrolling():
 
 
 def test_counters_do_not_wrap():
-    """Absorb and lambda at their largest: 600 frames of a standing object are no overflow."""
-    model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255), frames=300)
-    assert (model.ground.known_frames == 255).all()
+    """Ground that was seen for as long as is counted, then 300 frames of a standing object."""
+    model = learnt(BackgroundSettings(frame_interval=1, quiet_frames=4, absorb_frames=255))
+    model.ground.known_frames[:] = 65530
+    for _ in range(10):
+        show(model, ground())
+    assert (model.ground.known_frames == 65535).all()
     image = with_thing(ground(), 30)
     masks = [int(show(model, image)[0][25, 35]) for _ in range(300)]
     assert np.count_nonzero(masks) == 1 + 4 - 1 + 255

@@ -95,6 +95,7 @@ def test_what_stands_still_is_left_out():
     """The change is the share of the foreground that changed lately; below min_change nothing is reported."""
     mask = with_block((80, 80), 10, 10, 30, 20, 128)
     assert len(find_objects(mask, 2, ObjectSettings())) == 0
+    assert find_objects(mask, 2, ObjectSettings(stopped=True)).changes.tolist() == [0.0]
     mask[10:20, 10:20] = 255
     objects = find_objects(mask, 2, ObjectSettings(min_change=0.5))
     assert objects.changes.tolist() == [0.5]
