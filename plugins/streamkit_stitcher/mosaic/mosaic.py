@@ -180,7 +180,7 @@ class Mosaic:
                 self._shrunk.pop(key, None)
 
     def preview(self, width: int, height: int) -> tuple[ImageArray, FloatArray]:
-        """The whole canvas in `width` x `height`, at the largest power of a half that fits, black around it.
+        """The whole canvas in `width` x `height`, reduced only where it does not fit, with black around it.
 
         The grid of its pixels is fixed to the canvas, in blocks of 16: ground that no new frame shows keeps
         the pixels, and once coded the bytes, that it had in the preview before.
@@ -188,23 +188,35 @@ class Mosaic:
         Returns:
             uint8[height, width, c], and float64[3, 3] from the present plane to its pixels.
         """
-        box, size = np.array(self.box), np.array([width, height])
-        step = 1
-        while True:
-            first = box[:2] // (step * _BLOCK) * _BLOCK
-            last = np.maximum(-(-box[2:] // step), first + 1)
-            if (last - first <= size).all():
-                break
-            step *= 2
+        size = np.array([width, height])
+        step, quarters, first, last = self._fitted(size)
         reading = min(step, TILE)
         cells = self._read_shrunk(first * step // reading, last * step // reading, reading)
-        shown = cv2.resize(cells, (last - first).tolist(), interpolation=cv2.INTER_AREA)
+        low, high = first * quarters // 4, last * quarters // 4
+        shown = cv2.resize(cells, (high - low).tolist(), interpolation=cv2.INTER_AREA)
         result = np.zeros((height, width, max(1, self.channels)), dtype=np.uint8)
-        x, y = (size - (last - first)) // (2 * _BLOCK) * _BLOCK
+        x, y = (size - (high - low)) // (2 * _BLOCK) * _BLOCK
         result[y : y + len(shown), x : x + shown.shape[1]] = shown.reshape(*shown.shape[:2], -1)
-        offset = np.array([x, y]) - first + 0.5 / step - 0.5
-        fit = np.array([[1 / step, 0, offset[0]], [0, 1 / step, offset[1]], [0, 0, 1]])
+        share = quarters / 4 / step
+        across, down = np.array([x, y]) - low + 0.5 * share - 0.5
+        fit = np.array([[share, 0, across], [0, share, down], [0, 0, 1]])
         return result, normalised(fit @ self.from_plane)
+
+    def _fitted(self, size: CellArray) -> tuple[int, int, CellArray, CellArray]:
+        """The largest scale at which the canvas fits into a size: 1, 3/4, 1/2, 3/8, 1/4, ...
+
+        Returns:
+            Canvas px and quarters of a px of the preview per cell; the first cell and the one after the last.
+        """
+        box, step = np.array(self.box), 1
+        while True:
+            for quarters in (4, 3):
+                block = _BLOCK if quarters == 4 else 4 * _BLOCK
+                first = box[:2] // (step * block) * block
+                last = np.maximum(-(-box[2:] // (4 * step)) * 4, first + 4)
+                if ((last - first) * quarters <= 4 * size).all():
+                    return step, quarters, first, last
+            step *= 2
 
     def close(self) -> None:
         """Releases the tiles."""
