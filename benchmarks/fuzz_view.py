@@ -43,7 +43,8 @@ GROWTH_LIMIT_MB = 16.0
 REFUSED = (400, 401, 403, 404, 307, 405)
 REQUESTS = (GOOD, GOOD | {"value": 0.9}, {"element": "zenohsink0", "property": "key", "value": "x"})
 MESSAGES = (
-    {"taken": 1}, {"select": 0}, {"back": 5}, {"control": None}, {"control": GOOD, "taken": 1},
+    {"taken": 1}, {"select": 0}, {"back": 5}, {"stills": False}, {"control": None},
+    {"control": GOOD, "taken": 1},
     *({"control": request} for request in REQUESTS),
 )  # fmt: skip
 PATHS = (

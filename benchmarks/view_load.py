@@ -205,6 +205,7 @@ def measure_bytes(url: str) -> None:
         compression=None,
         max_size=None,  # type: ignore[arg-type]
     ) as page:
+        page.send(json.dumps({"stills": False}))  # as a page that decodes the video
         for taken in itertools.count(1):
             data = page.recv(60)
             page.send(json.dumps({"taken": taken}))

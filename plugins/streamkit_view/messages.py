@@ -86,12 +86,14 @@ class PageAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_d
         select: index of the feed that it shows.
         back: how many seconds to go back in time; 0 is live.
         control: a live property to set; None asks for all of them.
+        stills: whether it shows images of the feed, having no video that it can decode.
     """
 
     taken: Natural | msgspec.UnsetType = msgspec.UNSET
     select: Natural | msgspec.UnsetType = msgspec.UNSET
     back: Annotated[int, msgspec.Meta(ge=0, le=BACK_LIMIT_S)] | msgspec.UnsetType = msgspec.UNSET
     control: ControlRequest | msgspec.UnsetType | None = msgspec.UNSET
+    stills: bool | msgspec.UnsetType = msgspec.UNSET
 
 
 def read_answer(text: object) -> tuple[str, Any]:

@@ -86,6 +86,8 @@ class PageSocket:
                     self._queue(value)
                 elif name == "back":
                     self._go_back(value)
+                elif name == "stills":
+                    self._viewer.shows_stills = value
                 elif value < len(self._hub.history):
                     self._end_replay()
                     self._hub.select(self._viewer, value)

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import json
 import time
-from collections import Counter, deque
-from collections.abc import Callable
+from collections import deque
 
 from streamkit_view.history import Past
-from streamkit_view.messages import BACK, CONTROL, SKIPPED, TRACKS, VIDEO, InvalidAnswer, PageMessage
+from streamkit_view.messages import (
+    BACK,
+    CONTROL,
+    FRAME,
+    HELLO,
+    SKIPPED,
+    TRACKS,
+    VIDEO,
+    Identity,
+    InvalidAnswer,
+    PageMessage,
+)
 
 # What may be under way to a page that has not confirmed it, and what may wait for that.
 WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
@@ -20,62 +30,59 @@ ANSWER_LIMIT_S = 10.0
 class Viewer:
     """One page: what waits to be sent to it. Belongs to one thread.
 
-    A page confirms what it has taken. While too much is unconfirmed, messages wait. When too many wait, or a
-    keyframe comes while some have waited too long, video is skipped up to the newest keyframe, and of
-    everything else only the newest is kept.
+    A page confirms what it has taken. While too much is unconfirmed, messages wait in three lanes: replies,
+    which all are sent, and first; packets and records, of which a late page skips some; and everything else,
+    of which the newest of each identity waits. Packets and records are skipped up to the newest keyframe when
+    too many wait, or when a keyframe comes while one has waited too long.
 
     Attributes:
         feed: index of the feed that it shows.
         is_live: whether it shows what comes, and not the past.
+        shows_stills: whether it is sent images, which a page with video does not show.
     """
 
     def __init__(self) -> None:
         self.feed = 0
         self.is_live = True
-        self._waiting: deque[Past] = deque()
-        self._under_way: deque[int] = deque()
-        self._bytes = self._bytes_under_way = self._confirmed = 0
-        self._skipped: Counter[int] = Counter()
-        self._needs_keyframe: set[int] = set()
+        self.shows_stills = True
+        self._replies: deque[PageMessage] = deque()
+        self._stream: deque[Past] = deque()
+        self._stream_bytes = 0
+        self._newest: dict[Identity, Past] = {}
+        self._skipped = 0
+        self._needs_keyframe = False
+        self._under_way: deque[int] = deque()  # bytes of each message
+        self._confirmed = 0
         self._last_answer_s = time.monotonic()
 
     def offer(self, message: PageMessage) -> None:
         """Queues a message; may skip others, or this one."""
-        if message.kind == VIDEO:
-            if message.is_keyframe:
-                self._needs_keyframe.discard(message.feed)
-                self._report_skipped(message.feed, time.monotonic())
-            elif message.feed in self._needs_keyframe:
-                self._skipped[message.feed] += 1
-                return
-        elif message.kind not in (TRACKS, CONTROL, BACK):
-            self._remove(lambda held: held.is_void_after(message))
-        now_s = time.monotonic()
-        is_late = bool(self._waiting) and now_s - self._waiting[0].at_s > LATE_S
-        self._append(Past(now_s, message))
-        if self._is_full() or (message.is_keyframe and is_late):
-            self._thin_out()
+        if message.kind in (HELLO, BACK, CONTROL):
+            self._replies.append(message)
+        elif message.kind in (VIDEO, TRACKS):
+            self._offer_to_stream(Past(time.monotonic(), message))
+        elif message.kind != FRAME or self.shows_stills:
+            kept = {
+                key: past for key, past in self._newest.items() if not past.message.is_void_after(message)
+            }
+            self._newest = {**kept, message.identity: Past(time.monotonic(), message)}
 
     def select(self, feed: int, *, is_live: bool = True) -> None:
         """Shows another feed, or its past; what waits of the one before is not sent."""
-        self._remove(lambda held: held.feed == self.feed)
-        self._skipped.pop(self.feed, None)
-        self._needs_keyframe.discard(self.feed)
-        self.feed, self.is_live = feed, is_live
+        self._newest = {}
+        self._keep([])
+        self._skipped, self._needs_keyframe = 0, False
+        self.feed, self.is_live, self.shows_stills = feed, is_live, True
 
     def next(self) -> PageMessage | None:
         """The message to send now; None while nothing waits or the page must catch up."""
-        if not self._waiting or len(self._under_way) >= WINDOW_MESSAGES:
+        if len(self._under_way) >= WINDOW_MESSAGES or sum(self._under_way) >= WINDOW_BYTES:
             return None
-        size = len(self._waiting[0].message.data)
-        if self._under_way and self._bytes_under_way + size > WINDOW_BYTES:
-            return None
-        if not self._under_way:
-            self._last_answer_s = time.monotonic()
-        message = self._waiting.popleft().message
-        self._bytes -= size
-        self._bytes_under_way += size
-        self._under_way.append(size)
+        message = self._take()
+        if message is not None:
+            if not self._under_way:
+                self._last_answer_s = time.monotonic()
+            self._under_way.append(len(message.data))
         return message
 
     def confirm(self, count: int) -> None:
@@ -88,7 +95,7 @@ class Viewer:
         if not 0 <= new <= len(self._under_way):
             raise InvalidAnswer("it confirms messages that it was not sent")
         for _ in range(new):
-            self._bytes_under_way -= self._under_way.popleft()
+            self._under_way.popleft()
         self._confirmed = count
         self._last_answer_s = time.monotonic()
 
@@ -97,45 +104,46 @@ class Viewer:
         """Whether the page has confirmed nothing for ten seconds, though something is under way to it."""
         return bool(self._under_way) and time.monotonic() - self._last_answer_s > ANSWER_LIMIT_S
 
-    def _append(self, past: Past) -> None:
-        self._waiting.append(past)
-        self._bytes += len(past.message.data)
+    def _offer_to_stream(self, past: Past) -> None:
+        message, stream = past.message, self._stream
+        if message.kind == VIDEO and self._needs_keyframe and not message.is_keyframe:
+            self._skipped += 1
+            return
+        if message.is_keyframe:
+            self._needs_keyframe = False
+        is_late = bool(stream) and past.at_s - stream[0].at_s > LATE_S
+        stream.append(past)
+        self._stream_bytes += len(message.data)
+        is_full = len(stream) > WAITING_MESSAGES or (self._stream_bytes > WAITING_BYTES and len(stream) > 1)
+        if is_full or (message.is_keyframe and is_late):
+            self._skip()
 
-    def _is_full(self) -> bool:
-        return len(self._waiting) > WAITING_MESSAGES or (
-            self._bytes > WAITING_BYTES and len(self._waiting) > 1
-        )
+    def _skip(self) -> None:
+        """Skips what waits before the newest keyframe; where that is little, all but the newest record."""
+        held = list(self._stream)
+        begin = max((at for at, past in enumerate(held) if past.message.is_keyframe), default=0)
+        if begin <= len(held) // 2:
+            begin, self._needs_keyframe = len(held), True
+        self._skipped += sum(past.message.kind == VIDEO for past in held[:begin])
+        self._keep(held[begin:] or [past for past in held if past.message.kind == TRACKS][-1:])
 
-    def _report_skipped(self, feed: int, at_s: float) -> None:
-        if count := self._skipped.pop(feed, 0):
-            body = json.dumps({"type": SKIPPED, "feed": feed, "body": {"frames": count}})
-            self._append(Past(at_s, PageMessage(SKIPPED, feed, body)))
+    def _keep(self, held: list[Past]) -> None:
+        self._stream = deque(held)
+        self._stream_bytes = sum(len(past.message.data) for past in held)
 
-    def _thin_out(self) -> None:
-        """Keeps video from the newest keyframe on, or none, and the newest message of each other kind."""
-        held = list(self._waiting)
-        newest = {message.identity: message for _, message in held}
-        keyframes = {message.feed: at for at, (_, message) in enumerate(held) if message.is_keyframe}
-        is_short = bool(keyframes) and max(keyframes.values()) > len(held) // 2
-        self._waiting.clear()
-        self._bytes = 0
-        for at, past in enumerate(held):
-            message = past.message
-            if message.kind == SKIPPED:
-                self._skipped[message.feed] += json.loads(message.data)["body"]["frames"]
-            elif message.kind == VIDEO:
-                if is_short and at >= keyframes.get(message.feed, len(held)):
-                    if message.is_keyframe:
-                        self._report_skipped(message.feed, past.at_s)
-                    self._append(past)
-                else:
-                    self._skipped[message.feed] += 1
-                    if not is_short:
-                        self._needs_keyframe.add(message.feed)
-            elif newest[message.identity] is message:
-                self._append(past)
-
-    def _remove(self, is_chosen: Callable[[PageMessage], bool]) -> None:
-        kept = [past for past in self._waiting if not is_chosen(past.message)]
-        self._bytes = sum(len(past.message.data) for past in kept)
-        self._waiting = deque(kept)
+    def _take(self) -> PageMessage | None:
+        """A reply, or else what has waited longest; before a keyframe, how many frames were skipped."""
+        if self._replies:
+            return self._replies.popleft()
+        newest = next(iter(self._newest.values()), None)
+        if newest is not None and not (self._stream and self._stream[0].at_s <= newest.at_s):
+            return self._newest.pop(newest.message.identity).message
+        if not self._stream:
+            return None
+        if self._skipped and self._stream[0].message.is_keyframe:
+            body = {"type": SKIPPED, "feed": self.feed, "body": {"frames": self._skipped}}
+            self._skipped = 0
+            return PageMessage(SKIPPED, self.feed, json.dumps(body))
+        message = self._stream.popleft().message
+        self._stream_bytes -= len(message.data)
+        return message

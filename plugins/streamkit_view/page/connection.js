@@ -57,6 +57,11 @@ export class Connection {
     this.send({ back: seconds });
   }
 
+  // Whether images of the feed are to be sent, as there is no video.
+  stills(areShown) {
+    this.send({ stills: areShown });
+  }
+
   control(request) {
     this.send({ control: request });
   }

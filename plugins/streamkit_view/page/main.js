@@ -67,7 +67,7 @@ function resetVideo() {
   followed.clear();
   Object.assign(page, {
     records: new Map(), trails: new Trails(), newest: null, shown: null, next: null, frames: 0, rate: 0, skipped: 0,
-    counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
+    asksStills: true, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
   });
   page.needsDrawing = true;
   document.getElementById("empty").hidden = false;
@@ -156,15 +156,17 @@ async function takePacket({ body, extra }, payload) {
 }
 
 async function takeImage({ type, body, extra }, payload) {
-  if (type === "frame" && page.video && !player.isRefused) return;
+  if (type === "frame" && !showsStills()) return;
   const feed = page.feed;
   const image = await createImageBitmap(new Blob([payload], { type: extra.png ? "image/png" : "image/jpeg" }));
   if (feed !== page.feed) image.close();
   else if (type === "tile") takeTile(body, image);
-  else if (!page.video || player.isRefused) present(image, body.record, image.width, image.height);
+  else if (showsStills()) present(image, body.record, image.width, image.height);
   else image.close();
   page.needsDrawing = true;
 }
+
+const showsStills = () => !page.video || player.isRefused;
 
 function takeTile(tile, image) {
   mosaic.take(tile, image);
@@ -236,6 +238,7 @@ function noteDelay(header) {
 }
 
 function refresh() {
+  if (page.isOnline && page.asksStills !== showsStills()) connection.stills(page.asksStills = showsStills());
   const state = page.states[page.feed];
   const now = performance.now();
   const seconds = (now - page.counted) / 1000;

@@ -125,6 +125,7 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
     first = canvas(browser, "video")
     assert first.shape[1::-1] == (*SIZE,)
     wait_for(lambda: np.abs(canvas(browser, "video").astype(int) - first).mean() > 2)
+    wait_for(lambda: not browser.execute_script("return streamkit.page.asksStills"))
     wait_for(lambda: text(browser, "state") == "ended")
     number, shown = wait_for(lambda: last_frame(browser))
     pixels, cars = truth[number]

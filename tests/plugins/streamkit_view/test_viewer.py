@@ -43,7 +43,7 @@ def test_a_page_that_confirms_nothing_is_sent_a_bounded_amount() -> None:
     while viewer.next() is not None:
         under_way += 1
     assert under_way == WINDOW_MESSAGES
-    assert viewer._bytes <= WAITING_BYTES
+    assert viewer._stream_bytes <= WAITING_BYTES
     assert not viewer.is_stuck
 
 
@@ -108,6 +108,18 @@ def test_a_page_that_is_late_goes_on_at_the_next_keyframe(monkeypatch: pytest.Mo
     assert sent[at + 1] == packet(at + skipped, is_keyframe=True)
 
 
+def test_frames_that_are_not_skipped_keep_their_records() -> None:
+    """A page that goes on at a keyframe shows its boxes."""
+    viewer = Viewer()
+    for number in range(0, 640, 2):
+        viewer.offer(packet(number, is_keyframe=number == 400))
+        viewer.offer(PageMessage(TRACKS, 0, f"{number:08d}"))
+    taken = take_all(viewer)
+    assert taken[0].kind == SKIPPED
+    numbers = {kind: [int(one.data[:8]) for one in taken if one.kind == kind] for kind in (VIDEO, TRACKS)}
+    assert numbers[VIDEO] == numbers[TRACKS] == list(range(400, 640, 2))
+
+
 def test_of_pictures_and_states_only_the_newest_waits() -> None:
     """Records are kept for the frames that wait with them."""
     viewer = Viewer()
@@ -159,6 +171,17 @@ def test_the_past_begins_anew_with_what_says_so() -> None:
         viewer.offer(message)
     assert not viewer.is_live
     assert [message.kind for message in take_all(viewer)] == [BACK, VIDEO, VIDEO, VIDEO]
+
+
+def test_a_page_with_video_gets_no_images() -> None:
+    """Until it shows another feed, or another time, which may have no video."""
+    viewer = Viewer()
+    viewer.shows_stills = False
+    viewer.offer(PageMessage(FRAME, 0, "unseen"))
+    assert viewer.next() is None
+    viewer.select(1)
+    viewer.offer(PageMessage(FRAME, 1, "seen"))
+    assert [message.data for message in take_all(viewer)] == ["seen"]
 
 
 def test_another_feed_begins_anew() -> None:
