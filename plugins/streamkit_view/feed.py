@@ -146,7 +146,8 @@ class Feed:
             if any(count.received for count in counts.values()):
                 return "ended", "The stream has ended."
             return "waiting", waiting or f"No publisher at {self.key} yet."
-        if not self._last_frame_s:
+        is_starting = self._status is not None and self._status.state == "starting"
+        if is_starting or not self._last_frame_s:
             return "waiting", waiting or "The publisher is there; no frame has come yet."
         if silent_s > SILENT_S:
             return "silent", f"No frame for {silent_s:.0f} s: the feed is lost, or the pipeline stands still."

@@ -287,7 +287,8 @@ function medianDelay() {
 
 function figures(state) {
   const status = state?.status;
-  const lost = Object.entries(state?.lost ?? {}).filter(([, count]) => count);
+  const byStream = (counts) => Object.entries(counts ?? {}).filter(([, count]) => count)
+    .map(([name, count]) => `${name} ${count}`).join(", ");
   const size = page.shown ? `${page.shown.width} × ${page.shown.height}` : "none";
   const registration = page.newest?.registration;
   const rows = [
@@ -300,8 +301,9 @@ function figures(state) {
     ["frames", String(status?.frames ?? 0)],
     ["epoch", String(page.newest?.epoch ?? 0)],
     ["skipped here", String(page.skipped)],
-    ["lost on the way", lost.map(([name, count]) => `${name} ${count}`).join(", ") || "0"],
+    ["lost on the way", byStream(state?.lost) || "0"],
   ];
+  if (byStream(state?.bad)) rows.push(["invalid", byStream(state.bad)]);
   for (const { place: where, reason, count } of dropsOf(status).slice(0, 4)) {
     rows.push([`dropped: ${where}, ${reason}`, String(count)]);
   }

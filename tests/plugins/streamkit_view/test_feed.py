@@ -9,6 +9,7 @@ import pytest
 import zenoh
 
 from streamkit import Pipeline
+from streamkit_view import feed as feed_module
 from streamkit_view.feed import Feed
 from streamkit_view.messages import PageMessage
 
@@ -40,10 +41,15 @@ def test_a_publisher_plays_whether_it_publishes_records_or_not(
     wait_for(lambda: feed.state(0.0).state == "ended")
 
 
-def test_a_publisher_without_frames_is_waited_for(feed: Feed, key: str, wait_for: Callable[..., Any]) -> None:
-    """Its status counts none."""
+def test_a_publisher_without_frames_is_waited_for(
+    feed: Feed, key: str, wait_for: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its status counts none; also where one before had frames, the last of which was long ago."""
+    Pipeline.parse(f"videotestsrc num-buffers=5 ! zenohsink key={key} wait-subscribers=1").run(timeout_s=60)
+    wait_for(lambda: feed.state(0.0).state == "ended")
+    monkeypatch.setattr(feed_module, "SILENT_S", 0.0)
     text = f"appsrc name=in caps=video/x-raw,format=GRAY8,width=64,height=48 ! zenohsink key={key}"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        wait_for(lambda: feed.state(0.0).status)
-        assert feed.state(0.0).reason == "The publisher is there; no frame has come yet."
+        wait_for(lambda: feed.state(0.0).reason == "The publisher is there; no frame has come yet.")
+        assert feed.state(0.0).state == "waiting"

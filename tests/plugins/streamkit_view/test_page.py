@@ -395,6 +395,8 @@ def test_text_from_the_network_stays_text(
     wait_for(is_shown)
     assert browser.execute_script("return window.hacked === undefined")
     assert not browser.find_elements(By.CSS_SELECTOR, "dl img, dl script")
+    session.put(f"{key}/tracks", b"{")
+    wait_for(lambda: "invalid\ntracks 1" in text(browser, "figures"))
 
 
 @pytest.mark.timeout(120)
