@@ -188,17 +188,16 @@ class Feed:
             return [text_message(TRACKS, feed, msgspec.json.encode(record))]
         if name == VIDEO:
             packet = decode_json(received.header, VideoHeader)
-            origin: dict[str, object] = {"run": str(received.stamp.run), "number": received.stamp.number}
-            body = msgspec.json.encode(packet)
-            return [binary_message(VIDEO, feed, body, payload, origin, is_keyframe=packet.keyframe)]
+            run, number = received.stamp
+            body = msgspec.json.encode({"packet": packet, "run": str(run), "number": number})
+            return [binary_message(VIDEO, feed, body, payload, is_keyframe=packet.keyframe)]
         header = read_header(received.header)
         if name == MOSAIC:
             return self._mosaic.update(payload, header, received.stamp.run)
         size = image_size(payload)
         if size is None or not 0 < size[0] * size[1] <= PIXEL_LIMIT:
             raise ValueError(f"not an image of 1 to {PIXEL_LIMIT} pixels")
-        extra: dict[str, object] = {"png": payload[:1] == b"\x89"}
-        return [binary_message(FRAME, feed, msgspec.json.encode(header), payload, extra)]
+        return [binary_message(FRAME, feed, msgspec.json.encode(header), payload)]
 
     def _note_status(self, status: StatusRecord) -> None:
         """A publisher without records, `tracks=false`, is seen to play by the frames that it counts."""

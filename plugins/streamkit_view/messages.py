@@ -5,7 +5,6 @@ To the page text is JSON, binary is a JSON header and the bytes of an image or p
 
 from __future__ import annotations
 
-import json
 import struct
 from contextlib import suppress
 from dataclasses import dataclass
@@ -64,13 +63,12 @@ def binary_message(
     feed: int,
     body: bytes,
     payload: bytes,
-    extra: dict[str, object],
     *,
     is_keyframe: bool = False,
     part: tuple[int, int] | None = None,
 ) -> PageMessage:
     """A message with a payload: length of the header (uint32, little endian), the header, the payload."""
-    header = f'{{"type":"{kind}","feed":{feed},"extra":{json.dumps(extra)},"body":{body.decode()}}}'.encode()
+    header = f'{{"type":"{kind}","feed":{feed},"body":{body.decode()}}}'.encode()
     return PageMessage(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe, part)
 
 

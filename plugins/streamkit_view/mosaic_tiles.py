@@ -10,7 +10,7 @@ import numpy as np
 
 from streamkit.geometry.homography import FloatArray, corners, inverse, normalised, project
 from streamkit_view.messages import MOSAIC, TILE, PageMessage, binary_message, text_message
-from streamkit_zenoh.wire.frame_header import FrameHeader, MotionRecord
+from streamkit_zenoh.wire.frame_header import FrameHeader
 from streamkit_zenoh.wire.images import Image, ImageFormat, decode_image, encode_image, image_size
 
 PIXEL_LIMIT = 8192**2  # of the largest frame of the pad `mosaic` of stitch
@@ -51,51 +51,42 @@ class MosaicTiles:
         Raises:
             ValueError: the image is invalid, or scaled.
         """
-        size = image_size(data)
-        if size is None or not 0 < size[0] * size[1] <= PIXEL_LIMIT:
-            raise ValueError(f"a mosaic must be an image of 1 to {PIXEL_LIMIT} px, got {size}")
-        if size != (header.record.width, header.record.height):
-            raise ValueError(f"a mosaic must not be scaled, got {size} px")
+        size, said = image_size(data), (header.record.width, header.record.height)
+        if size is None or size != said or size[0] * size[1] > PIXEL_LIMIT:
+            raise ValueError(f"a mosaic must be an image of {said} and at most {PIXEL_LIMIT} px, got {size}")
         motion = header.motion
         if motion is None or motion.to_reference is None:
             return []
+        image, image_format = decode_image(data), ImageFormat.PNG if data[:1] == b"\x89" else ImageFormat.JPEG
         side = BLOCK_PX * -(-max(size) // (TILES_ACROSS * BLOCK_PX))
         identity, to_plane = (run, motion.reference, size), np.array(motion.to_reference)
-        origin = self._origin(to_plane, size) if identity == self._identity else None
-        image = decode_image(data)
-        tiles = {} if origin is None else dict(cut(image, origin, side))
+        tiles = self._continued(image, to_plane, side) if identity == self._identity else None
         messages = []
-        if origin is None or not self._checksums.keys() <= tiles.keys():
+        if tiles is None:
             self._identity, self._to_plane, self._checksums = identity, to_plane, {}
             tiles = dict(cut(image, (0, 0), side))
-            messages.append(self._beginning(motion, side, len(tiles)))
-        image_format = ImageFormat.PNG if data.startswith(b"\x89") else ImageFormat.JPEG
+            place = {"reference": motion.reference, "to_reference": motion.to_reference}
+            body = msgspec.json.encode({**place, "side": side, "tiles": len(tiles)})
+            messages.append(text_message(MOSAIC, self._feed, body))
         for key, tile in tiles.items():
             checksum = zlib.crc32(np.ascontiguousarray(inner(tile)).data)
             if self._checksums.get(key) != checksum:
                 self._checksums[key] = checksum
-                messages.append(self._tile(key, encode_image(tile, image_format), image_format))
+                body = msgspec.json.encode({"column": key[0], "row": key[1]})
+                coded = encode_image(tile, image_format)
+                messages.append(binary_message(TILE, self._feed, body, coded, part=key))
         return messages
 
-    def _origin(self, to_plane: FloatArray, size: Key) -> Key | None:
-        """Where the first pixel of an image lies on the grid; None if its pixels do not lie on that."""
-        points = corners(size[::-1])
+    def _continued(self, image: Image, to_plane: FloatArray, side: int) -> dict[Key, Image] | None:
+        """The tiles of an image; None if its pixels do not lie on the grid, or it has lost ground."""
+        points = corners((image.shape[0], image.shape[1]))
         with np.errstate(all="ignore"):
             moved = project(normalised(inverse(self._to_plane) @ to_plane), points) - points
             origin = np.rint(moved[0])
             if not (np.abs(moved - origin) < GRID_ERROR_PX).all() or np.abs(origin).max() > FARTHEST_PX:
                 return None
-        return int(origin[0]), int(origin[1])
-
-    def _beginning(self, motion: MotionRecord, side: int, tiles: int) -> PageMessage:
-        place = {"reference": motion.reference, "to_reference": motion.to_reference}
-        body = msgspec.json.encode({**place, "side": side, "tiles": tiles})
-        return text_message(MOSAIC, self._feed, body)
-
-    def _tile(self, key: Key, data: bytes, image_format: ImageFormat) -> PageMessage:
-        body = msgspec.json.encode({"column": key[0], "row": key[1]})
-        extra: dict[str, object] = {"png": image_format is ImageFormat.PNG}
-        return binary_message(TILE, self._feed, body, data, extra, part=key)
+        tiles = dict(cut(image, (int(origin[0]), int(origin[1])), side))
+        return tiles if self._checksums.keys() <= tiles.keys() else None
 
 
 def cut(image: Image, origin: Key, side: int) -> Iterator[tuple[Key, Image]]:

@@ -96,7 +96,7 @@ const connection = new Connection({
     if (message.type === "control") return control.take(message.body);
     if (message.type === "tracks") return takeRecord(message.body);
     if (message.type === "skipped") return void (page.skipped += message.body.frames);
-    if (message.type === "video") return takePacket(message, payload);
+    if (message.type === "video") return takePacket(message.body, payload);
     if (message.type === "mosaic") return mosaic.begin(message.body);
     if (message.type === "frame" || message.type === "tile") return takeImage(message, payload);
     return undefined;
@@ -149,16 +149,16 @@ function noteGround(record) {
   })).filter(({ point }) => point !== null));
 }
 
-async function takePacket({ body, extra }, payload) {
-  await player.push(body, extra, payload);
+async function takePacket({ packet, run, number }, payload) {
+  await player.push(packet, { run, number }, payload);
   page.skipped += player.skipped;
   player.skipped = 0;
 }
 
-async function takeImage({ type, body, extra }, payload) {
+async function takeImage({ type, body }, payload) {
   if (type === "frame" && !showsStills()) return;
   const feed = page.feed;
-  const image = await createImageBitmap(new Blob([payload], { type: extra.png ? "image/png" : "image/jpeg" }));
+  const image = await createImageBitmap(new Blob([payload]));
   if (feed !== page.feed) image.close();
   else if (type === "tile") takeTile(body, image);
   else if (showsStills()) present(image, body.record, image.width, image.height);

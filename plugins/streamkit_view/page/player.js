@@ -39,11 +39,11 @@ export class Player {
     this.advance();
   }
 
-  async push(header, extra, data) {
+  async push(header, { run, number }, data) {
     if (this.isRefused) return;
     const generation = this.generation;
-    const isGap = this.last !== null && (extra.run !== this.last.run || extra.number !== this.last.number + 1);
-    this.last = { run: extra.run, number: extra.number };
+    const isGap = this.last !== null && (run !== this.last.run || number !== this.last.number + 1);
+    this.last = { run, number };
     if (isGap) this.needsKeyframe = true;
     if (header.keyframe && !(await this.prepare(header))) return;
     if (generation !== this.generation) return;

@@ -9,6 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from streamkit import Pipeline, Registration
 from streamkit.geometry.homography import translation
@@ -173,3 +175,13 @@ def test_the_tiles_of_a_flight_stay_where_they_are() -> None:
     part = shown[1000 + y : 1480 + y, 1000 + x : 1640 + x]
     assert np.abs(part.astype(int) - frame.data).mean() < 3
     assert sent < whole / 2
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=9, max_size=9), st.booleans())
+def test_no_place_on_the_plane_breaks_it(values: list[float], is_small: bool) -> None:
+    """A matrix from the network may be anything: the mosaic begins anew or continues, with all its tiles."""
+    tiles, image = MosaicTiles(0), window(ground(), 0, 0)[:32, :64]
+    place = np.array(values).reshape(3, 3) * (1e-300 if is_small else 1.0)
+    for to_plane in (HALF, place, HALF):
+        messages = tiles.update(coded(image), header(image, to_plane), 1)
+        assert len(parts(messages)) == (8 if messages else 0)
