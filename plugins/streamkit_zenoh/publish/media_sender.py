@@ -2,45 +2,33 @@
 
 import time
 import zlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import zenoh
 from typing_extensions import override
 
-from streamkit import Frame
-from streamkit_zenoh.keys import MOSAIC, VIDEO
+from streamkit import Frame, Registration
+from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO
 from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
 from streamkit_zenoh.publish.sender import Outgoing, Sender
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA, frame_header
-from streamkit_zenoh.wire.images import encode_image, grey_or_bgr, scaled_to_width
+from streamkit_zenoh.wire.images import ImageFormat, encode_image, grey_or_bgr, scaled_to_width
 from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA, video_header
 
 # Two seconds may wait for a slow network; then receivers see a gap, and go on at the next keyframe.
 PACKET_CAPACITY = 64
 
 
-class FrameSender(Sender):
-    """Publishes the newest frame as an image, by the frames' own clock at the rate of the settings.
-
-    A mosaic is published whole, and only when its pixels have changed.
-    """
+class ImageSender(Sender):
+    """Publishes the newest frame as an image, scaled down to a width; 0 is its own."""
 
     drop_reason = "replaced by a newer one"
 
-    def __init__(self, publisher: Publisher, name: str) -> None:
-        settings = publisher.settings
-        self._format = settings.mosaic_format if name == MOSAIC else settings.frame_format
-        stream = NumberedStream(publisher, name, f"image/{self._format};{FRAME_SCHEMA}")
+    def __init__(self, publisher: Publisher, name: str, image_format: ImageFormat, width: int) -> None:
+        self._format, self._width = image_format, width
+        stream = NumberedStream(publisher, name, f"image/{image_format};{FRAME_SCHEMA}")
         super().__init__(publisher, stream, capacity=1)
-        self._due = 0, -1  # when the next frame is due, ns, in which epoch
-        self._checksum: int | None = None
-
-    @override
-    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
-        is_due = self._has_changed(frame) if self.stream.name == MOSAIC else self._is_due(frame)
-        if is_due:
-            super().submit(frame)
 
     @override
     def send(self, item: Outgoing) -> None:
@@ -56,12 +44,24 @@ class FrameSender(Sender):
     def encoded(self, item: Outgoing) -> tuple[bytes, bytes]:
         """Payload and attachment."""
         settings, frame = self.publisher.settings, item.frame
-        image = grey_or_bgr(frame.data, str(frame.caps["format"]))
-        if self.stream.name != MOSAIC:
-            image = scaled_to_width(image, settings.frame_width)
+        image = scaled_to_width(grey_or_bgr(frame.data, str(frame.caps["format"])), self._width)
         now_ns, dropped = self.publisher.utc_ns(), self.stream.dropped
         header = frame_header(frame, settings.key, now_ns, dropped, image.shape)
         return encode_image(image, self._format, settings.picture_quality), item.stamp.attachment(header)
+
+
+class FrameSender(ImageSender):
+    """Publishes frames by their own clock, at the rate of the settings."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        settings = publisher.settings
+        super().__init__(publisher, FRAME, settings.frame_format, settings.frame_width)
+        self._due = 0, -1  # when the next frame is due, ns, in which epoch
+
+    @override
+    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
+        if self._is_due(frame):
+            super().submit(frame)
 
     def _is_due(self, frame: Frame) -> bool:
         if not self.publisher.settings.frame_rate:
@@ -77,9 +77,21 @@ class FrameSender(Sender):
         self._due = due_ns + ((time_ns - due_ns) // period_ns + 1) * period_ns, frame.epoch
         return True
 
-    def _has_changed(self, frame: Frame) -> bool:
-        before, self._checksum = self._checksum, zlib.crc32(np.ascontiguousarray(frame.data).data)
-        return self._checksum != before
+
+class MosaicSender(ImageSender):
+    """Publishes a mosaic whole, and only when its pixels or their place on the ground have changed."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        super().__init__(publisher, MOSAIC, publisher.settings.mosaic_format, 0)
+        self._last_seen: object = None
+
+    @override
+    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
+        registration = frame.get(Registration)
+        place = registration and (registration.reference, registration.to_reference.tobytes())
+        before, self._last_seen = self._last_seen, (zlib.crc32(np.ascontiguousarray(frame.data).data), place)
+        if self._last_seen != before:
+            super().submit(frame)
 
 
 class VideoSender(Sender):
@@ -94,3 +106,10 @@ class VideoSender(Sender):
         header = video_header(item.frame, self.publisher.settings.key, self.publisher.utc_ns())
         self.stream.put(bytes(item.frame.data), item.stamp.attachment(header))
         self.settle(item)
+
+
+MEDIA_SENDERS: dict[str, Callable[[Publisher], Sender]] = {
+    FRAME: FrameSender,
+    MOSAIC: MosaicSender,
+    VIDEO: VideoSender,
+}

@@ -8,10 +8,10 @@ from typing import Literal
 import zenoh
 
 from streamkit import Element, ResourceError
-from streamkit_zenoh.keys import LISTENING, RECEIVER, SCHEMA, STATUS, VIDEO, alive_key, listens_to
+from streamkit_zenoh.keys import LISTENING, RECEIVER, SCHEMA, STATUS, alive_key, listens_to
 from streamkit_zenoh.presence import LivelinessWatch, wait_until_delivered
 from streamkit_zenoh.publish.control import Control
-from streamkit_zenoh.publish.media_sender import FrameSender, VideoSender
+from streamkit_zenoh.publish.media_sender import MEDIA_SENDERS
 from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
 from streamkit_zenoh.publish.record_sender import RecordSender
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, Claimant, KeyInUse, RivalWatch, refuse_rivals
@@ -65,9 +65,7 @@ class Publication:
         )
         self._status = status
         self.records = RecordSender(publisher, self._publish_status)
-        self.media: dict[str, Sender] = {
-            name: VideoSender(publisher) if name == VIDEO else FrameSender(publisher, name) for name in media
-        }
+        self.media = {name: MEDIA_SENDERS[name](publisher) for name in media}
         self._senders: list[Sender] = [self.records, *self.media.values()]
         self._streams = [sender.stream for sender in self._senders]
         self._control = Control(publisher, elements) if settings.control else None

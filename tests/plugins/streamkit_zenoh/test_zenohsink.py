@@ -19,6 +19,7 @@ from streamkit import (
     ElementFailure,
     Frame,
     Pipeline,
+    Registration,
     ResourceError,
     Track,
     TrackRecord,
@@ -417,8 +418,8 @@ def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: s
 
 
 def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, endpoint: str) -> None:
-    """A mosaic with the pixels of the last one is not sent; EOS follows that of both pads."""
-    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/mosaic", 2)
+    """One with the pixels of the last at the same place is not sent; EOS follows that of both pads."""
+    subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/mosaic", 3)
     text = (
         f"zenohsink name=z key={key} connect={endpoint} mosaic-format=png "
         "appsrc name=main caps=video/x-raw,format=GRAY8,width=8,height=8 ! z. "
@@ -427,9 +428,11 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         assert _wait_for(lambda: pipeline["z"]._publication.media["mosaic"].stream.has_subscriber)
-        for number, level in enumerate((10, 10, 20)):
-            pipeline["ground"].push(np.full((8, 8), level, np.uint8))
-            assert _wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2)[number])
+        for number, (level, reference) in enumerate(((10, 0), (10, 0), (10, 1), (20, 1))):
+            caps = raw_video_caps("GRAY8", 8, 8, None)
+            place = Registration(np.eye(3), np.eye(3), reference=reference)
+            pipeline["ground"].push(Frame(np.full((8, 8), level, np.uint8), caps).attach(place))
+            assert _wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2, 3)[number])
         pipeline["ground"].end()
         pipeline["main"].end()
         message = pipeline.wait(20)
@@ -437,7 +440,7 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
         assert message.error is None
     assert subscriber.enough.wait(5)
     images = [cv2.imdecode(np.frombuffer(s.payload.to_bytes(), np.uint8), 0) for s in subscriber.samples]
-    assert [int(image[0, 0]) for image in images] == [10, 20]
+    assert [int(image[0, 0]) for image in images] == [10, 10, 20]
 
 
 def test_a_track_with_nan_ends_the_stream(open_test_session: Opener, key: str, endpoint: str) -> None:
