@@ -133,6 +133,7 @@ function takeRecord(record) {
   page.records.set(nameOf(record), record);
   if (page.records.size > RECORDS_LIMIT) page.records.delete(page.records.keys().next().value);
   page.newest = record;
+  if (page.shown && !page.shown.isExact) Object.assign(page.shown, recordFor(page.shown.header)); // it came late
   page.trails.note(record);
   noteGround(record);
   page.needsDrawing = true;

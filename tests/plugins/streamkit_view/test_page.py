@@ -22,8 +22,11 @@ from selenium.webdriver import ActionChains, Chrome
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from streamkit import Pipeline
+from streamkit import Frame, Pipeline, raw_video_caps
 from streamkit_video import TrueTargets
+from streamkit_zenoh.wire.frame_header import frame_header
+from streamkit_zenoh.wire.images import ImageFormat, encode_image
+from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.status import DropCount, ElementDrop, ElementStatus, StatusRecord
 from tests.slowness import patience
 
@@ -332,6 +335,26 @@ def test_stills_are_shown_without_coded_video(
         wait_for(lambda: "stills" in text(browser, "figures"))
         first = canvas(browser, "video")
         wait_for(lambda: not np.array_equal(canvas(browser, "video"), first))
+
+
+@pytest.mark.timeout(120)
+def test_a_record_that_comes_late_is_shown_with_its_frame(
+    browser: Chrome, serve_keys: Callable[..., str], session: zenoh.Session, key: str,
+    wait_for: Callable[..., Any],
+) -> None:  # fmt: skip
+    """The last frame of a stream has its boxes, though its record needed longer than the frame is held."""
+    browser.get(serve_keys(key))
+    image = np.full((240, 320, 3), 90, np.uint8)
+    frame = Frame(image, raw_video_caps("BGR", 320, 240, None), pts=written_record(5)["pts_ns"], seq=5)
+    header = frame_header(frame, key, 1, 0, image.shape)
+    images = session.declare_publisher(f"{key}/frame", encoding="image/jpeg;streamkit.frame/1")
+    images.put(encode_image(image, ImageFormat.JPEG), attachment=Stamp(1, 0).attachment(header))
+    wait_for(lambda: browser.execute_script("return streamkit.page.shown?.isExact === false"))
+    session.put(
+        f"{key}/tracks", json.dumps(written_record(5)), encoding="application/json;streamkit.tracks/1"
+    )
+    wait_for(lambda: browser.execute_script("return streamkit.page.shown.isExact"))
+    wait_for(lambda: len(drawn_boxes(canvas(browser, "overlay"))) == 1)
 
 
 FIT = """
