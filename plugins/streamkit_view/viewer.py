@@ -23,6 +23,7 @@ from streamkit_view.messages import (
 # What may be under way to a page that has not confirmed it, and what may wait for that.
 WINDOW_MESSAGES, WINDOW_BYTES = 100, 3 << 20
 WAITING_MESSAGES, WAITING_BYTES = 600, 12 << 20
+WAITING_REPLIES = 16  # no page asks for more before it reads one; of others the oldest are lost
 LATE_S = 2.0  # as long as the page calls a feed silent
 ANSWER_LIMIT_S = 10.0
 
@@ -31,7 +32,7 @@ class Viewer:
     """One page: what waits to be sent to it. Belongs to one thread.
 
     A page confirms what it has taken. While too much is unconfirmed, messages wait in three lanes: replies,
-    which all are sent, and first; packets and records, of which a late page skips some; and everything else,
+    which are sent first; packets and records, of which a late page skips some; and everything else,
     of which the newest of each identity waits. Packets and records are skipped up to the newest keyframe when
     too many wait, or when a keyframe comes while one has waited too long.
 
@@ -45,7 +46,7 @@ class Viewer:
         self.feed = 0
         self.is_live = True
         self.shows_stills = True
-        self._replies: deque[PageMessage] = deque()
+        self._replies: deque[PageMessage] = deque(maxlen=WAITING_REPLIES)
         self._stream: deque[Past] = deque()
         self._stream_bytes = 0
         self._newest: dict[Identity, Past] = {}

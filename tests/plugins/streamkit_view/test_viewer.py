@@ -7,7 +7,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit_view import viewer as module
-from streamkit_view.messages import BACK, FRAME, MOSAIC, SKIPPED, STATE, TILE, TRACKS, VIDEO, PageMessage
+from streamkit_view.messages import (
+    BACK,
+    CONTROL,
+    FRAME,
+    MOSAIC,
+    SKIPPED,
+    STATE,
+    TILE,
+    TRACKS,
+    VIDEO,
+    PageMessage,
+)
 from streamkit_view.viewer import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
 
 
@@ -171,6 +182,15 @@ def test_the_past_begins_anew_with_what_says_so() -> None:
         viewer.offer(message)
     assert not viewer.is_live
     assert [message.kind for message in take_all(viewer)] == [BACK, VIDEO, VIDEO, VIDEO]
+
+
+@pytest.mark.parametrize("kind", [BACK, CONTROL])
+def test_a_page_that_asks_without_reading_has_few_replies_waiting(kind: str) -> None:
+    """The newest; a page cannot make the server keep more and more."""
+    viewer = Viewer()
+    for number in range(1000):
+        viewer.offer(PageMessage(kind, 0, str(number)))
+    assert [message.data for message in take_all(viewer)] == [str(number) for number in range(984, 1000)]
 
 
 def test_a_page_with_video_gets_no_images() -> None:
