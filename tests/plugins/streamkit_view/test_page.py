@@ -6,7 +6,6 @@ import base64
 import json
 import subprocess
 import sys
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -83,19 +82,23 @@ def publisher(key: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def write_flight(path: Path) -> dict[int, tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
-    """Writes the flight; gives pixels of the last frames by their number, and the centres of the cars."""
+    """Writes the flight; gives pixels of its frames by their number, and the centres of the cars."""
     text = f"{FLIGHT} ! tee name=t ! queue ! videofilesink location={path}  t. ! queue ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        last = deque(pipeline["out"], maxlen=5)
-    return {frame.seq: (np.asarray(frame.data), frame.get(TrueTargets).centres) for frame in last}
+        frames = list(pipeline["out"])
+    return {frame.seq: (np.asarray(frame.data), frame.get(TrueTargets).centres) for frame in frames}
 
 
 def number_of_last(browser: Chrome) -> int | None:
-    """The number of the frame that is shown with its own boxes, if it is one of the last five."""
+    """The number of the frame that is shown with its own boxes, if it is one of the last five.
+
+    A page that was too late for the flight's only keyframe, and says so, stays at an earlier one.
+    """
     shown = browser.execute_script("return streamkit.page.shown.isExact && !streamkit.page.next")
     number = browser.execute_script("return streamkit.page.shown.header.pts_ns") // FRAME_NS
-    return number if shown and number >= 95 else None
+    is_late = browser.execute_script("return streamkit.page.skipped > 0 || streamkit.player.needsKeyframe")
+    return number if shown and (number >= 95 or is_late) else None
 
 
 def last_frame(browser: Chrome) -> tuple[int, np.ndarray[Any, Any]] | None:
