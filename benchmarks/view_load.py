@@ -98,12 +98,12 @@ def served(shown: str, *publisher: str) -> Iterator[tuple[int, str]]:
     view = subprocess.Popen(
         [STREAMKIT, "view", shown, "--listen", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True
     )
-    processes = [view, *(subprocess.Popen([STREAMKIT, "launch", "-q", text]) for text in publisher)]
+    publishers = [subprocess.Popen([STREAMKIT, "launch", "-q", text], text=True) for text in publisher]
     try:
         assert view.stdout is not None
         yield view.pid, view.stdout.readline().split()[1]
     finally:
-        for process in processes:
+        for process in (view, *publishers):
             process.terminate()
             process.wait(20)
 

@@ -158,10 +158,10 @@ async function takePacket({ packet, run, number }, payload) {
 
 async function takeImage({ type, body }, payload) {
   if (type === "frame" && !showsStills()) return;
-  const feed = page.feed;
+  const [feed, tiled] = [page.feed, mosaic.newest]; // another mosaic may begin while the image is decoded
   const image = await createImageBitmap(new Blob([payload]));
   if (feed !== page.feed) image.close();
-  else if (type === "tile") takeTile(body, image);
+  else if (type === "tile") takeTile(body, image, tiled);
   else if (showsStills()) present(image, body.record, image.width, image.height);
   else image.close();
   page.needsDrawing = true;
@@ -169,8 +169,8 @@ async function takeImage({ type, body }, payload) {
 
 const showsStills = () => !page.video || player.isRefused;
 
-function takeTile(tile, image) {
-  mosaic.take(tile, image);
+function takeTile(tile, image, tiled) {
+  mosaic.take(tile, image, tiled);
   image.close();
 }
 
@@ -278,6 +278,8 @@ function sample(state) {
   };
 }
 
+// Without new frames the ages are those of the last one.
+const isFlowing = (state) => page.isOnline && state?.state === "playing";
 const isPlausible = (age) => age !== null && age !== undefined && age > -1000 && age < PLAUSIBLE_AGE_MS;
 const milliseconds = (value) => (isPlausible(value) ? `${value.toFixed(0)} ms` : "unknown");
 
@@ -295,9 +297,9 @@ function figures(state) {
   const rows = [
     ["video", page.shown ? `${size}, ${page.video ? "video" : "stills"}` : "none"],
     ["frame rate", `${page.rate.toFixed(1)} /s`],
-    ["age on screen", milliseconds(page.ageMs)],
-    ["age when published", milliseconds(page.newest?.age_ms)],
-    ["published to screen", milliseconds(medianDelay())],
+    ["age on screen", milliseconds(isFlowing(state) ? page.ageMs : null)],
+    ["age when published", milliseconds(isFlowing(state) ? page.newest?.age_ms : null)],
+    ["published to screen", milliseconds(isFlowing(state) ? medianDelay() : null)],
     ["registration", registration ? registration.status : "none"],
     ["frames", String(status?.frames ?? 0)],
     ["epoch", String(page.newest?.epoch ?? 0)],

@@ -18,8 +18,12 @@ export class Mosaic {
     this.coming = new TiledImage(reference, toPlane, side, tiles);
   }
 
-  take({ column, row }, image) {
-    const tiled = this.coming ?? this.shown;
+  // The mosaic to which the tiles that arrive now belong.
+  get newest() {
+    return this.coming ?? this.shown;
+  }
+
+  take({ column, row }, image, tiled) {
     tiled?.take(column, row, image);
     if (this.coming?.isWhole) [this.shown, this.coming] = [this.coming, null];
   }
