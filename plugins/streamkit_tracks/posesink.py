@@ -58,6 +58,8 @@ class PoseSink(OutputFileSink):
 
     @override
     def end(self) -> None:
+        if not self._points and self.leave_older():
+            return
         self._flush()
         super().end()
 

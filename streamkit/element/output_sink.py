@@ -124,6 +124,14 @@ class OutputFileSink(Sink):
         self.results["files"] += 1
         return path
 
+    def leave_older(self) -> bool:
+        """Discards a file without content where an older one is at its path; whether it did."""
+        if self.file is None or not self.file.hides_older:
+            return False
+        self.take_back()
+        self.file.discard()
+        return True
+
     def take_back(self) -> None:
         """The last path was not written: the next file gets its number."""
         self.number -= 1

@@ -17,7 +17,8 @@ AUTO = "auto"
 class TextFileSink(OutputFileSink, Generic[AnyFormat]):
     """Base class of sinks with a property `format`: override `write`, which calls `append`.
 
-    Lines are with the operating system at once; other formats are whole once a second.
+    Lines are with the operating system at once; other formats are whole once a second. A file of such
+    a format that has a start and an end only does not replace an older one.
 
     Attributes:
         formats: the formats by the values of `format`.
@@ -47,10 +48,26 @@ class TextFileSink(OutputFileSink, Generic[AnyFormat]):
         """Opens the file, and writes its start."""
         self.content: AnyFormat = self.formats[self.kind()]()  # type: ignore[assignment]  # one of `formats`
         self.file = self.open_file(is_whole=self.content.has_end)
-        if self.file.is_new:
-            self.append(self.content.begin())
+        self._start = self.content.begin() if self.file.is_new else b""
+        if not self.content.has_end:
+            self.append(b"")
 
     def append(self, data: bytes) -> None:
         """Writes the next piece."""
         assert self.file is not None, "begin() precedes pieces"
-        self.file.append(data, self.content.end if self.content.has_end else None)
+        if not self.content.has_end:
+            self.file.append(self._start + data)
+        elif data:
+            self.file.append(self._start + data, self.content.end)
+        else:
+            return
+        self._start = b""
+
+    def end(self) -> None:
+        """Completes the file; one without a piece is written only where there is no older one."""
+        assert self.file is not None, "begin() precedes the end"
+        if self.content.has_end and self._start:
+            if self.leave_older():
+                return
+            self.file.append(self._start, self.content.end)
+        super().end()

@@ -167,6 +167,11 @@ class OutputFile(io.FileIO):
         self.close()
         self.publish()
 
+    @property
+    def hides_older(self) -> bool:
+        """Whether an older file is still at the path, which this one replaces when it is published."""
+        return self._unpublished not in (None, self._target) and self._target.exists()
+
     def abandon(self) -> None:
         """Closes the file after an error; keeps what is written unless there is an older file."""
         if self._unpublished == self._target and not self.closed and self.tell():

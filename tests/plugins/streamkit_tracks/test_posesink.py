@@ -148,3 +148,12 @@ def test_without_poses_the_run_tells_why(tmp_path: Path) -> None:
         message = pipeline.bus.pop(20, (MessageKind.WARNING,))
     assert message is not None
     assert "no frame has a current pose; pair telemetry with posesync" in message.text
+
+
+def test_a_run_without_poses_leaves_the_older_file(tmp_path: Path) -> None:
+    """A path without positions is of no use."""
+    path = tmp_path / "flight.kml"
+    path.write_text("older")
+    Pipeline.parse(f"videotestsrc num-buffers=3 ! posesink location={path}").run(20)
+    assert path.read_text() == "older"
+    assert list(tmp_path.iterdir()) == [path]

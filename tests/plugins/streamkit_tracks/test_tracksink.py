@@ -96,3 +96,19 @@ def test_a_full_disk_is_reported() -> None:
         pytest.skip("/dev/full is not on this system")
     with pytest.raises(ElementFailure, match="cannot be written: No space left"):
         Pipeline.parse("videotestsrc num-buffers=50 ! tracksink location=/dev/full").run(timeout_s=30)
+
+
+@pytest.mark.parametrize("name", ["a.kml", "a.geojson"])
+def test_a_file_without_targets_does_not_replace_an_older_one(name: str, tmp_path: Path) -> None:
+    """Where there is none it is written, and can be read."""
+    path = tmp_path / name
+    for older in (None, "older"):
+        if older:
+            path.write_text(older)
+        with Harness("tracksink", location=str(path)) as harness:
+            harness.push(_frame(0))
+            harness.drain()
+            assert harness.element.results["files"] == (0 if older else 1)
+        assert list(tmp_path.iterdir()) == [path]
+        written = path.read_text()
+        assert written == older or written.rstrip().endswith(("</kml>", "]}"))
