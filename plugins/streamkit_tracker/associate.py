@@ -18,6 +18,7 @@ from streamkit_tracker.targets import (
     TargetTable,
     centroid_std,
 )
+from streamkit_tracker.update.detected_box import LARGE_SIDE
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
@@ -85,8 +86,9 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
         rows[members[taken]] = owners
         if is_known and is_awake:
             mark_shared(rows, members, detected)
-            # a detection upon a followed target must not start another one there
-            left &= found.held == 0
+            # a small region upon a followed target may be a part of it: it must not start another one there
+            areas = (detected[free, RIGHT:] - detected[free, LEFT:RIGHT]).prod(axis=1)
+            left &= (found.held == 0) | (areas >= LARGE_SIDE**2)
         free = free[left]
     if observation.features is not None:
         _remember_features(table, observation)

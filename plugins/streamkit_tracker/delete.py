@@ -86,7 +86,7 @@ def end_surplus(table: TargetTable) -> int:
 def end_duplicates(table: TargetTable) -> None:
     """Ends the younger of two targets that were on one object, with one velocity, for some frames.
 
-    Two whole targets with a detection each are two, however near.
+    What a detection shows whole is no duplicate, whatever lies upon it.
     """
     members = np.flatnonzero(table.followed & ~table.dormant)
     rows, known, table.closeness = table.rows[members], table.closeness, {}
@@ -97,8 +97,7 @@ def end_duplicates(table: TargetTable) -> None:
     apart = np.hypot(*(velocity[:, None] - velocity).T)
     inside = inside_windows(window[:, :2], window, MERGE_SCALE)
     close = (inside | inside.T) & (apart < np.maximum(doubt[:, None], doubt))
-    detected = rows["whole"] & (rows["detection"] >= 0)
-    close &= ~(detected[:, None] & detected)
+    close &= ~(rows["whole"] & (rows["detection"] >= 0))  # the younger ones, in columns
     for older, younger in np.argwhere(np.triu(close, k=1)).tolist():
         both = (rows["id"].item(older), rows["id"].item(younger))
         table.closeness[both] = known.get(both, 0) + 1

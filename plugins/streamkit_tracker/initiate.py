@@ -11,7 +11,7 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import LOST, TENTATIVE, IndexArray, TargetTable
 from streamkit_tracker.trail import extended, span, straightness
-from streamkit_tracker.update.detected_box import motion_headings, turned_windows
+from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, widened
 
@@ -23,10 +23,12 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
     """Starts a tentative target on every free detection; `free` are the rows that no target was given."""
     capacity = table.settings.max_targets * (1 + TENTATIVE_SHARE) - len(table.models)
     for index in free[: max(capacity, 0)].tolist():
-        sides = observation.boxes[index, 2:] - observation.boxes[index, :2]
-        window = np.array([*observation.centroids[index], *sides, 0.0])
+        low, high = observation.boxes[index, :2], observation.boxes[index, 2:]
+        is_whole = observation.are_objects or (high - low).prod() >= LARGE_SIDE**2
+        centre = (low + high) / 2 if is_whole else observation.centroids[index]
+        window = np.array([*centre, *(high - low), 0.0])
         born = table.add(window, manual=False, cause="began on a detection")
-        table.rows["detection"][born], table.rows["whole"][born] = index, observation.are_objects
+        table.rows["detection"][born], table.rows["whole"][born] = index, is_whole
 
 
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:

@@ -17,9 +17,9 @@ STATES = tuple(TargetState)
 REPORTED = (
     "id", "state", "score", "age_s", "predicted", "detection", "gate", "similarity", "shared", "learnt",
 )  # fmt: skip
-# sides; a dormant target whose position is less certain is kept without a report
+# sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
-SETTLED_S = 1.0  # of detections beyond its gaps: boxes of false detections seldom last
+SETTLED_S = 0.5  # of detections beyond its gaps: false detections seldom last
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
 
@@ -58,12 +58,15 @@ class TargetReport(msgspec.Struct, frozen=True, eq=False):
 
 
 def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, ...]:
-    """Reports of all targets but the dormant ones whose position is not known any more."""
-    rows, hidden = table.rows, (table.rows["state"] == COASTING) & table.dormant
+    """Reports of all targets but those that coast without being settled, or at an unknown position.
+
+    A detector misses an object for a frame or two; it is reported until it is dormant.
+    """
+    rows, are_objects = table.rows, observation.are_objects
+    hidden = (rows["state"] == COASTING) & (table.dormant if are_objects else ~rows["manual"])
     if hidden.any():
-        doubt = position_doubt(rows)
-        is_unknown = (doubt >= OBJECT_DOUBT) | (rows["credit_s"] < SETTLED_S)
-        hidden &= np.where(rows["whole"], is_unknown, doubt >= MAX_DOUBT)
+        is_unknown = position_doubt(rows) >= (OBJECT_DOUBT if are_objects else MAX_DOUBT)
+        hidden &= is_unknown | (rows["credit_s"] < SETTLED_S)
     index = np.flatnonzero(~hidden)
     rows, models = rows[index], [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])

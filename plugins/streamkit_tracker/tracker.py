@@ -100,7 +100,7 @@ class MultiTargetTracker:
         follow_detections(rows, detected, step_s, observation.are_objects)
         measure(targets, np.flatnonzero(self._is_searched()), observation, sampler, self._budget.share)
         correct(rows)
-        follow_boxes(rows, observation.are_objects)
+        follow_boxes(rows, detected, observation.are_objects)
         check_windows(rows, detected, step_s)
         learn_appearances(targets, sampler)
         end_gone(targets, sampler.shape)

@@ -39,7 +39,7 @@ MIN_HEADING_STD = 0.08  # rad
 USUAL_ASPECT = 2.0
 ASPECT_WEIGHT = 0.3
 MAX_ASPECT = 5.0
-MIN_AGREEMENT = 0.8
+MAX_DISAGREEMENT = 2.0  # standard deviations of a detection
 
 
 def follow_detections(
@@ -47,37 +47,39 @@ def follow_detections(
 ) -> None:
     """Lets boxes follow the detections float64[d, 6] that show no other target, and sets `whole`.
 
-    While a target is young its box is that of the detection. Targets drawn by hand are never whole; all
-    others are where a detector gives the boxes (`are_objects`), else the large ones.
+    The box is that of the detection while a target is young, and where a large region shows it whole; the
+    boxes of a detector (`are_objects`) are smoothed. Targets drawn by hand are never whole; all others are
+    with a detector, else the large ones.
     """
     index = np.flatnonzero((targets["detection"] >= 0) & ~targets["crowded"])
     rows = targets[index]
     known, now = rows["box"], detected_sides(detected[rows["detection"]])
     rates = np.where(rows["detected_s"] < YOUNG_S, 1.0, rate_for(BOX_RATE, step_s))
-    rates[rows["whole"]] = rate_for(OBJECT_RATE, step_s)
+    rates[rows["whole"]] = rate_for(OBJECT_RATE, step_s) if are_objects else 1.0
     targets["box"][index] = known * (now / known) ** rates[:, None]
     targets["detected_s"][index] += step_s
-    sides = np.sqrt(targets["box"].prod(axis=1))
-    is_large = (sides >= LARGE_SIDE) | (targets["whole"] & (sides >= SMALL_SIDE))
+    areas = targets["box"].prod(axis=1)
+    is_large = areas >= np.where(targets["whole"], SMALL_SIDE, LARGE_SIDE) ** 2
     targets["whole"] = ~targets["manual"] & (are_objects | is_large)
 
 
-def follow_boxes(targets: TargetRows, are_objects: bool) -> None:
-    """Sets the windows of detected targets that detections show whole, at the state's position.
+def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -> None:
+    """Sets the windows of detected targets that detections float64[d, 6] show whole.
 
-    Boxes of a detector stay upright; regions of motion are turned into the motion where that is known.
-    Tentative and undetected targets are left alone.
+    Boxes of a detector are smoothed and stay upright. A region of motion is the window itself, turned into
+    the motion where that is known. Tentative and undetected targets are left alone.
     """
     index = np.flatnonzero(targets["whole"] & (targets["state"] != TENTATIVE) & (targets["detection"] >= 0))
     if not len(index):
         return
     rows = targets[index]
-    centres = rows["mean"][:, :2]
     if are_objects:
-        targets["window"][index] = np.column_stack([centres, rows["box"], np.zeros(len(index))])
+        targets["window"][index] = np.column_stack([rows["mean"][:, :2], rows["box"], np.zeros(len(index))])
     else:
+        seen = detected[rows["detection"]]
         headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
-        targets["window"][index] = turned_windows(centres, rows["box"], headings)
+        middle = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
+        targets["window"][index] = turned_windows(middle, detected_sides(seen), headings)
     targets["recognised"][index] = True
 
 
@@ -171,7 +173,8 @@ def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray)
     """Windows float64[n, 5] in upright boxes: turned into the motion, where that can be.
 
     A car from above fills its box turned; a person who walks upright through a slanted view does not: no
-    rectangle along the motion has that box. Then the box itself is the window.
+    rectangle along the motion has that box, to within the noise of a detection. Then the box itself is the
+    window.
 
     Args:
         centres: float64[n, 2], px.
@@ -179,9 +182,8 @@ def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray)
         headings: float64[n], directions of motion, rad.
     """
     turned = np.column_stack([centres, window_shapes(boxes, headings), half_turn(headings)])
-    sides = upright_sides(turned)
-    common = np.minimum(sides, boxes).prod(axis=1)
-    unlike = common < MIN_AGREEMENT * (sides.prod(axis=1) + boxes.prod(axis=1) - common)
+    deviations = centroid_std(np.sqrt(boxes.prod(axis=1)))[:, None]
+    unlike = (np.abs(upright_sides(turned) - boxes) > MAX_DISAGREEMENT * deviations).any(axis=1)
     turned[unlike, 2:4], turned[unlike, 4] = boxes[unlike], 0.0
     return turned
 

@@ -35,6 +35,10 @@ def measure(
 ) -> None:
     """Fills in the measurements of all targets that are recognised or detected.
 
+    A detection that shows its target whole measures the centre of its box: the centre of mass of a region
+    wanders as legs and arms move. A smaller one measures its centre of mass, which one pixel at its edge
+    hardly moves.
+
     `searched` are the rows whose appearance is searched, with `budget_share` of the usual particles.
     """
     rows, settings = table.rows, table.settings
@@ -55,7 +59,9 @@ def measure(
         found = search(sampler, alike, searches[members], contexts[members], kind, settings.sigma**2)
         _judge(table, searched[members], *found)
     alone = np.flatnonzero((rows["detection"] >= 0) & ~rows["measured"])
-    rows["measurement"][alone] = observation.centroids[rows["detection"][alone]]
+    chosen, is_whole = rows["detection"][alone], rows["whole"][alone, None]
+    middles = (observation.boxes[chosen, :2] + observation.boxes[chosen, 2:]) / 2
+    rows["measurement"][alone] = np.where(is_whole, middles, observation.centroids[chosen])
     rows["noise"][alone] = rows["detection_std"][alone, None, None] ** 2 * IDENTITY
     rows["measured"][alone] = True
 

@@ -278,3 +278,20 @@ def test_features_decide_between_detections_that_lie_alike():
     step([(50.0, 50.0)], [own])
     reports = step([(53.0, 50.0), (47.0, 50.0)], [other, own])
     assert reports[0].window[0] < 49.5
+
+
+def large_and_part(index: int, *, with_large: bool) -> Observation:
+    """A region of 40x100 px whose centre of mass lies low, and one of 12x10 px within it; both move."""
+    boxes = np.array([[60.0, 90, 72, 100], [50, 40, 90, 140]]) + 2 * index * np.array([1, 0, 1, 0])
+    centroids = (boxes[:, :2] + boxes[:, 2:]) / 2 + [[0, 0], [3, 20]]
+    return Observation(0.04, centroids=centroids[: 1 + with_large], boxes=boxes[: 1 + with_large])
+
+
+def test_a_large_region_starts_a_target_where_a_part_of_it_is_followed():
+    """A part was seen first; the whole is another target, not a duplicate of its part."""
+    tracker, image = MultiTargetTracker(), np.zeros((200, 400), np.uint8)
+    for index in range(60):
+        reports = tracker.step(image, large_and_part(index, with_large=index >= 20))
+    part, whole = reports
+    assert (part.id, whole.id, whole.state) == (1, 2, TargetState.CONFIRMED)
+    np.testing.assert_allclose(whole.window, [70 + 2 * 59, 90, 40, 100, 0], atol=0.01)

@@ -9,7 +9,7 @@ from streamkit_tracker.update.detected_box import (
     follow_boxes,
     follow_detections,
 )
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracker.window_geometry import FloatArray, upright_sides
 
 STEP_S = 0.04
 
@@ -140,16 +140,19 @@ def test_a_large_target_follows_the_boxes_of_its_regions():
 
 
 def test_the_window_of_a_whole_target_is_its_box_turned_into_the_motion():
-    """A box of a detector stays upright; a target that is not whole keeps its window."""
+    """A box of a detector is smoothed and upright, a region is as it is; others keep their windows."""
     target = row(40.0, 40.0)
     target["whole"], target["mean"] = True, (100.0, 50.0, 200.0, 200.0)
     target["covariance"] = 0.01 * np.eye(4)
     target["window"] = window_at(90, 50)
-    follow_boxes(target, are_objects=True)
+    seen = sighting(104, 52, 44, 44)[None]
+    follow_boxes(target, seen, are_objects=True)
     assert target["window"][0].tolist() == [100.0, 50.0, 40.0, 40.0, 0.0]
     assert target["recognised"][0]
-    follow_boxes(target, are_objects=False)
+    follow_boxes(target, seen, are_objects=False)
+    assert target["window"][0, :2].tolist() == [104.0, 52.0]
+    np.testing.assert_allclose(upright_sides(target["window"]), [[44.0, 44.0]])
     assert target["window"][0, 4] == pytest.approx(np.pi / 4)
     target["whole"], target["window"] = False, window_at(90, 50)
-    follow_boxes(target, are_objects=False)
+    follow_boxes(target, seen, are_objects=False)
     assert target["window"][0].tolist() == window_at(90, 50).tolist()
