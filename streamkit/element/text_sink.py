@@ -49,25 +49,18 @@ class TextFileSink(OutputFileSink, Generic[AnyFormat]):
         self.content: AnyFormat = self.formats[self.kind()]()  # type: ignore[assignment]  # one of `formats`
         self.file = self.open_file(is_whole=self.content.has_end)
         self._start = self.content.begin() if self.file.is_new else b""
-        if not self.content.has_end:
-            self.append(b"")
+        self.append(b"")
 
     def append(self, data: bytes) -> None:
         """Writes the next piece."""
         assert self.file is not None, "begin() precedes pieces"
-        if not self.content.has_end:
-            self.file.append(self._start + data)
-        elif data:
-            self.file.append(self._start + data, self.content.end)
-        else:
+        has_end = self.content.has_end
+        if has_end and not data and self.file.hides_older:
             return
+        self.file.append(self._start + data, self.content.end if has_end else None)
         self._start = b""
 
     def end(self) -> None:
-        """Completes the file; one without a piece is written only where there is no older one."""
-        assert self.file is not None, "begin() precedes the end"
-        if self.content.has_end and self._start:
-            if self.leave_older():
-                return
-            self.file.append(self._start, self.content.end)
-        super().end()
+        """Completes the file, or leaves an older one for which nothing came."""
+        if not (self.content.has_end and self._start and self.leave_older()):
+            super().end()
