@@ -194,7 +194,9 @@ class Stitch(Transform):
         registered = self._registrar.register(grey)
         self.outcomes[registered.status.value] += 1
         shape = int(grey.shape[0]), int(grey.shape[1])
-        view = ground_view(frame.get(Pose), shape, self.ground_altitude, self._view_across(shape), frame.pts)
+        pose = frame.get(Pose)
+        view_across = 0.0 if pose is None else self._view_across(shape)
+        view = ground_view(pose, shape, self.ground_altitude, view_across, frame.pts)
         if self._mosaic is not None:
             if self._mosaic.recorder.is_new_plane(registered):
                 self._mosaic.end_plane(self._registrar.take_plane())

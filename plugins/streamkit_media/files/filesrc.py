@@ -270,13 +270,14 @@ class FileSrc(Source):
     ) -> Iterator[tuple[StreamKind, Frame]]:
         """Frames with their kinds; video outside of the range is for decoding only."""
         carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
+        limits = {stream.index: self._limits(stream) for stream, _ in streams}
         playing, latest = set(carried), None
         first, self._first_packets = [] if self.start_s else self._first_packets, []
         own = (packet for packet in first if packet.stream_index in carried)
         for packet in chain(own, read_packets(container, *(stream for stream, _ in streams))):
             decoded = packet.dts if packet.dts is not None else packet.pts
             shown = packet.pts if packet.pts is not None else decoded
-            begin, end = self._limits(packet.stream)
+            begin, end = limits[packet.stream_index]
             if decoded is not None and end is not None and decoded >= end:
                 playing.discard(packet.stream_index)
                 if not playing:

@@ -88,9 +88,8 @@ class NumberedStream:
 
     def stamp(self) -> Stamp:
         """The stamp of the next message; its owner sends the message or counts it as dropped."""
-        stamp = self.next_stamp
         self._next_number += 1
-        return stamp
+        return Stamp(self._owner.run, self._next_number - 1)
 
     def settle(self, stamp: Stamp) -> None:
         """Notes that this message and all before it were sent or dropped, or had no subscriber."""
