@@ -121,10 +121,11 @@ def _choices(
 def _caps(choice: Choice) -> Caps:
     if not isinstance(choice, Pad):
         return choice.caps
-    try:
-        return choice.query_caps()
-    except RecursionError:  # a loop of links
-        return choice.template.caps
+    with contextlib.suppress(RecursionError):  # a loop of links
+        found = choice.query_caps()
+        if not found.is_empty:  # else a converter will be inserted upstream, or negotiation fails
+            return found
+    return choice.template.caps
 
 
 def _pad(element: Element, choice: Choice, made: list[Pad]) -> Pad:

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from streamkit import Caps, Direction, PadTemplate, Presence, Sink
+from streamkit import Caps, Direction, PadTemplate, Pipeline, Presence, Sink
 from streamkit.element.registry import make_element
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.build import build
@@ -105,3 +105,11 @@ def test_a_refused_link_leaves_no_pad() -> None:
     with pytest.raises(DescriptionError, match="full: a pad 'extra' is there already"):
         choose_pads(LinkRequest(tee, "", full, "", place))
     assert [pad.name for pad in tee.src_pads()] == ["src_0", "src_1"]
+
+
+@pytest.mark.parametrize("element", ["stitch", "framediff"])
+def test_the_main_pad_comes_first_where_a_converter_will_be_inserted(element: str) -> None:
+    """Until then it can carry nothing; a pad on request, as that of a mask, is no substitute."""
+    text = f"videotestsrc num-buffers=2 ! video/x-raw, format=BGR ! {element} name=e ! fakesink"
+    assert "e.src -> fakesink0.sink" in links(text)
+    Pipeline.parse(text).run(30)
