@@ -1,6 +1,6 @@
 """Photographs of a survey in one mosaic, and pairs of pictures with known homographies.
 
-    STREAMKIT_DATA=... python benchmarks/photographs.py [--seeds 1 2 3] [--only-surveys] [--colmap]
+    STREAMKIT_DATA=... python benchmarks/photographs.py [--seeds 1 2 3] [--every 2] [--only-surveys]
 
 1. Surveys in the order taken and shuffled: how many photographs are placed, how many ties cross from strip to
    strip, the residual of the tie points, and the root mean square distance to the positions in the pictures'
@@ -74,14 +74,15 @@ def view_of(path: Path, shape: tuple[int, int]) -> tuple[Pose | None, Position]:
     return pose, ground_view(pose, shape, None, 0.0, None)
 
 
-def photographs(name: str) -> list[Path]:
-    """The files of a survey in the order taken."""
-    return sorted(path for path in (DATA / "mosaic" / name).iterdir() if path.suffix.lower() == ".jpg")
+def photographs(name: str, every: int = 1) -> list[Path]:
+    """The files of a survey in the order taken, or every second of them."""
+    paths = sorted(path for path in (DATA / "mosaic" / name).iterdir() if path.suffix.lower() == ".jpg")
+    return paths[::every]
 
 
-def survey(name: str, location: Path, seed: int | None = None, colmap: bool = False) -> None:
+def survey(name: str, location: Path, seed: int | None = None, colmap: bool = False, every: int = 1) -> None:
     """Prints a row of table 1; with a seed the photographs are shuffled."""
-    paths = photographs(name)
+    paths = photographs(name, every)
     if seed is not None:
         np.random.default_rng(seed).shuffle(paths)  # type: ignore[arg-type]
     registrar = FrameRegistrar(PlaneSettings(reference=ReferenceChoice.CENTER))
@@ -277,6 +278,7 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="for the mosaics; a temporary one otherwise")
     parser.add_argument("--surveys", nargs="*", default=["brighton_beach", "caliterra"])
     parser.add_argument("--seeds", type=int, nargs="*", default=[], help="shuffles, besides the order taken")
+    parser.add_argument("--every", type=int, default=1, help="only each second photograph, or third ...")
     parser.add_argument("--only-surveys", action="store_true")
     parser.add_argument("--colmap", action="store_true", help="compare cameras with COLMAP's")
     options = parser.parse_args()
@@ -287,8 +289,8 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|")
     for name in options.surveys:
         for seed in (None, *options.seeds):
-            survey(name, folder / f"{name}-{seed}.png", seed, options.colmap and seed is None)
-        count, seconds = scans(photographs(name), folder / f"{name}-scans.png")
+            survey(name, folder / f"{name}-{seed}.png", seed, options.colmap and seed is None, options.every)
+        count, seconds = scans(photographs(name, options.every), folder / f"{name}-scans.png")
         print(f"| {name}, cv2.Stitcher SCANS | {count} | | | | | | {seconds:.1f} |", flush=True)
     if options.only_surveys:
         return
