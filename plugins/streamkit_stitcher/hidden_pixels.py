@@ -1,4 +1,4 @@
-"""Pictures without what hides the scene, for registration."""
+"""Frames without what hides the scene, for registration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LEAST_WEIGHT: Final = 1e-3
 
 
 def without_hidden(grey: GreyArray, hidden: GreyArray) -> GreyArray:
-    """The picture, uint8[h, w], with the mean of the surroundings where `hidden`, uint8[h, w], is 255.
+    """The frame, uint8[h, w], with the mean of the surroundings where `hidden`, uint8[h, w], is 255.
 
     So even a surface has no corner and no gradient that stands still while the ground moves.
 

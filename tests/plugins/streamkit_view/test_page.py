@@ -164,11 +164,11 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
 def test_a_finished_run_is_shown_with_its_video(
     browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """The records of the file belong to the frames with their times."""
+    """The records of the file belong to the frames with their times; a page that opens late has them, too."""
     flight, tracks = tmp_path / "flight.mp4", tmp_path / "tracks.jsonl"
     launch = (
-        "videotestsrc num-buffers=75 ! video/x-raw, width=320, height=240, framerate=25/1 ! tee name=t "
-        f"! videofilesink location={flight}  t. ! queue ! particletrack window=100,80,40,40 "
+        "videotestsrc num-buffers=250 ! video/x-raw, width=320, height=240, framerate=25/1 ! tee name=t "
+        f"! encode gop=12 ! packetsink location={flight}  t. ! queue ! particletrack window=100,80,40,40 "
         f"! tracksink location={tracks}"
     )
     Pipeline.parse(launch).run(timeout_s=patience(120))
