@@ -10,8 +10,10 @@ import ipaddress
 import socket
 import struct
 from collections import Counter
-from typing import Any
+from functools import partial
 from urllib.parse import parse_qsl, urlsplit
+
+from streamkit_media.datagram_socket import PACKET_BYTES, SocketAddress, datagram_socket
 
 BUFFER_BYTES = 8 << 20
 EVERYWHERE = "0.0.0.0"
@@ -22,7 +24,6 @@ REMEDIES = {
     errno.EADDRNOTAVAIL: "no interface of this machine has the address; write udp://@:PORT for all of them",
     errno.ENODEV: "no interface leads to the group; name one by its address, as in ?localaddr=192.168.1.2",
 }
-PACKET_BYTES = 188
 SYNC = 0x47
 RTP_HEADER_BYTES = 12
 RTP_VERSION = 2
@@ -57,23 +58,11 @@ def open_receiver(host: str, port: int, local_address: str = "") -> socket.socke
     Raises:
         OSError: with the remedy in its text.
     """
-    try:
-        family, _, _, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        receiver = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            _prepare(receiver, target, local_address)
-        except BaseException:
-            receiver.close()
-            raise
-    except socket.gaierror:
-        raise OSError(f"the host name {host!r} is not known here") from None
-    except OSError as error:
-        remedy = REMEDIES.get(error.errno or 0, "name another address or port")
-        raise OSError(f"{error.strerror or error}: {remedy}") from None
-    return receiver
+    prepare = partial(_prepare, local=local_address)
+    return datagram_socket(host, port, prepare, REMEDIES, "name another address or port")
 
 
-def _prepare(receiver: socket.socket, target: tuple[Any, ...], local: str) -> None:
+def _prepare(receiver: socket.socket, target: SocketAddress, local: str) -> None:
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     receiver.setsockopt(socket.SOL_SOCKET, COUNT_OVERFLOWS, 1)
     group = ipaddress.ip_address(target[0].partition("%")[0])

@@ -6,13 +6,14 @@ import io
 import ipaddress
 import socket
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 from urllib.parse import parse_qsl, urlsplit
 
 from streamkit.output.file import OutputFile
+from streamkit_media.datagram_socket import PACKET_BYTES, SocketAddress, datagram_socket
 
-PACKET_BYTES = 188
 DATAGRAM_BYTES = 7 * PACKET_BYTES  # as many packets as fit into an Ethernet frame
 BUFFER_BYTES = 1 << 20  # a keyframe of high quality
 SEND_LIMIT_S = 1.0
@@ -118,21 +119,24 @@ class Playlist(Destination):
 class Datagrams(Destination):
     """Sends a transport stream to udp://HOST:PORT[?localaddr=ADDRESS][&ttl=HOPS], a receiver or a group.
 
-    Nothing is sent twice and nobody is waited for, so that a receiver may come and go.
+    Nothing is sent twice, and sending waits for no receiver: one may come and go.
 
     Args:
         location: the URL.
         lose: called with a reason for each datagram that cannot be sent.
 
     Raises:
-        OSError: the host is not known, or no way leads there.
+        OSError: the host is not known, or no way leads there; with the remedy in its text.
     """
 
     def __init__(self, location: str, lose: Callable[[str], object]) -> None:
         super().__init__(Path(location))
         self._lose = lose
         self._rest = b""
-        self._socket = open_sender(*datagram_target(location))
+        host, port, local, ttl = datagram_target(location)
+        prepare = partial(_prepare, local=local, ttl=ttl)
+        remedy = "check the address, and that of the interface"
+        self._socket = datagram_socket(host, port, prepare, {}, remedy)
 
     def write(self, data: bytes) -> int:
         """Sends what is there of whole packets: FFmpeg writes at the end of each frame."""
@@ -174,28 +178,7 @@ def datagram_target(location: str) -> tuple[str, int, str, int]:
     return parts.hostname, parts.port, local, int(ttl)
 
 
-def open_sender(host: str, port: int, local: str, ttl: int) -> socket.socket:
-    """A socket that sends to an address, within a time limit.
-
-    Raises:
-        OSError: see `Datagrams`; with the remedy in its text.
-    """
-    try:
-        family, _, _, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        sender = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            _prepare(sender, target, local, ttl)
-        except BaseException:
-            sender.close()
-            raise
-    except socket.gaierror:
-        raise OSError(f"the host name {host!r} is not known here") from None
-    except OSError as error:
-        raise OSError(f"{error.strerror or error}: check the address, and that of the interface") from None
-    return sender
-
-
-def _prepare(sender: socket.socket, target: tuple[Any, ...], local: str, ttl: int) -> None:
+def _prepare(sender: socket.socket, target: SocketAddress, local: str, ttl: int) -> None:
     sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
     if local:
         sender.bind((local, 0))
