@@ -57,9 +57,11 @@ class PoseSink(OutputFileSink):
             self._flush()
 
     @override
+    def has_content(self) -> bool:
+        return bool(self._points)
+
+    @override
     def end(self) -> None:
-        if not self._points and self.leave_older():
-            return
         self._flush()
         super().end()
 

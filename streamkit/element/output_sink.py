@@ -84,6 +84,10 @@ class OutputFileSink(Sink):
         """Why the complete file contains no data, such as no tracks, or ""."""
         return ""
 
+    def has_content(self) -> bool:
+        """Whether the file that is open holds more than a start and an end; else an older one is left."""
+        return True
+
     def can_append(self) -> bool:
         """Whether `if-exists=continue` may append to a file."""
         return False
@@ -123,14 +127,6 @@ class OutputFileSink(Sink):
         self.number += 1
         self.results["files"] += 1
         return path
-
-    def leave_older(self) -> bool:
-        """Discards a file without content where an older one is at its path; whether it did."""
-        if self.file is None or not self.file.hides_older:
-            return False
-        self.take_back()
-        self.file.discard()
-        return True
 
     def take_back(self) -> None:
         """The last path was not written: the next file gets its number."""
@@ -229,7 +225,11 @@ class OutputFileSink(Sink):
             is_open, self._is_over = self.has_begun and not self._is_over, True
             if is_open:
                 with self.reported():
-                    self.end()
+                    if self.file is not None and self.file.hides_older and not self.has_content():
+                        self.take_back()
+                        self.file.discard()
+                    else:
+                        self.end()
                 if text := self.shortfall():
                     self.post_warning(f"{self.location}: {text}", "shortfall")
         finally:

@@ -60,7 +60,6 @@ class TextFileSink(OutputFileSink, Generic[AnyFormat]):
         self.file.append(self._start + data, self.content.end if has_end else None)
         self._start = b""
 
-    def end(self) -> None:
-        """Completes the file, or leaves an older one for which nothing came."""
-        if not (self.content.has_end and self._start and self.leave_older()):
-            super().end()
+    def has_content(self) -> bool:
+        """Whether a piece was written; the start of lines counts."""
+        return not self._start
