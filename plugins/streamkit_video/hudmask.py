@@ -45,7 +45,10 @@ class HudMask(Transform):
     @override
     def start(self) -> None:
         try:
-            self._mask(16, 16)
+            if not self.areas.strip() and not self.location:
+                raise ValueError(f"areas= or location= must say where the graphics are; write {EXAMPLE}")
+            rectangles(self.areas, 1, 1)  # of the text, before the size is known
+            self._image = read_image(self.location) if self.location else None
         except ValueError as error:
             raise ResourceError(f"{self.name}: {error}") from None
 
@@ -59,14 +62,12 @@ class HudMask(Transform):
         return frame.attach(self._hidden)
 
     def _mask(self, width: int, height: int) -> Mask:
-        """The mask for frames of a size, px; raises ValueError where the properties give none."""
+        """The mask for frames of a size, px."""
         mask = np.zeros((height, width), np.uint8)
-        if not self.areas.strip() and not self.location:
-            raise ValueError(f"areas= or location= must say where the graphics are; write {EXAMPLE}")
         for left, top, right, bottom in rectangles(self.areas, width, height):
             mask[max(0, top) : max(0, bottom), max(0, left) : max(0, right)] = 255
-        if self.location:
-            image = cv2.resize(read_image(self.location), (width, height), interpolation=cv2.INTER_NEAREST)
+        if self._image is not None:
+            image = cv2.resize(self._image, (width, height), interpolation=cv2.INTER_NEAREST)
             mask |= np.asarray(image, np.uint8)
         side = 2 * self.margin + 1
         return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)), np.uint8)
