@@ -98,21 +98,21 @@ def test_what_is_set_while_playing_holds_from_the_next_frame_on(world):
         assert len(found(harness, frame_of(scene, 31))) > 0
 
 
-def test_an_object_that_stopped_is_told_until_it_is_background():
+def test_an_object_that_stopped_is_reported_until_it_is_background():
     """A car that drives up and stays is labelled `moving`, then `stopped`; by default it is gone."""
     labels = {}
     for stopped in (False, True):
         with Harness("framediff", stopped=stopped, absorb_frames=40) as harness:
-            told = []
+            reported = []
             for time in range(150):
-                picture = np.full((120, 160), 90, np.uint8)
+                image = np.full((120, 160), 90, np.uint8)
                 left = min(4 * max(time - 50, 0), 80)
                 if left:
-                    picture[50:70, left : left + 30] = 200
-                frame = Frame(picture, raw_video_caps("GRAY8", 160, 120), seq=time)
+                    image[50:70, left : left + 30] = 200
+                frame = Frame(image, raw_video_caps("GRAY8", 160, 120), seq=time)
                 detections = found(harness, frame)
-                told.append(detections.labels if stopped else ("",) * len(detections))
-            labels[stopped] = told
+                reported.append(detections.labels if stopped else ("",) * len(detections))
+            labels[stopped] = reported
     assert labels[True][69] == ("moving",)
     assert labels[True][100] == ("stopped",)
     assert labels[False][69] == ("",)

@@ -430,7 +430,7 @@ def test_a_late_page_gets_the_whole_mosaic(
     browser: Chrome, serve_keys: Callable[..., str], session: zenoh.Session, key: str,
     publish_mosaic: Callable[[np.ndarray[Any, Any]], None], wait_for: Callable[..., Any],
 ) -> None:  # fmt: skip
-    """And the tile that has changed since; a page that is there gets no more than that."""
+    """And the tile that has changed since; a page that is there gets that tile alone."""
     browser.get(serve_keys(key))
     records = session.declare_publisher(f"{key}/tracks", encoding="application/json;streamkit.tracks/1")
     image = np.zeros((320, 320, 3), np.uint8)

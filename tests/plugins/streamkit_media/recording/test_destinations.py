@@ -120,7 +120,7 @@ def waiting_bytes(descriptor: int) -> int:
 
 
 def test_a_terminal_is_no_output(tmp_path: Path) -> None:
-    """Video on a terminal helps nobody."""
+    """Video on a terminal is of no use."""
     leader, follower = os.openpty()
     text = "videotestsrc num-buffers=1 ! videofilesink location=-"
     done = subprocess.run(
