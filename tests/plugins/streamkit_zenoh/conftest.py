@@ -1,5 +1,6 @@
 """Keys and endpoints of one test, and sessions that are closed after it."""
 
+import os
 import socket
 import uuid
 from collections.abc import Callable, Iterator
@@ -23,6 +24,25 @@ def endpoint() -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def meeting_ports(monkeypatch: pytest.MonkeyPatch) -> range:
+    """Meeting ports of this test alone, 24 in sequence that are free."""
+    # Tests in other processes look for free ports at the same time.
+    first = 20_000 + os.getpid() % 400 * 24
+    for start in range(first, 30_000, 24):
+        ports = range(start, start + 24)
+        if all(map(_is_free, ports)):
+            monkeypatch.setattr("streamkit_zenoh.configuration.MEETING_PORTS", ports)
+            monkeypatch.setattr("streamkit_zenoh.session.MEETING_PORTS", ports)
+            return ports
+    pytest.fail(f"no 24 free ports in sequence between {first} and 30000")
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) != 0
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Sessions find each other on one machine, stay on it, and open and close within time limits."""
 
+import contextlib
 import json
 import socket
 import threading
@@ -10,7 +11,6 @@ import pytest
 import zenoh
 
 from streamkit_zenoh.configuration import (
-    MEETING_PORTS,
     Reach,
     SessionFailure,
     SessionMode,
@@ -44,6 +44,7 @@ def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
         assert _wait_for(lambda session=session, expected=expected: _peers(session) >= expected)
 
 
+@pytest.mark.usefixtures("meeting_ports")
 def test_many_sessions_meet_without_multicast(open_test_session: Opener) -> None:
     """A machine with twenty feeds: the first session is connected to all others."""
     first, *others = [open_test_session() for _ in range(20)]
@@ -65,14 +66,14 @@ def test_a_client_without_endpoints_finds_a_session_of_this_machine(
     assert received.wait(5)
 
 
-def test_a_client_without_peer_fails_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_client_without_peer_fails_with_a_remedy(
+    monkeypatch: pytest.MonkeyPatch, meeting_ports: range
+) -> None:
     """The error stays short however many ports were tried."""
     monkeypatch.setattr("streamkit_zenoh.configuration.CLIENT_CONNECT_LIMIT_MS", 200)
-    ports = range(1, 3)
-    monkeypatch.setattr("streamkit_zenoh.configuration.MEETING_PORTS", ports)
-    monkeypatch.setattr("streamkit_zenoh.session.MEETING_PORTS", ports)
+    tried = f"{meeting_ports[0]} to {meeting_ports[-1]}"
     with pytest.raises(
-        SessionFailure, match=r"no session answers at tcp/127\.0\.0\.1:1 to 2; start a publisher"
+        SessionFailure, match=rf"no session answers at tcp/127\.0\.0\.1:{tried}; start a publisher"
     ):
         open_session(SessionSettings(mode=SessionMode.CLIENT))
 
@@ -106,25 +107,12 @@ def test_a_local_session_listens_on_loopback_only(open_test_session: Opener) -> 
     assert all("127.0.0.1" in locator or "[::1]" in locator for locator in locators)
 
 
-def test_ports_in_use_are_skipped(open_test_session: Opener) -> None:
-    """With every meeting port in use by others, sessions still find each other."""
-    with_ports = []
-    for port in MEETING_PORTS:
-        taken = socket.socket()
-        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            taken.bind(("127.0.0.1", port))
-            taken.listen()
-        except OSError:
-            taken.close()
-        else:
-            with_ports.append(taken)
-    try:
-        session = open_test_session()
-        assert not session.is_closed()
-    finally:
-        for taken in with_ports:
-            taken.close()
+def test_ports_in_use_are_skipped(open_test_session: Opener, meeting_ports: range) -> None:
+    """With every meeting port in use by others, a session still opens."""
+    with contextlib.ExitStack() as in_use:
+        for port in meeting_ports:
+            in_use.enter_context(socket.create_server(("127.0.0.1", port)))
+        assert not open_test_session().is_closed()
 
 
 def test_peers_meet_at_an_endpoint_in_either_order(open_test_session: Opener, endpoint: str) -> None:
