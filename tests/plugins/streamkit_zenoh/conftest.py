@@ -28,7 +28,11 @@ def endpoint() -> str:
 
 @pytest.fixture
 def meeting_ports(monkeypatch: pytest.MonkeyPatch) -> range:
-    """Meeting ports of this test alone, 24 in sequence that are free."""
+    """Meeting ports of this test alone, 24 in sequence that are free.
+
+    A zenoh session that closes while another process connects to it may keep that link alive: the other then
+    never meets the next session at that port.
+    """
     # Tests in other processes look for free ports at the same time.
     first = 20_000 + os.getpid() % 400 * 24
     for start in range(first, 30_000, 24):

@@ -35,6 +35,7 @@ def _peers(session: zenoh.Session) -> set[str]:
     return {str(peer) for peer in session.info.peers_zid()}
 
 
+@pytest.mark.usefixtures("meeting_ports")
 def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
     """Four sessions opened in sequence all find each other."""
     sessions = [open_test_session() for _ in range(4)]
@@ -52,6 +53,7 @@ def test_many_sessions_meet_without_multicast(open_test_session: Opener) -> None
     assert _wait_for(lambda: _peers(first) >= names, 30)
 
 
+@pytest.mark.usefixtures("meeting_ports")
 def test_a_client_without_endpoints_finds_a_session_of_this_machine(
     open_test_session: Opener, key: str
 ) -> None:
@@ -78,6 +80,7 @@ def test_a_client_without_peer_fails_with_a_remedy(
         open_session(SessionSettings(mode=SessionMode.CLIENT))
 
 
+@pytest.mark.usefixtures("meeting_ports")
 def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
     """Two sessions that start at the same moment find each other."""
     together = threading.Barrier(2)
@@ -96,6 +99,7 @@ def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
     assert _wait_for(lambda: str(other.info.zid()) in _peers(one))
 
 
+@pytest.mark.usefixtures("meeting_ports")
 def test_a_local_session_listens_on_loopback_only(open_test_session: Opener) -> None:
     """No other machine can connect by default."""
     locators = [
