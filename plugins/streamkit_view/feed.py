@@ -10,7 +10,15 @@ import msgspec
 import zenoh
 
 from streamkit import TrackRecord
-from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage, binary_message, text_message
+from streamkit_view.messages import (
+    FRAME,
+    MOSAIC,
+    TRACKS,
+    VIDEO,
+    PageMessage,
+    binary_message,
+    compressed_message,
+)
 from streamkit_view.mosaic_tiles import MosaicTiles
 from streamkit_zenoh.keys import STATUS, publication_root, stream_key
 from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, Counts, MessageReceiver, ReceivedMessage
@@ -185,7 +193,7 @@ class Feed:
         if name == TRACKS:
             record = decode_message(TrackRecord, TRACKS_SCHEMA, received.content_type, payload)
             self._last_frame_s = time.monotonic()
-            return [text_message(TRACKS, feed, msgspec.json.encode(record))]
+            return [compressed_message(TRACKS, feed, msgspec.json.encode(record))]
         if name == VIDEO:
             packet = decode_json(received.header, VideoHeader)
             run, number = received.stamp

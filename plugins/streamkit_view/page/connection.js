@@ -70,3 +70,9 @@ export class Connection {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(answer));
   }
 }
+
+// The JSON value in a payload that zlib compressed.
+export async function decompressed(payload) {
+  const stream = new Blob([payload]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Response(stream).json();
+}

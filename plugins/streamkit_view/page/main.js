@@ -1,6 +1,6 @@
 // The page: takes messages, keeps what is shown of one feed, and draws it once per screen refresh.
 
-import { Connection } from "./connection.js";
+import { Connection, decompressed } from "./connection.js";
 import { Control } from "./control.js";
 import { EarthMap } from "./earth.js";
 import { Followed } from "./followed.js";
@@ -94,7 +94,7 @@ const connection = new Connection({
     if (message.feed !== page.feed) return undefined;
     if (message.type === "back") return goTo(message.body.s);
     if (message.type === "control") return control.take(message.body);
-    if (message.type === "tracks") return takeRecord(message.body);
+    if (message.type === "tracks") return takeRecord(await decompressed(payload));
     if (message.type === "skipped") return void (page.skipped += message.body.frames);
     if (message.type === "video") return takePacket(message.body, payload);
     if (message.type === "mosaic") return mosaic.begin(message.body);
