@@ -2,12 +2,13 @@
 
 A publisher sends coded video at 4 Mbit/s and 25 records a second. Viewers are websocket clients in a process
 of their own that confirm each message, as the page does; the server's CPU time is read from /proc without and
-with them. With --page a headless chromium shows a rendered flight with tracks and mosaic; its heap is read
-after collections, and the memory of all its processes and of the server from /proc. With --bytes a websocket
-client counts what a page is sent of a video file, from the first record to the end, by the kind of message.
+with them. With --page a headless chromium shows a rendered flight with tracks and mosaic, or a camera; its
+heap is read after collections, and the memory of all its processes and of the server from /proc; at the end
+stands what was dropped where. With --bytes a websocket client counts what a page is sent of a video file,
+from the first record to the end, by the kind of message.
 
 Run it:  python benchmarks/view_load.py [--viewers 20] [--seconds 30]
-         python benchmarks/view_load.py --page --seconds 1200
+         python benchmarks/view_load.py --page [rtsp://drone/live] --seconds 1200
          python benchmarks/view_load.py --bytes flight.mp4
 """
 
@@ -186,6 +187,9 @@ def measure_page(server: int, url: str, seconds: float) -> None:
                 f" {tiles} tiles  {rate:.1f} frames/s  {skipped} skipped",
                 flush=True,
             )
+        status = browser.execute_script("return streamkit.page.states[0].status") or {}
+        of_elements = [{one["name"]: one["drops"]} for one in status.get("elements", ()) if one["drops"]]
+        print("dropped:", [*status.get("drops", ()), *of_elements])
     finally:
         browser.quit()
     table = np.array(rows)[len(rows) // 4 :]
@@ -228,14 +232,14 @@ if __name__ == "__main__":
     )
     parser.add_argument("--viewers", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--page", action="store_true")
+    parser.add_argument("--page", nargs="?", const="", metavar="URL")
     parser.add_argument("--bytes", metavar="FILE")
     chosen = parser.parse_args()
     if chosen.bytes:
         with served(chosen.bytes) as (_, address):
             measure_bytes(address)
-    elif chosen.page:
-        with served(KEY, FLY.format(key=KEY)) as (pid, address):
+    elif chosen.page is not None:
+        with served(*((chosen.page,) if chosen.page else (KEY, FLY.format(key=KEY)))) as (pid, address):
             measure_page(pid, address, chosen.seconds)
     else:
         with tempfile.TemporaryDirectory() as name:
