@@ -40,6 +40,12 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     added = build(description, {}, taken)
     if added.homes or not graph.is_local(element):
         raise DescriptionError("link", f"{name}: branches join and leave in the main process only")
+    for delayed in added.delayed_links:
+        raise DescriptionError(
+            "link",
+            f"{delayed.description}: a branch cannot wait for a pad that the stream adds later; put "
+            f"{delayed.source.name} into the pipeline, and a tee behind it",
+        )
     _check_names(added, taken)
     entry = find_pad(added.elements[0], Direction.SINK, "", Place())
     src = find_pad(element, Direction.SRC, "", Place())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import signal
@@ -200,11 +201,13 @@ class ChildProcess(threading.Thread):
         if self._process is None:
             return
         try:
-            code = self._process.wait(END_LIMIT_S)
+            self._process.wait(END_LIMIT_S)
         except subprocess.TimeoutExpired:
             self.kill("did not end by itself and was ended")
-            code = self._process.wait(END_LIMIT_S)
+            with contextlib.suppress(subprocess.TimeoutExpired):  # one that waits for a device ends later
+                self._process.wait(END_LIMIT_S)
         self._control.close()
+        code = self._process.returncode or 0
         if code < 0:
             name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
             self.reason = self.reason or f"was ended by signal {-code} ({name})"

@@ -250,6 +250,15 @@ def test_links_wait_for_pads_that_the_stream_brings(register: Register) -> None:
         assert pipeline["a"].numbers == [0, 1, 2]
 
 
+def test_a_branch_cannot_wait_for_pads(register: Register) -> None:
+    """The link would never be made: it is refused, and the branch with it."""
+    register(discovering=Discovering, gathering=Gathering)
+    with Pipeline.parse("fakesrc ! tee name=t t. ! fakesink") as pipeline:
+        with pytest.raises(DescriptionError, match=r"d\.stream_0 ! b: a branch cannot wait for a pad"):
+            pipeline.add_branch("t", "gathering name=a discovering name=d d.stream_0 ! gathering name=b")
+        assert [element.name for element in pipeline.graph.elements] == ["fakesrc0", "t", "fakesink0"]
+
+
 def test_a_pad_that_never_comes_is_warned_of(register: Register) -> None:
     """y05: the waiting sink gets EOS, and the bus a warning."""
     register(discovering=Discovering, gathering=Gathering)
