@@ -18,7 +18,7 @@ LOG = logging.getLogger("streamkit.view")
 COOKIE = "streamkit_view"  # and the port: browsers send a cookie to all ports of a host
 POLICY = (
     "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src 'self' blob:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "media-src blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 RESPONSE_HEADERS = {
     "Content-Security-Policy": POLICY,

@@ -133,18 +133,18 @@ class Viewer:
         self._stream_bytes = sum(len(past.message.data) for past in held)
 
     def _take(self) -> PageMessage | None:
-        """A reply, or else what has waited longest; before a keyframe, how many frames were skipped."""
+        """A reply; how many frames were skipped; or else what has waited longest."""
         if self._replies:
             return self._replies.popleft()
+        if self._skipped:
+            body = {"type": SKIPPED, "feed": self.feed, "body": {"frames": self._skipped}}
+            self._skipped = 0
+            return PageMessage(SKIPPED, self.feed, json.dumps(body))
         newest = next(iter(self._newest.values()), None)
         if newest is not None and not (self._stream and self._stream[0].at_s <= newest.at_s):
             return self._newest.pop(newest.message.identity).message
         if not self._stream:
             return None
-        if self._skipped and self._stream[0].message.is_keyframe:
-            body = {"type": SKIPPED, "feed": self.feed, "body": {"frames": self._skipped}}
-            self._skipped = 0
-            return PageMessage(SKIPPED, self.feed, json.dumps(body))
         message = self._stream.popleft().message
         self._stream_bytes -= len(message.data)
         return message

@@ -95,7 +95,7 @@ const connection = new Connection({
     if (message.type === "back") return goTo(message.body.s);
     if (message.type === "control") return control.take(message.body);
     if (message.type === "tracks") return takeRecord(await decompressed(payload));
-    if (message.type === "skipped") return void (page.skipped += message.body.frames);
+    if (message.type === "skipped") return takeSkipped(message.body.frames);
     if (message.type === "video") return takePacket(message.body, payload);
     if (message.type === "mosaic") return mosaic.begin(message.body);
     if (message.type === "frame" || message.type === "tile") return takeImage(message, payload);
@@ -154,6 +154,12 @@ async function takePacket({ packet, run, number }, payload) {
   await player.push(packet, { run, number }, payload);
   page.skipped += player.skipped;
   player.skipped = 0;
+}
+
+// Stills fill the time to the next keyframe.
+function takeSkipped(frames) {
+  page.skipped += frames;
+  page.video = false;
 }
 
 async function takeImage({ type, body }, payload) {

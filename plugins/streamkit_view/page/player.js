@@ -1,12 +1,15 @@
-// Decodes coded packets with WebCodecs. A packet waits, still coded, until the track record of its frame has come, so
-// that frame and boxes are shown together; without records nothing waits. A packet that frames before it in time
-// depend on is decoded with them, and its frame waits.
+// Decodes coded packets, with WebCodecs or a media source. A packet waits, still coded, until the track record of its
+// frame has come, so that frame and boxes are shown together; without records nothing waits. A packet that frames before
+// it in time depend on is decoded with them, and its frame waits.
+
+import { MediaSourceDecoder } from "./mediasource.js";
 
 const HOLD_MS = 1500;
 const HELD_LIMIT = 240;
 const DECODING_LIMIT = 12;
 const READY_LIMIT = 8;
 const FAILURE_LIMIT = 3;
+const Decoder = window.VideoDecoder ?? MediaSourceDecoder;
 
 export class Player {
   // `show(frame, header)` takes a VideoFrame and closes it. `cannot(reason)`: stills must do instead.
@@ -77,14 +80,13 @@ export class Player {
     const isBox = sets !== null && sets[0] === 1;
     if (isBox) config.description = sets;
     let isSupported = false;
-    if (window.VideoDecoder && header.codec) {
-      isSupported = await VideoDecoder.isConfigSupported(config).then((answer) => answer.supported, () => false);
+    if (header.codec) {
+      isSupported = await Decoder.isConfigSupported(config).then((answer) => answer.supported, () => false);
     }
     if (!isSupported) {
       this.isRefused = true;
-      this.cannot(window.VideoDecoder
-        ? `This browser does not decode ${header.codec ?? "this codec"}; stills are shown.`
-        : "This browser has no video decoder for pages (WebCodecs needs localhost or https); stills are shown.");
+      const remedy = window.VideoDecoder ? "" : " WebCodecs needs localhost or https.";
+      this.cannot(`This browser does not decode ${header.codec ?? "this codec"}; stills are shown.${remedy}`);
       return false;
     }
     this.parameters = { name, config, prefix: sets !== null && !isBox ? sets : null };
@@ -120,8 +122,9 @@ export class Player {
       bytes.set(config.prefix);
       bytes.set(data, config.prefix.length);
     }
+    const chunk = { type: header.keyframe ? "key" : "delta", timestamp, data: bytes };
     try {
-      this.decoder.decode(new EncodedVideoChunk({ type: header.keyframe ? "key" : "delta", timestamp, data: bytes }));
+      this.decoder.decode(window.VideoDecoder ? new EncodedVideoChunk(chunk) : chunk);
     } catch (error) {
       this.failed(error);
     }
@@ -129,7 +132,7 @@ export class Player {
 
   configure(parameters) {
     if (this.decoder && this.decoder.state !== "closed") this.decoder.close();
-    const decoder = new VideoDecoder({
+    const decoder = new Decoder({
       output: (frame) => {
         const header = this.headers.get(frame.timestamp);
         this.headers.delete(frame.timestamp);
@@ -147,6 +150,7 @@ export class Player {
   // A damaged packet ends a decoder; the next keyframe begins with a new one.
   failed(error) {
     console.warn(`decoding failed: ${error.message}`);
+    if (this.decoder && this.decoder.state !== "closed") this.decoder.close();
     this.decoder = null;
     this.configured = "";
     this.held = [];

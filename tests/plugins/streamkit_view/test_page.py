@@ -87,6 +87,7 @@ def write_flight(path: Path) -> dict[int, tuple[np.ndarray[Any, Any], np.ndarray
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         frames = list(pipeline["out"])
+        assert pipeline.wait(60), "the file is not complete"
     return {frame.seq: (np.asarray(frame.data), frame.get(TrueTargets).centres) for frame in frames}
 
 
@@ -157,6 +158,27 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
     ActionChains(browser).move_to_element(ground).perform()
     wait_for(lambda: "plane" in text(browser, "cursor"))
     assert text(browser, "feeds") == "flight.mp4"
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+@pytest.mark.timeout(180)
+def test_video_is_shown_without_webcodecs(
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
+) -> None:
+    """As on a page over http from another machine: a frame is that of its time, and not one beside it."""
+    flight = tmp_path / "flight.mp4"
+    truth = write_flight(flight)
+    removal = {"source": "delete window.VideoDecoder; delete window.EncodedVideoChunk"}
+    script = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", removal)
+    try:
+        browser.get(start_view(str(flight)).url)
+        wait_for(lambda: text(browser, "state") == "ended", 100)
+        number, shown = wait_for(lambda: last_frame(browser))
+    finally:
+        browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", script)
+    assert browser.execute_script("return streamkit.page.video && !window.VideoDecoder")
+    apart = {at: np.abs(shown.astype(int) - pixels).mean() for at, (pixels, _) in truth.items()}
+    assert min(apart, key=apart.__getitem__) == number
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
 
 

@@ -119,6 +119,16 @@ def test_a_page_that_is_late_goes_on_at_the_next_keyframe(monkeypatch: pytest.Mo
     assert sent[at + 1] == packet(at + skipped, is_keyframe=True)
 
 
+def test_a_late_page_hears_of_skipped_frames_before_a_keyframe_comes() -> None:
+    """The stream may have no other: then the page shows stills."""
+    viewer = Viewer()
+    for number in range(800):
+        viewer.offer(packet(number, is_keyframe=number == 0))
+    (told,) = take_all(viewer)
+    assert told.kind == SKIPPED
+    assert json.loads(told.data)["body"]["frames"] == 800
+
+
 def test_frames_that_are_not_skipped_keep_their_records() -> None:
     """A page that goes on at a keyframe shows its boxes."""
     viewer = Viewer()
