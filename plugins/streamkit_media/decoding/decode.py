@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections import deque
+from bisect import insort
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -86,8 +86,9 @@ class Decode(Transform):
         self._framerate: Fraction | None = None
         self._rotation = self._epoch = 0
         self._marks = FrameMarks()
-        # Numbers come in decoding order, and go out in order of presentation.
-        self._sequence_numbers: deque[int] = deque(maxlen=PENDING_LIMIT)
+        # Of packets without a frame yet, ascending: frames come out in order of presentation.
+        self._sequence_numbers: list[int] = []
+        self._newest_arrival_ns = 0
         self._inherent_delay = InherentDelay()
         self._h264_frame_numbers: FrameNumbers | None = None
         self._next_pts = 0
@@ -143,7 +144,9 @@ class Decode(Transform):
             self._drop_packet(frame, f"skip={self.skip}")
             return held
         self._packets += 1
-        self._sequence_numbers.append(frame.seq)
+        insort(self._sequence_numbers, frame.seq)
+        del self._sequence_numbers[:-PENDING_LIMIT]
+        self._newest_arrival_ns = max(self._newest_arrival_ns, frame.arrival_ns)
         try:
             decoded = self._decoder.decode(frame.data, frame, is_keyframe)
         except FFmpegError as error:
@@ -254,7 +257,7 @@ class Decode(Transform):
         self._frames_decoded += len(decoded)
         frames = []
         for video_frame, origin in decoded:
-            number = self._sequence_numbers.popleft() if self._sequence_numbers else origin.seq
+            number = self._sequence_numbers.pop(0) if self._sequence_numbers else origin.seq
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._reason_to_hide(origin) if origin.metadata else None
@@ -267,7 +270,8 @@ class Decode(Transform):
     def _reason_to_hide(self, origin: Frame) -> str | None:
         """Why a frame is not shown, "" where that is not counted; None where it is shown."""
         hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
-        age_ns = self.clock_ns() - origin.arrival_ns
+        # Of the packet that let the decoder give the frame out: a frame that is reordered has not waited.
+        age_ns = self.clock_ns() - self._newest_arrival_ns
         if hidden is not None:
             if freshness is not None:
                 self._inherent_delay.add(age_ns)

@@ -51,8 +51,9 @@ class Freshness:
 class InherentDelay:
     """Estimates the delay that every frame has, and finds frames that have waited in addition.
 
-    The minimum age of the last 32 frames is the inherent delay: reordering of the codec, and the time that
-    decoding takes. Older frames have waited; they are dropped only while that makes the next one younger.
+    The age of a frame is that of the packet which let the decoder give it out. The minimum age of the last 32
+    frames is the inherent delay, the time that decoding takes. Older frames have waited; they are dropped only
+    while that makes the next one younger.
     """
 
     def __init__(self) -> None:
@@ -64,7 +65,7 @@ class InherentDelay:
         self._ages.append(age_ns)
 
     def has_waited(self, age_ns: int, slack_ns: int) -> bool:
-        """Adds the next frame's age since arrival; whether to drop it, older than the delay and the slack."""
+        """Adds the age of the next frame; whether to drop it, older than the delay and the slack."""
         self._ages.append(age_ns)
         if self._dropped_age_ns is None:
             has_waited = age_ns - min(self._ages) > slack_ns

@@ -241,6 +241,31 @@ def test_live_frames_that_have_waited_are_left_out(make_video: MakeVideo) -> Non
     assert drops == {"late: too old when decoded": 7}
 
 
+def test_live_frames_that_are_reordered_have_not_waited(make_video: MakeVideo) -> None:
+    """A frame that is shown after later packets is as new as the packet that lets it be shown."""
+    packets = packets_of(make_video("reordered.mp4", count=60, bframes=3))
+    clock, shown = ManualClock(), []
+    with Harness(Decode(threads=1, threads_type="slice"), clock=clock) as harness:
+        for packet in packets:
+            live = packet.replace(arrival_ns=clock.monotonic_ns()).attach(Freshness(100_000_000))
+            shown += harness.push(live)
+            clock.advance(0.04)
+        shown += harness.drain()
+        assert not harness.element.drops
+    assert [frame.seq for frame in shown] == list(range(60))
+
+
+def test_numbers_that_come_with_frames_stay_with_them(make_video: MakeVideo) -> None:
+    """An encoder numbers its packets as their frames, which come out in another order."""
+    packets = packets_of(make_video("numbered.mp4", count=30, bframes=3))
+    ascending = sorted(packets, key=lambda packet: packet.pts)
+    numbered = [packet.replace(seq=100 + ascending.index(packet)) for packet in packets]
+    assert [packet.seq for packet in numbered] != list(range(100, 130))
+    with Harness("decode") as harness:
+        frames = decoded(harness, numbered)
+    assert [frame.seq for frame in frames] == list(range(100, 130))
+
+
 def test_a_decoder_that_is_always_late_shows_all_the_same(make_video: MakeVideo) -> None:
     """Where every frame takes half a second, they are shown after a moment rather than never."""
     packets = packets_of(make_video("slow.mp4", count=60, bframes=0))
