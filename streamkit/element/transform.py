@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad
+from streamkit.errors import StateError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EndOfStream, EosEvent, Event
 from streamkit.flow.frame import Frame
@@ -117,9 +118,20 @@ class Transform(Element):
         """Sends a frame through another src pad, after its caps if they are new.
 
         The frame is lost if the pad is not linked or its branch has ended.
+
+        Raises:
+            StateError: the element declares no such pad.
         """
         pad = self.pads.get(name)
         if pad is None or pad.peer is None:
+            declared = [
+                template for template in self.pad_templates.values() if template.direction is Direction.SRC
+            ]
+            if not any(template.matches(name) for template in declared):
+                raise StateError(
+                    f"a frame is for the pad {name!r}, which {type(self).__name__} does not declare; "
+                    f"it has {', '.join(template.name for template in declared)}"
+                )
             return
         frame = pad.announce_caps(frame)
         with contextlib.suppress(EndOfStream):

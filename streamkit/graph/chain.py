@@ -169,12 +169,13 @@ class Chain:
             return
         element, kind = stage.element, type(results).__name__
         element.enter("frame", time.perf_counter_ns())
-        for item in _timed(results, stage):
+        for item in _timed(results if isinstance(results, Iterable) else (results,), stage):
             name, frame = item if isinstance(item, tuple) and len(item) == 2 else ("", item)
             if not isinstance(frame, Frame):
+                of = "" if frame is results else f" of {type(frame).__name__}"
                 raise TypeError(
-                    f"transform returns a Frame, several, or None, got {kind} "
-                    f"of {type(frame).__name__}: put data into a frame with frame.replace(data=...)"
+                    f"transform returns a Frame, several, or None, got {kind}{of}: "
+                    "put data into a frame with frame.replace(data=...)"
                 )
             check_layout(frame)
             if name in ("", "src"):

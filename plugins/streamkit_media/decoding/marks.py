@@ -51,9 +51,9 @@ class Freshness:
 class InherentDelay:
     """Estimates the delay that every frame has, and finds frames that have waited in addition.
 
-    The age of a frame is that of the packet which let the decoder give it out. The minimum age of the last 32
-    frames is the inherent delay, the time that decoding takes. Older frames have waited; they are dropped only
-    while that makes the next one younger.
+    The age of a frame is that of the packet which let the decoder give it out. The minimum age of the last
+    32 frames is the inherent delay, the time that decoding takes. Older frames have waited; they are dropped
+    only while that makes the next one younger.
     """
 
     def __init__(self) -> None:

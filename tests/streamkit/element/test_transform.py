@@ -1,6 +1,7 @@
 """Transforms: negotiation, number of output frames, EOS and errors."""
 
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import pytest
 
@@ -294,6 +295,31 @@ def test_a_transform_without_its_method_says_so(register: Register) -> None:
     register(misspelt=Misspelt)
     with pytest.raises(ElementFailure, match="Misspelt does not define transform"):
         Pipeline.parse("fakesrc num-buffers=1 ! misspelt ! fakesink").run(timeout_s=20)
+
+
+@pytest.mark.parametrize(
+    ("returned", "rule"),
+    [
+        (5, "transform returns a Frame, several, or None, got int: put data"),
+        ([5], "transform returns a Frame, several, or None, got list of int: put data"),
+        ([("aside", Frame(b"", Caps("a/b")))], "'aside', which Answering does not declare; it has src, side"),
+    ],
+)
+def test_what_no_pad_can_take_is_an_error(register: Register, returned: object, rule: str) -> None:
+    """It would be lost without a word."""
+
+    class Answering(Transform):
+        """Answers each frame."""
+
+        sink = src = "ANY"
+        templates = (PadTemplate("side", Direction.SRC, Caps("ANY")),)
+
+        def transform(self, frame: Frame) -> Any:
+            return returned
+
+    register(answering=Answering)
+    with pytest.raises(ElementFailure, match=rule):
+        Pipeline.parse("fakesrc num-buffers=1 ! answering ! fakesink").run(timeout_s=20)
 
 
 class Draining(Transform):
