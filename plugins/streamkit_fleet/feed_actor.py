@@ -28,7 +28,7 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
             does not answer.
         ready: whether it is of use; `reason` says what is missing.
         cores: that it needs to hold its frame rate, as measured; 0 before.
-        restarts: of the pipeline in this process.
+        restarts: of the pipeline in this process, and one more if Ray has started the process again.
         frames, dropped: since the pipeline started.
         metrics: HOST:PORT, or "".
         digest: of the feed's entry in the table.
@@ -70,7 +70,7 @@ class FeedActor:
     def __init__(self, name: str, feed: FeedSpec) -> None:
         self._name, self._feed = name, feed
         self._state, self._reason = "starting", ""
-        self._restarts = 0
+        self._restarts = int(ray.get_runtime_context().was_current_actor_reconstructed)
         self._lines: deque[str] = deque(maxlen=LOG_LINES)
         self._stopping = threading.Event()
         self._monitor: Monitor | None = None

@@ -103,6 +103,7 @@ def test_the_life_of_a_fleet(nodes: Nodes) -> None:
     os.kill(after["gate"].pid, signal.SIGKILL)
     again = wait_for(lambda found: all_ready(found) and found["gate"].pid != after["gate"].pid)
     assert again["door"].pid == after["door"].pid
+    assert (again["gate"].restarts, again["door"].restarts) == (1, 0)
 
     here = again["gate"].node
     assert "gate" in control.drain(here[:12], changed)
