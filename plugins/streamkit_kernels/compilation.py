@@ -12,6 +12,8 @@ import numba
 from numba import types
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime import rtsys
+from typing_extensions import override
 
 # Argument types of kernels, by dtype: arrays [rows, columns], C-contiguous, in their own memory.
 UINT8 = types.Array(types.uint8, 2, "C")
@@ -53,7 +55,15 @@ class _PackageCache(FunctionCache):
             name = self._impl.filename_base
             self._cache_file = IndexDataCacheFile(self._cache_path, name, stamp)  # type: ignore[no-untyped-call]
 
+    @override
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """Loads machine code; numba's own method first imports its compiler, in half a second."""
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():  # type: ignore[no-untyped-call]
+            return self._load_overload(signature, target_context)  # type: ignore[no-untyped-call]
 
+
+@lru_cache(maxsize=64)
 def _package_folder(path: Path) -> Path | None:
     """The folder of the outermost package that a module belongs to."""
     folders = [folder for folder in path.parents if (folder / "__init__.py").is_file()]
