@@ -57,7 +57,7 @@ class Source(Element):
     # Overridden by authors.
 
     def duration_ns(self) -> int | None:
-        """Length of the stream, ns; None if it is endless or unknown."""
+        """Length of the stream, ns; None if it is endless or unknown, as before the start."""
         return None
 
     def negotiate(self, allowed: Caps) -> Caps | None:

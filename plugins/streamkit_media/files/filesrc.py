@@ -93,6 +93,7 @@ class FileSrc(Source):
     loop: bool = Property(False, doc="Repeat forever; times continue.")
 
     _is_opening = False
+    _duration: int | None = None
     _sockets: ConnectionSockets | None = None
 
     def start(self) -> None:

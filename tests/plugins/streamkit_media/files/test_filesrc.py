@@ -299,3 +299,9 @@ def test_a_connection_that_is_being_opened_can_be_cancelled() -> None:
         assert "its start was interrupted" in str(failures[0])
         assert not [thread for thread in threading.enumerate() if "filesrc" in thread.name]
         connection.close()
+
+
+@pytest.mark.parametrize("source", ["filesrc location=any.mp4", "videotestsrc num-buffers=9", "dronetestsrc"])
+def test_the_length_is_unknown_before_the_start(source: str) -> None:
+    """The progress line asks for it also where an interrupt has ended a start."""
+    assert Pipeline.parse(f"{source} ! fakesink").duration_ns() is None
