@@ -7,6 +7,7 @@ for typer, or a `typer.Typer` with subcommands. It is imported when it is used.
 from __future__ import annotations
 
 import importlib.metadata
+import shlex
 import sys
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -49,6 +50,11 @@ class CommandGroup(TyperGroup):
         name = args[0]
         entry = CORE.get(name) or installed_commands().get(name)
         if entry is None:
+            from streamkit.cli.description import fail_usage
+
+            if "!" in " ".join(args) or name.endswith(".pipe"):
+                words = ["-f", *args] if name.endswith(".pipe") else args
+                fail_usage(f"{name!r} is no command; did you mean: streamkit launch {shlex.join(words)}")
             self.list_commands(ctx)  # for the suggestion
             return super().resolve_command(ctx, args)
         return name, load_command(entry), args[1:]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 from typing_extensions import override
 
-from streamkit.cli.summary import results_text, summarise
+from streamkit.cli.summary import dropped_text, results_text, summarise
 from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.graph.statistics import RunStatistics
 from streamkit.masking import presentable
@@ -107,15 +107,16 @@ class Progress(Display):
 
     def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
         frames = max((row.frames_in for row in now.elements), default=0)
-        dropped = sum(row.total_dropped for row in now.elements)
         since_s = now.elapsed_s if is_last else now.elapsed_s - self._frames_s
         rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
         self._frames, self._frames_s = frames, now.elapsed_s
         is_whole = is_last and self.pipeline.ended.is_set() and self.pipeline.error is None
         where = "" if is_whole else self._position(None if is_last else now.elapsed_s)
         words = [f"{now.elapsed_s:7.1f} s{where}  {frames} frames  {rate:.1f}/s"]
-        if dropped:
-            words.append(f"{dropped} dropped")
+        if reasons := summarise(now).reasons:
+            words.append(
+                f"dropped {dropped_text(reasons)}" if is_last else f"{sum(reasons.values())} dropped"
+            )
         ages_ns = [row.age_ns for row in now.elements if row.age_ns is not None and not row.frames_out]
         if ages_ns and self.pipeline.is_live and not is_last:
             words.append(f"{age_text(max(ages_ns))} old")

@@ -45,10 +45,13 @@ class LaunchCommand(TyperCommand):
     """Reads `--stats` and `--summary` without a value as `=text`, which typer does not support."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Adds the default value, up to `--`."""
+        """Adds the default value where no value follows, up to `--`."""
         end = args.index("--") if "--" in args else len(args)
-        bare = [f"{arg}=text" if arg in ("--stats", "--summary") else arg for arg in args[:end]]
-        return super().parse_args(ctx, [*bare, *args[end:]])
+        read = [
+            f"{arg}=text" if arg in ("--stats", "--summary") and following not in ("text", "json") else arg
+            for arg, following in zip(args[:end], [*args[1:end], ""], strict=True)
+        ]
+        return super().parse_args(ctx, [*read, *args[end:]])
 
 
 @parsed_by(LaunchCommand)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
@@ -21,6 +22,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         elapsed_s: since the run began, s.
         frames: that arrived at a sink, most of any; of video if there is some, else of anything.
         dropped: frames not delivered, over all elements.
+        reasons: how many of those, by reason.
         results: what elements have made, by name; `tracks` are those that were confirmed.
         files: number of the files written, by location, which is a pattern where there are several.
     """
@@ -29,6 +31,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     elapsed_s: float
     frames: int
     dropped: int
+    reasons: dict[str, int] = {}
     results: dict[str, int]
     files: dict[str, int]
 
@@ -38,16 +41,28 @@ def summarise(statistics: RunStatistics) -> RunSummary:
     results: Counter[str] = Counter()
     for row in statistics.elements:
         results.update({name: count for name, count in row.results.items() if name != "files"})
+    reasons: Counter[str] = Counter()
+    for row in statistics.elements:
+        reasons.update(row.dropped)
     sinks = [row for row in statistics.elements if all(pad.direction == "sink" for pad in row.pads)]
     pads = [pad for row in sinks for pad in row.pads]
     video = [pad.frames for pad in pads if (pad.caps or "").startswith("video/")]
     return RunSummary(
         elapsed_s=statistics.elapsed_s,
         frames=max(video, default=0) or max((pad.frames for pad in pads), default=0),
-        dropped=sum(row.total_dropped for row in statistics.elements),
+        dropped=reasons.total(),
+        reasons=dict(reasons),
         results=dict(results),
         files={row.location: count for row in statistics.elements if (count := row.results.get("files"))},
     )
+
+
+def dropped_text(dropped: Mapping[str, int]) -> str:
+    """Total and reasons: "7 (queue full, oldest dropped: 7)"; "" for none."""
+    if not dropped:
+        return ""
+    reasons = "; ".join(f"{reason}: {count}" for reason, count in sorted(dropped.items()))
+    return f"{sum(dropped.values())} ({reasons})"
 
 
 def results_text(summary: RunSummary) -> str:
@@ -63,6 +78,6 @@ def results_text(summary: RunSummary) -> str:
 def as_text(summary: RunSummary) -> str:
     """The whole summary in one line."""
     rate = summary.frames / summary.elapsed_s if summary.elapsed_s else 0.0
-    dropped = f", {summary.dropped} dropped" if summary.dropped else ""
+    dropped = f", dropped {dropped_text(summary.reasons)}" if summary.dropped else ""
     head = f"{summary.frames} frames in {summary.elapsed_s:.1f} s, {rate:.1f}/s"
     return f"{head}{dropped}{results_text(summary)}"

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from streamkit.cli.summary import dropped_text
+
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
@@ -47,14 +49,6 @@ def measure_rows(now: RunStatistics, before: RunStatistics | None = None) -> lis
         return Row(row, max(0.0, frames / span_s), min(1.0, max(0.0, busy_ns / 1e9 / span_s)))
 
     return [measure(row) for row in now.elements]
-
-
-def dropped_text(dropped: dict[str, int]) -> str:
-    """Total and reasons: "7 (queue full, oldest dropped: 7)"."""
-    if not dropped:
-        return ""
-    reasons = "; ".join(f"{reason}: {count}" for reason, count in sorted(dropped.items()))
-    return f"{sum(dropped.values())} ({reasons})"
 
 
 def queue_text(levels: QueueLevels | None) -> str:

@@ -107,6 +107,21 @@ def test_an_unknown_command_is_code_2_with_a_suggestion(offer: Offer) -> None:
         assert f"No such command '{typed}'. Did you mean '{meant}'?" in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["fakesrc ! fakesink"], "launch 'fakesrc ! fakesink'"),
+        (["fakesrc", "num-buffers=3", "!", "fakesink"], "launch fakesrc num-buffers=3 '!' fakesink"),
+        (["flight.pipe"], "launch -f flight.pipe"),
+    ],
+)
+def test_a_description_without_the_command_is_answered_with_launch(words: list[str], meant: str) -> None:
+    """gst-launch needs no command."""
+    done = streamkit(*words)
+    assert done.exit_code == 2
+    assert done.stderr == f"error: {words[0]!r} is no command; did you mean: streamkit {meant}\n"
+
+
 def test_a_plugin_cannot_replace_a_command_of_the_engine(offer: Offer) -> None:
     """`launch` of a plugin is ignored."""
     offer(launch=greet)

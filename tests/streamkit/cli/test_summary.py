@@ -19,7 +19,7 @@ TRACKING = (
 @pytest.mark.timeout(150)
 def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path: Path) -> None:
     """One object on stdout; several files of one sink are named by their pattern."""
-    done = launch("--summary=json", TRACKING.format(tmp_path))
+    done = launch("--summary", "json", TRACKING.format(tmp_path))
     assert done.exit_code == 0, done.stderr
     found = json.loads(done.stdout)
     assert found.pop("elapsed_s") > 0
@@ -27,6 +27,7 @@ def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path
         "schema": "streamkit.summary/1",
         "frames": 30,
         "dropped": 0,
+        "reasons": {},
         "results": {"tracks": 1},
         "files": {f"{tmp_path}/tracks.jsonl": 1, f"{tmp_path}/image-%05d.jpg": 30},
     }
@@ -47,9 +48,13 @@ def test_words() -> None:
     """One track, two tracks; drops only where there are some; the number of files where there are several."""
     made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files={})
     assert as_text(made) == "10 frames in 2.0 s, 5.0/s, 1 confirmed track"
-    made = RunSummary(elapsed_s=2.0, frames=10, dropped=3, results={"tracks": 2}, files={"a": 1, "b-%d": 3})
-    assert (
-        as_text(made) == "10 frames in 2.0 s, 5.0/s, 3 dropped, 2 confirmed tracks, wrote a and 3 files b-%d"
+    made = RunSummary(
+        elapsed_s=2.0, frames=10, dropped=3, reasons={"queue full": 2, "no target with a place": 1},
+        results={"tracks": 2}, files={"a": 1, "b-%d": 3},
+    )  # fmt: skip
+    assert as_text(made) == (
+        "10 frames in 2.0 s, 5.0/s, dropped 3 (no target with a place: 1; queue full: 2), "
+        "2 confirmed tracks, wrote a and 3 files b-%d"
     )
 
 
