@@ -10,6 +10,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
 from streamkit.flow.caps import Caps
+from streamkit.flow.video import misspelt_fields
 
 RAW_VIDEO = Caps("video/x-raw")
 Choice = Pad | PadTemplate
@@ -91,8 +92,16 @@ def _pair(
             if fits(_caps(src), _caps(sink)):
                 return src, sink
     left, right = f"{request.source.name}.{srcs[0].name}", f"{request.sink.name}.{sinks[0].name}"
-    text = _caps(srcs[0]).disagreement(_caps(sinks[0]), left, right)
-    raise DescriptionError("link", f"could not link {left} to {right}: they {text}", request.place)
+    raise caps_conflict(left, _caps(srcs[0]), right, _caps(sinks[0]), request.place)
+
+
+def caps_conflict(
+    left: str, offered: Caps, right: str, accepted: Caps, place: Place | None
+) -> DescriptionError:
+    """The error for two pads, by path, whose caps have nothing in common."""
+    text = f"could not link {left} to {right}: they {offered.disagreement(accepted, left, right)}"
+    hint = "; ".join(dict.fromkeys([*misspelt_fields(offered), *misspelt_fields(accepted)]))
+    return DescriptionError("link", text, place, hint)
 
 
 def awaits_pads(element: Element) -> bool:

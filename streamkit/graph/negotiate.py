@@ -11,7 +11,7 @@ from streamkit.element.registry import installed_elements, located, make_element
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
 from streamkit.graph.graph import Graph, free_name
-from streamkit.graph.link import are_convertible
+from streamkit.graph.link import are_convertible, caps_conflict
 
 CONVERTER = "videoconvert"
 
@@ -85,9 +85,7 @@ def _links_from_sinks(graph: Graph) -> list[tuple[Pad, Pad]]:
 
 
 def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError:
-    text = src.query_caps().disagreement(sink.query_caps(), src.path, sink.path)
-    what = f"could not link {src.path} to {sink.path}: they {text}"
-    return DescriptionError("link", what, places.get(src.path))
+    return caps_conflict(src.path, src.query_caps(), sink.path, sink.query_caps(), places.get(src.path))
 
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:

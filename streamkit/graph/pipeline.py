@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from streamkit.element.base import Element
-from streamkit.element.sink import Sink
-from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph import queries
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
 from streamkit.graph.element_calls import CallLimits, check_ended, start_element, stop_elements, wake_elements
@@ -22,7 +21,7 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
 from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
-from streamkit.graph.queries import Latency, State, StateChange, graph_latency
+from streamkit.graph.queries import Latency, State, StateChange
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 STOP_LIMIT_S = 5.0
@@ -44,6 +43,10 @@ class Pipeline:
     """
 
     def __init__(self, graph: Graph, clock: Clock | None = None, watchdog_s: float = WATCHDOG_S) -> None:
+        if not isinstance(graph, Graph):
+            raise TypeError(
+                f"Pipeline takes a Graph, got {graph!r}; make one of a text by Pipeline.parse(text)"
+            )
         self.graph = graph
         self.bus = Bus()
         self.state = State.NULL
@@ -268,24 +271,18 @@ class Pipeline:
 
     def latency(self) -> Latency:
         """Minimum and maximum latency of live frames; posts a warning if they cannot be buffered."""
-        found = graph_latency(self.graph)
+        found = queries.graph_latency(self.graph)
         if text := found.warning():
             self.bus.post(Message(MessageKind.WARNING, "", text, {"code": "latency"}))
         return found
 
     def position_ns(self) -> int | None:
         """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
-        for kind in (Sink, Source):
-            found = [element.position_ns for element in self.graph.elements if isinstance(element, kind)]
-            if newest := [position for position in found if position is not None]:
-                return max(newest)
-        return None
+        return queries.newest_position_ns(self.graph)
 
     def duration_ns(self) -> int | None:
         """Duration of the longest source; None if that of any source is unknown."""
-        durations = [e.duration_ns() for e in self.graph.elements if isinstance(e, Source)]
-        known = [duration for duration in durations if duration is not None]
-        return max(known) if known and len(known) == len(durations) else None
+        return queries.longest_duration_ns(self.graph)
 
     # Branches.
 

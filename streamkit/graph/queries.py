@@ -77,3 +77,19 @@ def _joined(paths: list[Latency]) -> Latency:
         max((path.minimum_ns for path in paths), default=0),
         min(bounds) if bounds else (None if paths else 0),
     )
+
+
+def newest_position_ns(graph: Graph) -> int | None:
+    """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
+    for kind in (Sink, Source):
+        found = [element.position_ns for element in graph.elements if isinstance(element, kind)]
+        if newest := [position for position in found if position is not None]:
+            return max(newest)
+    return None
+
+
+def longest_duration_ns(graph: Graph) -> int | None:
+    """Duration of the longest source; None if that of any source is unknown."""
+    durations = [element.duration_ns() for element in graph.elements if isinstance(element, Source)]
+    known = [duration for duration in durations if duration is not None]
+    return max(known) if known and len(known) == len(durations) else None

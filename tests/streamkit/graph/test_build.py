@@ -328,6 +328,9 @@ def test_a_misspelt_field_of_a_filter_is_noted() -> None:
     assert graph.warnings == [("unknown-field", 'video/x-raw has no field widht; did you mean "width"?')]
     graph = build("fakesrc ! video/x-raw, framerate=25 ! fakesink", {})
     assert graph.warnings == [("unknown-field", "framerate is a fraction; write framerate=25/1")]
+    with pytest.raises(DescriptionError, match="framerate is a fraction") as caught:
+        build("videotestsrc ! video/x-raw, framerate=25 ! fakesink", {})
+    assert caught.value.hint == "framerate is a fraction; write framerate=25/1"
 
 
 def test_a_misspelt_attribute_is_refused_before_the_start() -> None:

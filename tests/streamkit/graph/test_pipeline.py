@@ -122,6 +122,12 @@ def test_all_started_elements_stop_after_an_error(register: Register) -> None:
     assert sorted(journal) == ["start sink", "start src", "stop sink", "stop src"]
 
 
+def test_a_description_is_parsed_by_parse() -> None:
+    """The constructor takes a graph; the error names the right call."""
+    with pytest.raises(TypeError, match=r"got 'fakesrc ! fakesink'; make one of a text by Pipeline\.parse"):
+        Pipeline("fakesrc ! fakesink")  # type: ignore[arg-type]
+
+
 def test_one_end_for_all_sinks() -> None:
     """eos-2sinks, eos-once: EOS comes once, when the last sink has it."""
     text = "fakesrc num-buffers=3 ! fakesink name=a  fakesrc name=live ! fakesink name=b"
