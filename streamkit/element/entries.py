@@ -79,7 +79,11 @@ class PluginEntry:
 
     def broken(self, done: str, cause: BaseException) -> PluginBroken:
         """The error for an entry that cannot be loaded or made: where, the cause, the remedy."""
-        return PluginBroken(f"{self.where} cannot be {done}: {type(cause).__name__}: {cause}; {self.remedy}")
+        text = f"{type(cause).__name__}: {cause}"
+        if isinstance(cause, SyntaxError) and cause.filename:
+            line = (cause.text or "").strip()
+            text = f"SyntaxError: {cause.msg} ({cause.filename}:{cause.lineno}:{cause.offset}: {line})"
+        return PluginBroken(f"{self.where} cannot be {done}: {text}; {self.remedy}")
 
     @property
     def remedy(self) -> str:

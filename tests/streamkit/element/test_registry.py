@@ -89,6 +89,18 @@ def test_an_entry_point_that_cannot_be_loaded(register: Register, target: str, c
     assert make_element("identity").factory == "identity"
 
 
+def test_a_syntax_error_of_a_plugin_has_its_place(
+    register: Register, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """File, line, column and text, as an author at work needs them."""
+    path = tmp_path / "unfinished.py"
+    path.write_text("class Blur:\n    gain = (1\n    end = 2\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    register(blur="unfinished:Blur")
+    with pytest.raises(PluginBroken, match=rf"SyntaxError: .* \({re.escape(str(path))}:2:12: gain = \(1\)"):
+        make_element("blur")
+
+
 def test_an_entry_point_must_be_an_element(register: Register) -> None:
     """Another class is refused with the rule and what it is."""
     register(notelement="fractions:Fraction")
