@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from typing_extensions import override
+
 from streamkit import Caps, Frame, OutputFileSink, ResourceError
 
 CONTAINERS = frozenset({".mp4", ".mov", ".mkv", ".webm", ".avi"})
@@ -21,20 +23,29 @@ class FileSink(OutputFileSink):
     sink = "ANY"
     _is_lines = False
 
+    @override
+    def start(self) -> None:
+        super().start()
+        self._check_container(self.pads["sink"].peer_caps())
+
     def configure(self, sink_caps: Caps) -> None:
         """Lines for text, bytes as they are for all else.
 
         Raises:
             ResourceError: the file's name is that of a container, which the bytes of frames do not make.
         """
-        media, suffix = sink_caps.name, Path(self.location).suffix.lower()
-        if suffix in CONTAINERS and media.startswith("video/"):
-            sink = "videofilesink" if media == "video/x-raw" else "packetsink"
+        self._check_container(sink_caps)
+        self._is_lines = sink_caps.name.startswith(LINE_TYPES)
+
+    def _check_container(self, caps: Caps) -> None:
+        suffix = Path(self.location).suffix.lower()
+        media = {structure.name for structure in caps.structures}
+        if suffix in CONTAINERS and media and all(name.startswith("video/") for name in media):
+            sink = "videofilesink" if "video/x-raw" in media else "packetsink"
             raise ResourceError(
                 f"location={self.location}: filesink writes the bytes of frames, which are no {suffix} file; "
                 f"write {sink} location={self.location}"
             )
-        self._is_lines = sink_caps.name.startswith(LINE_TYPES)
 
     def can_append(self) -> bool:
         """Bytes follow bytes."""

@@ -80,6 +80,12 @@ def test_a_container_is_no_file_of_bytes(tmp_path: Path, small_video: Path, sour
     assert not path.exists()
 
 
+def test_a_container_is_refused_before_the_source_starts(tmp_path: Path) -> None:
+    """Where any stream of the neighbour is video: a live source is not asked to connect."""
+    with pytest.raises(ElementFailure, match=r"filesink0: .* write videofilesink"):
+        Pipeline.parse(f"videotestsrc ! filesink location={tmp_path}/copy.mp4").ready()
+
+
 def test_a_refused_stream_leaves_the_older_file(tmp_path: Path) -> None:
     """The encoder's last packets do not become the file that was refused."""
     path = tmp_path / "keep.mp4"
