@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from streamkit import Frame, OutputFileSink, Property, RecordTally, ResourceError, TrackRecord, track_record
+from streamkit.output.pipe import STANDARD_OUTPUT
 
 
 def require_library(element: str, module: str, library: str, extra: str) -> Any:
@@ -27,7 +28,8 @@ class RecordFileSink(OutputFileSink):
 
     sink = "video/x-raw; application/x-tracks"
     source: str | None = Property(
-        None, doc="Source named in the records; the file's name without its suffix if unset."
+        None,
+        doc="Source named in the records; if unset the file's name without its suffix, or the element's.",
     )
     ground_altitude: float | None = Property(
         None, unit="m", doc="Altitude of the ground with the datum of the poses; by default as reported."
@@ -48,9 +50,10 @@ class RecordFileSink(OutputFileSink):
 
     def record(self, frame: Frame, published_ns: int | None, *, provenance: bool = False) -> TrackRecord:
         """The record of a frame, as the properties say."""
+        stem = Path(self.location).stem
         record = track_record(
             frame,
-            source=self.source or Path(self.location).stem,
+            source=self.source or (self.name if self.location == STANDARD_OUTPUT else stem),
             published_ns=published_ns,
             ground_altitude_m=self.ground_altitude,
             provenance=provenance,

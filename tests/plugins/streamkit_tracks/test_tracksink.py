@@ -112,3 +112,10 @@ def test_a_file_without_targets_does_not_replace_an_older_one(name: str, tmp_pat
         assert list(tmp_path.iterdir()) == [path]
         written = path.read_text()
         assert written == older or written.rstrip().endswith(("</kml>", "]}"))
+
+
+def test_the_standard_output_is_no_source(capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+    """A stream without a file's name has that of the element."""
+    with Harness("tracksink", location="-") as harness:
+        harness.push(_frame(0))
+    assert decode_record(capfdbinary.readouterr().out).source == "tracksink"
