@@ -12,7 +12,7 @@ import numba
 from numba import types
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 from typing_extensions import override
 
 # Argument types of kernels, by dtype: arrays [rows, columns], C-contiguous, in their own memory.
@@ -59,7 +59,7 @@ class _PackageCache(FunctionCache):
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """Loads machine code; numba's own method first imports its compiler, in half a second."""
         rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():  # type: ignore[no-untyped-call]
+        with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, target_context)  # type: ignore[no-untyped-call]
 
 
