@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -63,20 +65,28 @@ def batch(
         with connected(address, cores=cores), Progress(*columns, console=console) as progress:
             from streamkit_fleet.batch.driver import BatchDriver
 
-            task = progress.add_task("files", total=len(files))
+            with contextlib.suppress(ValueError):  # not the main thread of a program
+                signal.signal(signal.SIGTERM, signal.default_int_handler)  # Ray's own prints the stack
+            files_bar = progress.add_task("files", total=len(files))
+            parts_bar = progress.add_task("parts", total=0)
+
+            def count_parts(planned: int, done: int) -> None:
+                known = progress.tasks[parts_bar].total or 0
+                progress.update(parts_bar, total=known + planned, advance=done)
 
             def report(path: str, result: FileResult, is_known: bool) -> None:
                 nonlocal failed
                 failed += result.status == "failed"
-                progress.advance(task)
+                progress.advance(files_bar)
                 if result.status == "failed":
                     before = ", as before" if is_known else ""
                     line = presentable(f"failed{before}: {path}: {result.reason}")
                     progress.console.print(line, markup=False, highlight=False)
 
             driver = BatchDriver(
-                files, recipe, output.absolute(), retries=retries, retry_failed=retry_failed, report=report
-            )
+                files, recipe, output.absolute(), retries=retries, retry_failed=retry_failed, report=report,
+                count_parts=count_parts,
+            )  # fmt: skip
             driver.run()
     except (OSError, StreamkitError) as error:
         _fail(str(error), 1)

@@ -71,6 +71,7 @@ class BatchDriver:
         retries: how often a part is run again whose worker has died.
         retry_failed: whether files that failed in an earlier batch are tried again.
         report: called with path, result and whether an earlier batch has made it.
+        count_parts: called with the numbers of further parts to do, and done.
     """
 
     def __init__(
@@ -82,9 +83,10 @@ class BatchDriver:
         retries: int,
         retry_failed: bool,
         report: Callable[[str, FileResult, bool], None],
+        count_parts: Callable[[int, int], None],
     ) -> None:
         self._files, self._recipe, self._folder = files, recipe, folder
-        self._retry_failed, self._report = retry_failed, report
+        self._retry_failed, self._report, self._count_parts = retry_failed, report, count_parts
         self.summary = read_summary(folder)
         self._waiting = iter(files)
         self._saved_s = 0.0
@@ -119,6 +121,7 @@ class BatchDriver:
         if known is not None and known.key == plan.key and self._is_settled(known):
             self._report(path, known, True)
             return
+        self._count_parts(len(plan.parts), 0)
         outcomes = await asyncio.gather(*(self._run_part(plan, number) for number in range(len(plan.parts))))
         reason = next((one.reason for one in outcomes if one.reason), "")
         if not reason:
@@ -147,7 +150,8 @@ class BatchDriver:
         try:
             outcome: Outcome = await self._part_task.remote(plan, number, self._recipe, str(self._folder))
         except RayError as error:
-            return Outcome("", _reason(error))
+            outcome = Outcome("", _reason(error))
+        self._count_parts(0, 1)
         return outcome
 
     def _end(self, path: str, result: FileResult) -> None:

@@ -9,16 +9,19 @@ import re
 import shlex
 import shutil
 import signal
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import ray
 from typer.testing import CliRunner
 
 from streamkit import Pipeline
 from streamkit.cli.main import make_app
+from streamkit.service.supervisor import STREAMKIT_COMMAND
 from streamkit_fleet.cluster import connected
 from tests.slowness import patience
 
@@ -137,6 +140,31 @@ def test_a_killed_worker_loses_no_file(archive: Path) -> None:
     sizes = {path.stat().st_size for path in (archive.parent / "out").rglob("*.h264")}
     assert len(sizes) == 1
     assert sizes != {0}
+
+
+def test_a_termination_is_clean_and_parts_are_counted(archive: Path, tmp_path: Path) -> None:
+    """One line says what to do next; Ray's own handler would print the stack of its native code."""
+    (archive / "bad.mp4").unlink()
+    words = [
+        "batch",
+        f"{archive}/*.mp4",
+        "-f",
+        f"{tmp_path / 'copy.pipe'}",
+        "--output",
+        f"{tmp_path / 'out'}",
+    ]
+    words += ["--set", "sleep=400000", "--address", ray.get_runtime_context().gcs_address]
+    process = subprocess.Popen([*STREAMKIT_COMMAND, *words], stderr=subprocess.PIPE, text=True)
+    try:
+        worker_at_work("run_part")
+        process.terminate()
+        _, printed = process.communicate(timeout=patience(30))
+    finally:
+        process.kill()
+    assert process.returncode == 130, printed
+    assert "SIGTERM" not in printed
+    assert re.search(r"files +0/2 .*\n *parts +0/[12] ", printed)
+    assert printed.endswith("error: interrupted; the same command does what is left\n")
 
 
 def test_wrong_usage_is_refused_before_anything_runs(archive: Path) -> None:
