@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections import Counter, defaultdict
 from pathlib import Path
 from statistics import median
@@ -10,9 +11,13 @@ from typing import Annotated, NoReturn
 import msgspec
 import typer
 
-from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState
+from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState, read_tracks
+from streamkit.output.file import write_whole
+from streamkit_tracks.record_sink import require_library
 
 SINKS = {**dict.fromkeys((".csv", ".txt", ".geojson", ".kml"), "tracksink"), ".mcap": "mcapsink"}
+PARQUET = ".parquet"
+ENDINGS = ", ".join([*SINKS, PARQUET])
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
@@ -67,16 +72,23 @@ def tracks(
 
 def convert(
     file: RecordsArgument,
-    output: Annotated[Path, typer.Argument(help=f"File to write: {', '.join(SINKS)}; .txt is MOT.")],
+    output: Annotated[Path, typer.Argument(help=f"File to write: {ENDINGS}; .txt is MOT.")],
     run: RunOption = None,
+    points: Annotated[
+        bool, typer.Option("--points", help="In GeoJSON and KML, points in place of a line for each target.")
+    ] = False,
 ) -> None:
     """Converts the tracks of a finished run to another format, by the suffix of the output."""
-    sink = SINKS.get(output.suffix.lower())
-    if sink is None:
-        fail(f"{output}: the name must end in {', '.join(SINKS)}, it ends in {output.suffix!r}")
+    ending = output.suffix.lower()
+    if ending not in SINKS and ending != PARQUET:
+        fail(f"{output}: the name must end in {ENDINGS}, it ends in {output.suffix!r}")
     warnings: list[str] = []
     try:
         number = check_run(file, max((number for number, _ in RecordFile(file)), default=1), run)
+        if ending == PARQUET:
+            write_parquet(file, number, output)
+            return
+        sink = SINKS[ending] + (" points=true" if points and SINKS[ending] == "tracksink" else "")
         with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
             pipeline["records"].location, pipeline["records"].run = str(file), number
             pipeline["output"].location = str(output)
@@ -88,6 +100,22 @@ def convert(
         fail(str(error))
     for text in warnings:
         typer.echo(f"warning: {text}", err=True)
+
+
+def write_parquet(file: Path, run: int, output: Path) -> None:
+    """Writes a row per target and frame, the columns of `read_tracks`.
+
+    Raises:
+        ResourceError: pyarrow is not installed.
+        OSError: the file cannot be written.
+    """
+    parquet = require_library("convert", "pyarrow.parquet", "pyarrow", "parquet")
+    arrow = require_library("convert", "pyarrow", "pyarrow", "parquet")
+    rows = read_tracks(file)
+    rows = rows[rows["run"] == run]
+    found = io.BytesIO()
+    parquet.write_table(arrow.table({name: rows[name] for name in rows.dtype.names or ()}), found)
+    write_whole(output, found.getvalue())
 
 
 def list_targets(records: RecordFile) -> list[TargetSummary]:

@@ -6,13 +6,15 @@ from typing_extensions import override
 from streamkit import TRACKS_CAPS, Frame, Property, TextFileSink, encode_record, record_line
 from streamkit_tracks.file_formats import FORMATS, GEOGRAPHIC, KINDS, FileKind, RecordFormat
 from streamkit_tracks.record_sink import RecordFileSink
+from streamkit_tracks.trails import TRAILS
 
 
 class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
     """Writes one record per frame: as a line of JSON, as zenohsink publishes it, or in another format.
 
     JSON lines also hold the provenance of each target, which `streamkit explain` puts in words. GeoJSON and
-    KML hold the targets with ground coordinates, from the records or from pose and ground-altitude.
+    KML hold a line with times for each target with ground coordinates, which are those of the records, or
+    follow from pose and ground-altitude.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! tracksink location=tracks.jsonl
@@ -20,6 +22,9 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
 
     format: FileKind = Property(
         FileKind.AUTO, doc="auto is by the suffix of location: .jsonl, .txt (mot), .csv, .geojson or .kml."
+    )
+    points: bool = Property(
+        False, doc="In GeoJSON and KML, a point for each target and time in place of its line."
     )
     stamp: bool = Property(
         True, doc="Write when each record was made, and its age; off, equal runs write equal files."
@@ -32,6 +37,11 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
     kinds = KINDS
     suffixes = tuple(KINDS)
     example = "tracks.jsonl"
+
+    @override
+    def make_content(self) -> RecordFormat:
+        trails = None if self.points else TRAILS.get(self.kind())
+        return super().make_content() if trails is None else trails()
 
     @override
     def needs_positions(self) -> bool:

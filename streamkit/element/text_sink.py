@@ -40,13 +40,17 @@ class TextFileSink(OutputFileSink, Generic[AnyFormat]):
         if self.format == AUTO:
             super().check_properties()
 
+    def make_content(self) -> AnyFormat:
+        """The format of a new file."""
+        return self.formats[self.kind()]()  # type: ignore[return-value]  # one of `formats`
+
     def can_append(self) -> bool:
         """Whether the format is lines."""
         return not self.formats[self.kind()].has_end
 
     def begin(self) -> None:
         """Opens the file, and writes its start."""
-        self.content: AnyFormat = self.formats[self.kind()]()  # type: ignore[assignment]  # one of `formats`
+        self.content = self.make_content()
         self.file = self.open_file(is_whole=self.content.has_end)
         self._start = self.content.begin() if self.file.is_new else b""
         self.append(b"")

@@ -66,7 +66,7 @@ def test_the_suffix_selects_the_format(tmp_path: Path, name: str, beginning: byt
 
 def test_coordinates_follow_from_pose_and_ground(tmp_path: Path) -> None:
     """A target below the camera has the camera's coordinates, also in the record."""
-    collection = json.loads(_written(tmp_path / "a.geojson", ground_altitude=500))
+    collection = json.loads(_written(tmp_path / "a.geojson", ground_altitude=500, points=True))
     assert len(collection["features"]) == 3
     np.testing.assert_allclose(collection["features"][0]["geometry"]["coordinates"], [11.0, 48.0], atol=1e-9)
     record = decode_record(_written(tmp_path / "a.jsonl", ground_altitude=500).splitlines()[0])

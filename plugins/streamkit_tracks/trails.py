@@ -1,0 +1,143 @@
+"""Where targets went over the ground, a line for each: GeoJSON and KML."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+from xml.sax.saxutils import escape
+
+from typing_extensions import override
+
+from streamkit import TrackState
+from streamkit_tracks.file_formats import (
+    FileKind,
+    Record,
+    RecordFormat,
+    iso_text,
+    located,
+    utc_time,
+    xml_text,
+)
+
+LONGEST = 5000  # points of a line: it is written again each second until it ends
+LOST = TrackState.LOST.value
+
+
+@dataclass(slots=True)
+class Trail:
+    """A target while it stays: its places (longitude, latitude, deg) and their times, ISO 8601 or "".
+
+    Attributes:
+        source: of its records.
+        number: its id.
+        state: the last one with a place.
+    """
+
+    source: str
+    number: int
+    state: str = ""
+    places: list[tuple[float, float]] = field(default_factory=list)
+    times: list[str] = field(default_factory=list)
+
+
+class TrailFormat(RecordFormat):
+    """Base of both: the line of a target is complete once the target is gone, and provisional before."""
+
+    has_end = True
+
+    def __init__(self) -> None:
+        self._trails: dict[tuple[str, int], Trail] = {}
+        self._is_first = self._is_empty = True
+
+    def piece(self, trail: Trail, *, is_first: bool) -> str:
+        """The feature of a target."""
+        raise NotImplementedError
+
+    @override
+    def record(self, record: Record) -> bytes:
+        source, time = record["source"], utc_time(record)
+        for track in located(record):
+            key = source, track["id"]
+            trail = self._trails.setdefault(key, Trail(*key))
+            trail.state = track["state"]
+            trail.places.append((track["geo"]["lon"], track["geo"]["lat"]))
+            trail.times.append(iso_text(time) if time else "")
+        there = {(source, track["id"]) for track in record["tracks"] if track["state"] != LOST}
+        written = "".join(self._completed(source, there)).encode()
+        if self._is_empty and self._trails:
+            self._is_empty, written = (
+                False,
+                b"\n" + written,
+            )  # for the sink, which keeps an older file till then
+        return written
+
+    def _completed(self, source: str, there: set[tuple[str, int]]) -> Iterator[str]:
+        """The lines of a source that are complete: of targets that are gone, and those that are long enough."""
+        for key, trail in list(self._trails.items()):
+            if key[0] == source and (key not in there or len(trail.places) >= LONGEST):
+                yield self.piece(trail, is_first=self._is_first)
+                self._is_first = False
+                del self._trails[key]
+                if key in there:
+                    self._trails[key] = Trail(*key, trail.state, trail.places[-1:], trail.times[-1:])
+
+    @override
+    def end(self) -> bytes:
+        pieces = [
+            self.piece(trail, is_first=self._is_first and not index)
+            for index, trail in enumerate(self._trails.values())
+        ]
+        return "".join(pieces).encode()
+
+
+class GeoJsonTrails(TrailFormat):
+    """A feature collection (RFC 7946): a line for each target, with its times as `coordTimes`."""
+
+    @override
+    def begin(self) -> bytes:
+        return b'{"type": "FeatureCollection", "features": ['
+
+    @override
+    def piece(self, trail: Trail, *, is_first: bool) -> str:
+        geometry: dict[str, Any] = {"type": "LineString", "coordinates": trail.places}
+        if len(trail.places) == 1:  # no line has one position
+            geometry = {"type": "Point", "coordinates": trail.places[0]}
+        fields = {"id": trail.number, "source": trail.source, "state": trail.state}
+        times = {"coordTimes": trail.times} if all(trail.times) else {}
+        feature = {"type": "Feature", "geometry": geometry, "properties": fields | times}
+        return ("" if is_first else ",\n") + json.dumps(feature)
+
+    @override
+    def end(self) -> bytes:
+        return super().end() + b"\n]}\n"
+
+
+class KmlTrails(TrailFormat):
+    """KML 2.2: a gx:Track for each target, which viewers play; a line where no time is known."""
+
+    @override
+    def begin(self) -> bytes:
+        return (
+            b'<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
+            b'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>'
+        )
+
+    @override
+    def piece(self, trail: Trail, *, is_first: bool) -> str:
+        source = escape(xml_text(trail.source))
+        head = f"<Placemark><name>{trail.number}</name><description>{source} {trail.state}</description>"
+        if all(trail.times):
+            whens = "".join(f"<when>{time}</when>" for time in trail.times)
+            places = "".join(f"<gx:coord>{east:.8f} {north:.8f} 0</gx:coord>" for east, north in trail.places)
+            return f"{head}<gx:Track>{whens}\n{places}</gx:Track></Placemark>\n"
+        places = " ".join(f"{east:.8f},{north:.8f}" for east, north in trail.places)
+        return f"{head}<LineString><coordinates>{places}</coordinates></LineString></Placemark>\n"
+
+    @override
+    def end(self) -> bytes:
+        return super().end() + b"</Document></kml>\n"
+
+
+TRAILS: dict[str, type[TrailFormat]] = {FileKind.GEOJSON: GeoJsonTrails, FileKind.KML: KmlTrails}
