@@ -75,6 +75,8 @@ from streamkit.flow.record import record_line as record_line
 from streamkit.flow.record import track_record as track_record
 from streamkit.flow.record_file import RecordFile as RecordFile
 from streamkit.flow.record_file import read_tracks as read_tracks
+from streamkit.flow.record_metadata import registration_of as registration_of
+from streamkit.flow.record_metadata import tracks_of as tracks_of
 from streamkit.flow.record_tally import RecordTally as RecordTally
 from streamkit.flow.scaled_metadata import scale_metadata as scale_metadata
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS

@@ -25,13 +25,7 @@ class TrackSrc(Source):
 
     @override
     def start(self) -> None:
-        try:
-            with Path(self.location).open("rb"):
-                pass
-        except OSError as error:
-            raise ResourceError(
-                f"location={self.location}: {error.strerror}; name a file that tracksink wrote"
-            ) from None
+        check_records(self.location)
 
     @override
     def negotiate(self, allowed: Caps) -> Caps:
@@ -49,3 +43,14 @@ class TrackSrc(Source):
                 )  # fmt: skip
         if records.is_cut_off:
             self.post_warning(f"the last line of {self.location} is only half written and left out")
+
+
+def check_records(location: str) -> None:
+    """Checks that a file of records can be opened; raises `ResourceError`."""
+    try:
+        with Path(location).open("rb"):
+            pass
+    except OSError as error:
+        raise ResourceError(
+            f"location={location}: {error.strerror}; name a file that tracksink wrote"
+        ) from None

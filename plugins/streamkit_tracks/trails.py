@@ -74,7 +74,7 @@ class TrailFormat(RecordFormat):
         return written
 
     def _completed(self, source: str, there: set[tuple[str, int]]) -> Iterator[str]:
-        """The lines of a source that are complete: of targets that are gone, and those that are long enough."""
+        """The complete lines of a source: those of targets that are gone, and long ones."""
         for key, trail in list(self._trails.items()):
             if key[0] == source and (key not in there or len(trail.places) >= LONGEST):
                 yield self.piece(trail, is_first=self._is_first)

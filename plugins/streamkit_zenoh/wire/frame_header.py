@@ -17,12 +17,13 @@ from streamkit import (
     RegistrationStatus,
     TrackRecord,
     raw_video_caps,
+    registration_of,
     scale_metadata,
     track_record,
+    tracks_of,
 )
 from streamkit.geometry.scaling import scaling_homography
 from streamkit_zenoh.wire.encodings import decode_json
-from streamkit_zenoh.wire.records import registration_of, tracks_of
 
 FRAME_SCHEMA: Literal["streamkit.frame/1"] = "streamkit.frame/1"
 # Largest width and height in a header: more than any sensor has.

@@ -1,0 +1,52 @@
+"""trackattach: the tracks of a finished run on the frames of its video."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from typing_extensions import override
+
+from streamkit import Frame, Property, RecordFile, Transform, registration_of, tracks_of
+from streamkit_tracks.tracksrc import check_records
+
+
+class TrackAttach(Transform):
+    """Attaches the tracks and registration of a finished run to the frames of its video.
+
+    With it, an overlay is drawn without tracking again. A frame belongs to the record with its epoch and
+    number; one without a record passes as it is.
+
+    Example:
+        filesrc location=flight.mp4 ! decode ! trackattach location=tracks.jsonl ! trackoverlay ! fakesink
+    """
+
+    sink = src = "video/x-raw"
+    location: str = Property("", doc="The file, as tracksink writes it.", file="read")
+    run: int = Property(1, min=1, doc="The run that is read, of a file to which several were appended.")
+
+    @override
+    def start(self) -> None:
+        check_records(self.location)
+        self._records = (record for run, record in RecordFile(Path(self.location)) if run == self.run)
+        self._record = next(self._records, None)
+        self._has_match = False
+
+    @override
+    def transform(self, frame: Frame) -> Frame:
+        place = frame.epoch, frame.seq
+        while self._record is not None and (self._record.epoch, self._record.seq) < place:
+            self._record = next(self._records, None)
+        record = self._record
+        if record is None or (record.epoch, record.seq) != place:
+            return frame
+        self._has_match = True
+        frame = frame.attach(tracks_of(record))
+        return frame if record.registration is None else frame.attach(registration_of(record.registration))
+
+    @override
+    def drain(self) -> Iterable[Frame]:
+        if not self._has_match:
+            self.post_warning(
+                f"location={self.location}: no record has the number of a frame; name the file of its run",
+                "shortfall",
+            )
+        return ()

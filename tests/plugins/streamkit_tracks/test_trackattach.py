@@ -1,0 +1,42 @@
+"""A finished run is drawn without a tracker."""
+
+from pathlib import Path
+
+import pytest
+
+from streamkit import ElementFailure, Pipeline
+
+RUN = "dronetestsrc num-buffers=20 seed=1 ! video/x-raw, width=320, height=240"
+TRACK = "particletrack window=100,80,40,40"
+
+
+@pytest.mark.timeout(150)
+def test_the_frames_have_the_tracks_of_the_run(tmp_path: Path) -> None:
+    """Written again they are the same file; frames that the run left out have none."""
+    path, again = tmp_path / "tracks.jsonl", tmp_path / "again.jsonl"
+    options = "stamp=false provenance=false source=a"
+    Pipeline.parse(f"{RUN} ! {TRACK} ! tracksink location={path} {options}").run(timeout_s=100)
+    Pipeline.parse(f"{RUN} ! trackattach location={path} ! tracksink location={again} {options}").run(
+        timeout_s=60
+    )
+    assert again.read_bytes() == path.read_bytes()
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[5:8] + lines[9:10]))
+    with Pipeline.parse(f"{RUN} ! trackattach location={path} ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        assert [frame.seq for frame in pipeline["out"] if frame.tracks] == [5, 6, 7, 9]
+
+
+def test_a_file_of_another_video_is_reported(tmp_path: Path) -> None:
+    """No record fits; a missing file fails at the start."""
+    path = tmp_path / "tracks.jsonl"
+    path.write_text(
+        '{"schema":"streamkit.tracks/1","source":"a","seq":900,"epoch":0,"tracks":[],"dropped":0}\n'
+    )
+    pipeline = Pipeline.parse(f"videotestsrc num-buffers=3 ! trackattach location={path} ! fakesink")
+    warnings: list[str] = []
+    pipeline.bus.watch(lambda message: warnings.append(message.text))
+    pipeline.run(timeout_s=30)
+    assert f"location={path}: no record has the number of a frame; name the file of its run" in warnings
+    with pytest.raises(ElementFailure, match="No such file or directory; name a file that tracksink wrote"):
+        Pipeline.parse("videotestsrc ! trackattach location=/none.jsonl ! fakesink").ready()
