@@ -13,9 +13,10 @@ import typer
 
 from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState, read_tracks
 from streamkit.output.file import write_whole
+from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.record_sink import require_library
 
-SINKS = {**dict.fromkeys((".csv", ".txt", ".geojson", ".kml"), "tracksink"), ".mcap": "mcapsink"}
+SINKS = {**dict.fromkeys(KINDS, "tracksink"), ".mcap": "mcapsink"}
 PARQUET = ".parquet"
 ENDINGS = ", ".join([*SINKS, PARQUET])
 RecordsArgument = Annotated[

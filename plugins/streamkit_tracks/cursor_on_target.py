@@ -9,12 +9,15 @@ from datetime import timedelta
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from streamkit_tracks.file_formats import EPOCH, iso_text, located, utc_time, xml_text
+from typing_extensions import override
+
+from streamkit_tracks.file_formats import EPOCH, RecordFormat, iso_text, located, utc_time, xml_text
 
 ADDRESS = re.compile(r"(?P<protocol>udp|tcp)://(?P<host>\[[0-9a-fA-F:]+\]|[^/:\s]+):(?P<port>\d{1,5})/?")
 # The schema's value for an unknown length.
 UNKNOWN_M = 9_999_999.0
 SEND_LIMIT_S = 1.0
+KIND, STALE_S = "a-u-G", 5.0  # of the events in files
 
 
 class InvalidAddress(ValueError):
@@ -44,6 +47,14 @@ def events(record: Mapping[str, Any], kind: str, stale_s: float) -> Iterator[byt
             f'ce="{position.get("error_m", UNKNOWN_M)}" le="{UNKNOWN_M}"/>'
             f"<detail><contact callsign={quoteattr(name)}/></detail></event>"
         ).encode()
+
+
+class CotFormat(RecordFormat):
+    """An event a line, for programs that replay them."""
+
+    @override
+    def record(self, record: Mapping[str, Any]) -> bytes:
+        return b"".join(event + b"\n" for event in events(record, KIND, STALE_S))
 
 
 class EventSender:

@@ -28,7 +28,7 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MOT_CORNER = 1.5  # a box starts half a pixel before the centre of its first pixel, and pixels count from 1
 
 
-FileKind = enum.StrEnum("FileKind", "AUTO JSONL MOT CSV GEOJSON KML")
+FileKind = enum.StrEnum("FileKind", "AUTO JSONL MOT CSV GEOJSON KML COT")
 
 
 KINDS = {
@@ -37,6 +37,7 @@ KINDS = {
     ".csv": FileKind.CSV,
     ".geojson": FileKind.GEOJSON,
     ".kml": FileKind.KML,
+    ".cot": FileKind.COT,
 }
 
 
@@ -158,7 +159,7 @@ FORMATS: dict[str, type[RecordFormat]] = {
     FileKind.KML: KmlFormat,
 }
 # These leave out targets without ground coordinates.
-GEOGRAPHIC = frozenset((FileKind.GEOJSON, FileKind.KML))
+GEOGRAPHIC = frozenset((FileKind.GEOJSON, FileKind.KML, FileKind.COT))
 
 
 def utc_time(record: Record) -> datetime | None:

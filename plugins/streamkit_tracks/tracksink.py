@@ -1,9 +1,14 @@
-"""tracksink: the tracks of each frame in a file: JSON lines, MOT Challenge, CSV, GeoJSON or KML."""
+"""tracksink: the tracks of each frame in a file: JSON lines, MOT Challenge, CSV, GeoJSON, KML or CoT."""
+
+from collections.abc import Mapping
+from typing import ClassVar
 
 import msgspec
 from typing_extensions import override
 
 from streamkit import TRACKS_CAPS, Frame, Property, TextFileSink, encode_record, record_line
+from streamkit.output.text import TextFormat
+from streamkit_tracks.cursor_on_target import CotFormat
 from streamkit_tracks.file_formats import FORMATS, GEOGRAPHIC, KINDS, FileKind, RecordFormat
 from streamkit_tracks.record_sink import RecordFileSink
 from streamkit_tracks.trails import TRAILS
@@ -13,15 +18,16 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
     """Writes one record per frame: as a line of JSON, as zenohsink publishes it, or in another format.
 
     JSON lines also hold the provenance of each target, which `streamkit explain` puts in words. GeoJSON and
-    KML hold a line with times for each target with ground coordinates, which are those of the records, or
-    follow from pose and ground-altitude.
+    KML hold a line with times for each target with ground coordinates, CoT an event a line; coordinates are
+    those of the records, or follow from pose and ground-altitude.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! tracksink location=tracks.jsonl
     """
 
     format: FileKind = Property(
-        FileKind.AUTO, doc="auto is by the suffix of location: .jsonl, .txt (mot), .csv, .geojson or .kml."
+        FileKind.AUTO,
+        doc="auto is by the suffix of location: .jsonl, .txt (mot), .csv, .geojson, .kml or .cot.",
     )
     points: bool = Property(
         False, doc="In GeoJSON and KML, a point for each target and time in place of its line."
@@ -33,7 +39,7 @@ class TrackSink(TextFileSink[RecordFormat], RecordFileSink):
         True, doc="Write the provenance of each target into JSON lines, for `streamkit explain`."
     )
 
-    formats = FORMATS
+    formats: ClassVar[Mapping[str, type[TextFormat]]] = {**FORMATS, FileKind.COT: CotFormat}
     kinds = KINDS
     suffixes = tuple(KINDS)
     example = "tracks.jsonl"

@@ -67,7 +67,13 @@ def test_runs_are_told_apart(records: Path, tmp_path: Path) -> None:
 @pytest.mark.timeout(200)
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("out.csv", "tracks,0,0"), ("out.txt", "1,1,"), ("out.mcap", "MCAP"), ("out.parquet", "PAR1")],
+    [
+        ("out.csv", "tracks,0,0"),
+        ("out.txt", "1,1,"),
+        ("out.mcap", "MCAP"),
+        ("out.parquet", "PAR1"),
+        ("out.jsonl", "{"),
+    ],
 )
 def test_records_are_converted_by_suffix(records: Path, tmp_path: Path, name: str, words: str) -> None:
     """The file is what the sink makes of it."""
@@ -84,7 +90,7 @@ def test_what_a_format_lacks_is_said(records: Path, tmp_path: Path) -> None:
     assert "no target in 20 records has a position" in done.stderr
     refused = run("convert", str(records), str(tmp_path / "out.xyz"))
     assert refused.returncode == 1
-    endings = ".csv, .txt, .geojson, .kml, .mcap, .parquet"
+    endings = ".jsonl, .txt, .csv, .geojson, .kml, .cot, .mcap, .parquet"
     assert f"the name must end in {endings}, it ends in '.xyz'" in refused.stderr
     for command in (["tracks", __file__], ["convert", __file__, str(tmp_path / "out.csv")]):
         refused = run(*command)

@@ -55,6 +55,7 @@ def _written(path: Path, **properties: object) -> bytes:
         ("a.csv", b"source,seq,"),
         ("a.geojson", b'{"type": "FeatureCollection"'),
         ("a.kml", b"<?xml"),
+        ("a.cot", b'<?xml version="1.0" encoding="UTF-8"?><event version="2.0" uid="streamkit.a.7"'),
     ],
 )
 def test_the_suffix_selects_the_format(tmp_path: Path, name: str, beginning: bytes) -> None:
