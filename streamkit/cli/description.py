@@ -17,6 +17,7 @@ import typer
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.variables import variable_names
 from streamkit.masking import presentable
+from streamkit.output.colour import coloured
 
 USAGE_EXIT = 2
 SIZE_LIMIT = 1_000_000
@@ -108,7 +109,7 @@ def read_description(
 
 def fail_usage(message: str) -> NoReturn:
     """Exits with a usage error."""
-    typer.echo(f"error: {presentable(message)}", err=True)
+    typer.echo(coloured(f"error: {presentable(message)}"), err=True)
     raise typer.Exit(USAGE_EXIT)
 
 
@@ -116,7 +117,7 @@ def fail_description(error: DescriptionError, description: Description, *, as_js
     """Exits because of an invalid description; points into the text."""
     if as_json:
         fail_json(error.code, error.message, error.place, error.hint)
-    typer.echo(error.pointed(description.text, description.name), err=True)
+    typer.echo(coloured(error.pointed(description.text, description.name)), err=True)
     sys.stderr.flush()
     raise typer.Exit(USAGE_EXIT)
 

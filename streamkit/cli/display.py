@@ -17,6 +17,7 @@ from streamkit.cli.summary import dropped_text, results_text, summarise
 from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.graph.statistics import RunStatistics
 from streamkit.masking import presentable
+from streamkit.output.colour import coloured
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -64,7 +65,7 @@ class Display:
 
     def print_line(self, line: str) -> None:
         """Prints a line on stderr, above the display."""
-        typer.echo(presentable(line), err=True)
+        typer.echo(coloured(presentable(line)), err=True)
 
     def end(self, whole: RunStatistics) -> None:
         """Draws the final state, with the statistics of the whole run."""

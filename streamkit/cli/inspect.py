@@ -16,6 +16,7 @@ import typer
 from streamkit.cli.completion import complete_element
 from streamkit.cli.description import fail_usage
 from streamkit.errors import DescriptionError, PluginBroken
+from streamkit.output.colour import coloured
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -53,11 +54,9 @@ def inspect(
         from streamkit.element.registry import element_class
 
         text = as_text(facts, set() if everything else inherited(element_class(element)))
-        typer.echo(
-            "\n".join(map(fitted, PARAGRAPH_BREAK.sub(" ", text).split("\n")))
-            if sys.stdout.isatty()
-            else text
-        )
+        if sys.stdout.isatty():
+            text = coloured("\n".join(map(fitted, PARAGRAPH_BREAK.sub(" ", text).split("\n"))))
+        typer.echo(text)
 
 
 def _list_all(*, as_json: bool) -> None:

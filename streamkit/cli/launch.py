@@ -49,7 +49,7 @@ class LaunchCommand(TyperCommand):
         end = args.index("--") if "--" in args else len(args)
         read = [
             f"{arg}=text" if arg in ("--stats", "--summary") and following not in ("text", "json") else arg
-            for arg, following in zip(args[:end], [*args[1:end], ""], strict=True)
+            for arg, following in zip(args[:end], [*args[1:end], ""], strict=False)
         ]
         return super().parse_args(ctx, [*read, *args[end:]])
 

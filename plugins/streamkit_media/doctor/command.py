@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from streamkit.output.colour import coloured
 from streamkit_media.doctor.examine import examine
 
 
@@ -26,6 +27,6 @@ def doctor(
         raise typer.BadParameter(f"transport is tcp or udp, got {transport!r}")
     with Console(stderr=True).status("") as status:  # shows on a terminal only
         report = examine(uri, seconds, timeout_s, transport, lambda step: status.update(escape(step)))
-    typer.echo(json.dumps(report.as_json(), indent=2) if as_json else report.as_text())
+    typer.echo(json.dumps(report.as_json(), indent=2) if as_json else coloured(report.as_text()))
     if not report.is_usable:
         raise typer.Exit(1)

@@ -156,7 +156,8 @@ def test_lines_fit_the_terminal(arguments: tuple[str, ...]) -> None:
     command = [str(Path(sys.executable).with_name("streamkit")), "inspect", *arguments]
     piped = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
     master, slave = pty.openpty()
-    with subprocess.Popen(command, stdout=slave, env={**os.environ, "COLUMNS": "80"}) as process:
+    environment = {**os.environ, "COLUMNS": "80", "NO_COLOR": "1"}
+    with subprocess.Popen(command, stdout=slave, env=environment) as process:
         os.close(slave)
         shown = b""
         with contextlib.suppress(OSError):  # how Linux reports the end of a terminal
