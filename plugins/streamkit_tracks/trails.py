@@ -22,6 +22,7 @@ from streamkit_tracks.file_formats import (
 )
 
 LONGEST = 5000  # points of a line: it is written again each second until it ends
+MOST = 10_000  # lines at once; sources that ended leave theirs
 LOST = TrackState.LOST.value
 
 
@@ -74,9 +75,10 @@ class TrailFormat(RecordFormat):
         return written
 
     def _completed(self, source: str, there: set[tuple[str, int]]) -> Iterator[str]:
-        """The complete lines of a source: those of targets that are gone, and long ones."""
+        """The lines of a source that are complete: of targets that are gone, and long ones; too many, too."""
         for key, trail in list(self._trails.items()):
-            if key[0] == source and (key not in there or len(trail.places) >= LONGEST):
+            is_over = key[0] == source and (key not in there or len(trail.places) >= LONGEST)
+            if is_over or len(self._trails) > MOST:
                 yield self.piece(trail, is_first=self._is_first)
                 self._is_first = False
                 del self._trails[key]

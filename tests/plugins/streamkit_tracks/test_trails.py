@@ -65,6 +65,16 @@ def test_a_long_line_is_continued(monkeypatch: pytest.MonkeyPatch) -> None:
     ]  # fmt: skip
 
 
+def test_lines_of_sources_that_ended_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oldest are completed."""
+    monkeypatch.setattr(trails, "MOST", 3)
+    form = GeoJsonTrails()
+    form.begin()
+    pieces = [form.record({**record(seq, t7="confirmed"), "source": f"uav/{seq}"}) for seq in range(6)]
+    assert [b"uav/" in piece for piece in pieces] == [False] * 3 + [True] * 3
+    assert form.end().count(b"uav/") == 3
+
+
 def test_kml_has_a_track_or_a_line_without_times() -> None:
     """gx:Track pairs times and places in order."""
     root = ElementTree.fromstring(written(KmlTrails(), RECORDS))
