@@ -137,11 +137,13 @@ SINKS: dict[str, tuple[str, str, Reader]] = {
     "tracksink .jsonl, .csv, .txt": ("tracksink", "tracks.jsonl", json_lines),
     "tracksink .geojson": (
         "tracksink ground-altitude=500", "tracks.geojson",
-        lambda path: len(json.loads(path.read_bytes())["features"]),
+        lambda path: sum(
+            len(line["properties"]["coordTimes"]) for line in json.loads(path.read_bytes())["features"]
+        ),
     ),
     "tracksink .kml": (
         "tracksink ground-altitude=500", "tracks.kml",
-        lambda path: len(ElementTree.parse(path).findall(".//{*}Placemark")),
+        lambda path: len(ElementTree.parse(path).findall(".//{*}coord")),
     ),
     "mcapsink": ("mcapsink", "tracks.mcap", mcap_messages),
     "detectionsink .jsonl, .txt": ("detectionsink", "found.jsonl", json_lines),
