@@ -130,6 +130,7 @@ def launch(
             from msgspec import structs
 
             from streamkit.cli.run import Run
+            from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
 
             pipeline = build(source, as_json=as_json)
@@ -139,6 +140,9 @@ def launch(
             source = choose_processes(source, pipeline)
             pipeline = build(source, as_json=as_json)
             gc.collect()  # the pipeline that was measured
+        if stats_file is not None and (user := user_of(stats_file, pipeline.graph.elements)):
+            text = f"{stats_file} is a file of {user}; name another"
+            raise typer.BadParameter(text, param_hint="--stats-file")
     gc.freeze()  # what the imports have made is not searched again while the elements start
     if pipeline.graph.processes:
         share_cores(len(pipeline.graph.processes) + 1)

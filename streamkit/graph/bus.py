@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -9,14 +10,21 @@ from collections.abc import Callable, Sequence
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.handoff.bounded_queue import BoundedQueue
 
+log = logging.getLogger("streamkit")
+
 CAPACITY = 4096
 
 
 class Bus:
-    """A bounded queue of messages; if full, it drops the oldest, errors and eos last."""
+    """A bounded queue of messages; if full, it drops the oldest, errors and eos last.
+
+    Attributes:
+        counts: of the messages since the last `flush`, by source and kind.
+    """
 
     def __init__(self) -> None:
-        self.counts: Counter[tuple[str, MessageKind]] = Counter()  # since the last `flush`
+        self._unread_error: Message | None = None  # as long as none was read, and there is no watcher
+        self.counts: Counter[tuple[str, MessageKind]] = Counter()
         self._queue = BoundedQueue[Message](CAPACITY, choose_dropped=_choose_dropped)
         self._watchers: list[Callable[[Message], None]] = []
 
@@ -30,13 +38,22 @@ class Bus:
         self.counts[message.source, message.kind] += 1
         for watcher in tuple(self._watchers):
             watcher(message)
+        if message.kind is MessageKind.ERROR and not self._watchers:
+            self._unread_error = self._unread_error or message
         self._queue.put(message)
+
+    def log_unread_error(self) -> None:
+        """Logs the first error that the program has not read, so that a script without `wait` hears of it."""
+        error, self._unread_error = self._unread_error, None
+        if error is not None:
+            log.error("%s", error.text)
 
     def flush(self) -> None:
         """Discards unread messages and resets the counters."""
         self.counts.clear()
         while self._queue.get() is not None:
             continue
+        self._unread_error = None
 
     def watch(self, watcher: Callable[[Message], None]) -> None:
         """Calls a function with every message, in the thread that posts it."""
@@ -52,6 +69,8 @@ class Bus:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
             message = self._queue.get(None if deadline is None else max(0.0, deadline - time.monotonic()))
+            if message is not None and message.kind is MessageKind.ERROR:
+                self._unread_error = None
             if message is None or not kinds or message.kind in kinds:
                 return message
 

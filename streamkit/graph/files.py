@@ -54,6 +54,14 @@ def check_files(elements: Iterable[Element]) -> None:
             )
 
 
+def user_of(file: Path, elements: Iterable[Element]) -> str:
+    """Name of the element that reads or writes a file; "" if none does."""
+    for known in _files(elements):
+        if known.is_same(FileOfElement(known.element, str(file), is_written=True)):
+            return known.element.name
+    return ""
+
+
 class FileConflict(PropertyError):
     """A file that an element must not write; names the element."""
 

@@ -90,6 +90,8 @@ class Pipeline:
 
     def __exit__(self, *error: object) -> None:
         self.stop()
+        if error[0] is None:
+            self.bus.log_unread_error()
 
     @property
     def error(self) -> Exception | None:

@@ -171,6 +171,18 @@ def test_statistics_of_a_failed_run_are_printed_too(launch: Callable[..., Result
     assert (row["frames_in"], row["errors"]) == (3, 1)
 
 
+def test_statistics_do_not_overwrite_a_file_of_the_pipeline(
+    launch: Callable[..., Result], tmp_path: Path
+) -> None:
+    """A wrong name must not cost a flight."""
+    flight = tmp_path / "flight.mp4"
+    flight.write_bytes(b"video")
+    done = launch("--stats-file", str(flight), f"filesrc location={flight} ! fakesink")
+    assert done.exit_code == 2
+    assert "a file of filesrc0; name another" in done.stderr
+    assert flight.read_bytes() == b"video"
+
+
 def test_a_statistics_file_that_cannot_be_written_is_code_1(launch: Callable[..., Result]) -> None:
     """The reason is printed."""
     done = launch("--stats-file", "/etc/passwd/x.json", DROPS_ALL)

@@ -122,6 +122,30 @@ def test_all_started_elements_stop_after_an_error(register: Register) -> None:
     assert sorted(journal) == ["start sink", "start src", "stop sink", "stop src"]
 
 
+def test_a_failure_that_is_not_read_is_logged(register: Register, caplog: pytest.LogCaptureFixture) -> None:
+    """A script that plays, sleeps and leaves the block hears of it; one that reads the error, once."""
+
+    class Failing(Sink):
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            raise ResourceError("the disk is full")
+
+    register(failing=Failing)
+    with Pipeline.parse("fakesrc num-buffers=1 ! failing") as pipeline:
+        pipeline.play()
+        assert pipeline.ended.wait(10)
+    assert "failing0" in caplog.text
+    assert "the disk is full" in caplog.text
+    caplog.clear()
+    with Pipeline.parse("fakesrc num-buffers=1 ! failing") as pipeline:
+        pipeline.play()
+        message = pipeline.wait(10)
+        assert message is not None
+        assert message.kind is MessageKind.ERROR
+    assert not caplog.text
+
+
 def test_a_description_is_parsed_by_parse() -> None:
     """The constructor takes a graph; the error names the right call."""
     with pytest.raises(TypeError, match=r"got 'fakesrc ! fakesink'; make one of a text by Pipeline\.parse"):
