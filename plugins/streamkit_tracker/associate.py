@@ -73,7 +73,7 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
         unlike = np.zeros((len(members), len(free)))
         if observation.features is not None:
             unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
-        reach_px = table.settings.max_speed * observation.step_s
+        reach_px = table.settings.max_speed * (observation.step_s + rows["waited_s"].max())
         found = compare(rows, members, detected[free], unlike, reach_px)
         taken, columns = assign(found.costs)
         left = np.ones(len(free), np.bool_)

@@ -49,7 +49,7 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     mean[restarted, :2] = window[restarted, :2]
     recognised |= restarted
     seen = recognised | (targets["frames_undetected"] == 0)
-    targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + 1)
+    targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + targets["looked_for"])
     targets["credit_s"][manual & recognised] = settings.coast
     believed = np.where(manual, targets["sure"], targets["frames_undetected"] < settings.lost_frames)
     confirmed = (targets["detection"] >= 0) & ~targets["crowded"] | recognised & believed
@@ -123,14 +123,22 @@ def begin_frame(targets: TargetRows) -> None:
         targets[name] = value
 
 
-def pass_time(table: TargetTable, step_s: float) -> None:
-    """Counts one frame of `step_s` seconds for every target, with or without a detection."""
+def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
+    """Counts one frame of `step_s` seconds for every target, with or without a detection.
+
+    A frame that no detector has looked at misses no target: its time counts with the next one that has been.
+    """
     targets, birth_window = table.rows, table.settings.birth_window
+    targets["looked_for"] = looked = targets["manual"] | detector_ran
     detected, hits = (targets["detection"] >= 0) | targets["shared"], targets["hits"]
-    hits[:, 1:birth_window] = hits[:, : birth_window - 1].copy()
-    hits[:, 0] = detected
+    hits[looked, 1:birth_window] = hits[looked, : birth_window - 1]
+    hits[looked, 0] = detected[looked]
     targets["age_s"] += step_s
-    targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + 1)
+    targets["waited_s"] += step_s
+    passed_s = np.where(looked, targets["waited_s"], 0.0)
+    targets["waited_s"][looked] = 0.0
+    targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + looked)
     targets["credit_s"] = np.minimum(
-        targets["credit_s"] + np.where(detected, step_s, -step_s), table.settings.coast
+        targets["credit_s"] + np.where(detected, passed_s, -passed_s),
+        table.settings.coast - targets["waited_s"],
     )

@@ -178,7 +178,8 @@ def track(report: TargetReport) -> Track:
 def observe(frame: Frame, last: Frame | None) -> Observation:
     """The tracker's input for a frame: time and motion since the last one tracked, and what was detected."""
     registration = frame.get(Registration) or NO_REGISTRATION
-    detections, features = frame.get(Detections) or NO_DETECTIONS, frame.get(Features)
+    given, features = frame.get(Detections), frame.get(Features)
+    detections = NO_DETECTIONS if given is None else given  # without a row it is false, too
     space = cast("Space | None", frame.metadata.get(FeatureSpace))
     centroids = np.asarray(detections.centroids, np.float64).reshape(-1, 2)
     paired = features is not None and space is not None and len(features.vectors) == len(centroids)
@@ -194,6 +195,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
         centroids=centroids,
         boxes=np.asarray(detections.boxes).reshape(-1, 4),
         are_objects=detections.are_objects,
+        detector_ran=given is not None,
         features=features.vectors if paired and features is not None else None,
         features_version=0 if space is None else space.version,
         space=space,

@@ -34,6 +34,7 @@ class Observation:
         boxes: float64[n, 4], x0 y0 x1 y1 px.
         are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
             of motion, of which the small ones may show a part of a target, or several.
+        detector_ran: whether a detector has looked at this frame; no target is missed where none has.
         features: float32[n, k], one vector per detection, or None.
         features_version: of the space they are in; vectors of different versions do not compare.
         space: the feature space to compare windows in, or None for the tracker's own templates.
@@ -47,6 +48,7 @@ class Observation:
     centroids: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     boxes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     are_objects: bool = False
+    detector_ran: bool = True
     features: Float32Array | None = None
     features_version: int = 0
     space: Space | None = None

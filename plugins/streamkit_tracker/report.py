@@ -62,7 +62,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
 
     A detector misses an object for a frame or two; it is reported until it is dormant.
     """
-    rows, are_objects = table.rows, observation.are_objects
+    rows, are_objects = table.rows, table.are_objects
     hidden = (rows["state"] == COASTING) & (table.dormant if are_objects else ~rows["manual"])
     if hidden.any():
         is_unknown = position_doubt(rows) >= (OBJECT_DOUBT if are_objects else MAX_DOUBT)

@@ -38,6 +38,7 @@ TARGET = np.dtype(
         ("drawn_angle", np.float64),  # rad, of the drawn window
         ("age_s", np.float64),
         ("credit_s", np.float64),  # how much longer the target may coast
+        ("waited_s", np.float64),  # since a detector has looked for it; 0 for targets drawn by hand
         ("hits", np.float64, 100),  # 1 where it was detected, the latest frame first; NaN before it began
         ("frames_undetected", np.int64),
         ("frames_unseen", np.int64),
@@ -50,6 +51,7 @@ TARGET = np.dtype(
         ("offset", np.float64, 2),  # of the detections from the window on average, px
         ("misfits", np.int64),  # frames in which window and detection did not overlap enough
         # of this frame
+        ("looked_for", np.bool_),  # a detector has looked at the frame, or the target is drawn by hand
         ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
         ("detection", np.int64),  # row of the frame's detections; -1 is none
         ("gate", np.float64),  # distance of the detection, standard deviations
@@ -119,6 +121,7 @@ class TargetTable:
         models: their objects, in the same order.
         causes: by id, why targets began, were confirmed or ended in this frame.
         closeness: for how many frames pairs of ids have been on one object.
+        are_objects: whether the last detections were whole objects, and not regions of motion.
         confirmed: number of targets that were ever confirmed.
     """
 
@@ -127,6 +130,7 @@ class TargetTable:
     models: list[TargetModel] = field(default_factory=list)
     causes: dict[int, str] = field(default_factory=dict)
     closeness: dict[tuple[int, int], int] = field(default_factory=dict)
+    are_objects: bool = False
     next_id: int = 1
     confirmed: int = 0
 

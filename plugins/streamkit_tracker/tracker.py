@@ -88,6 +88,8 @@ class MultiTargetTracker:
         """
         targets, sampler = self.targets, self._sampler
         targets.drop_lost()
+        if observation.detector_ran:
+            targets.are_objects = observation.are_objects
         sampler.set_frame(image, observation.chroma)
         if not self._carry(image, observation):
             return report(targets, observation)
@@ -96,11 +98,11 @@ class MultiTargetTracker:
         rows, step_s = targets.rows, observation.step_s
         detected = np.concatenate([observation.centroids, observation.boxes], axis=1, dtype=np.float64)
         free = associate(targets, detected, observation)
-        pass_time(targets, step_s)
-        follow_detections(rows, detected, step_s, observation.are_objects)
+        pass_time(targets, step_s, observation.detector_ran)
+        follow_detections(rows, detected, step_s, targets.are_objects)
         measure(targets, np.flatnonzero(self._is_searched()), observation, sampler, self._budget.share)
         correct(rows)
-        follow_boxes(rows, detected, observation.are_objects)
+        follow_boxes(rows, detected, targets.are_objects)
         check_windows(rows, detected, step_s)
         learn_appearances(targets, sampler)
         end_gone(targets, sampler.shape)
@@ -133,7 +135,7 @@ class MultiTargetTracker:
         begin_frame(targets.rows)
         targets.causes = {}
         if observation.continuity is FrameContinuity.LOST:
-            pass_time(targets, observation.step_s)
+            pass_time(targets, observation.step_s, observation.detector_ran)
             coast_all(targets)
             return False
         return True

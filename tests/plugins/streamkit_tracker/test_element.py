@@ -58,6 +58,16 @@ def test_labels_do_not_make_regions_of_motion_objects(scenes: ModuleType) -> Non
     assert observe(objects, None).are_objects
 
 
+def test_a_frame_in_which_a_detector_finds_nothing_is_not_one_without_a_detector(scenes: ModuleType) -> None:
+    """Detections without a row keep their kind, and count as a look at the frame; no Detections do not."""
+    frame = frame_of(flight(scenes, frames=1)[0], 0)
+    nothing = Detections(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0), are_objects=True)
+    empty = observe(frame.attach(nothing), None)
+    assert empty.are_objects
+    assert empty.detector_ran
+    assert not observe(Frame(frame.data, frame.caps), None).detector_ran
+
+
 def tracks_of(frames: list[Frame]):
     """The tracks of the one frame that came out."""
     (frame,) = frames
