@@ -12,6 +12,8 @@ from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.feature_template import unit_rows
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
+    TENTATIVE,
+    BoolArray,
     IndexArray,
     TargetModel,
     TargetRows,
@@ -30,6 +32,7 @@ CROWDED_MISMATCH_STD = 0.5
 FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
 SHARED_AREA = 1.4
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
+SCORE_RATE, WEAK_SHARE = 0.02, 0.5  # per frame; of the usual score
 X, Y, LEFT, TOP, RIGHT, BOTTOM = range(6)  # of a detection
 
 
@@ -54,45 +57,78 @@ class Comparison(NamedTuple):
 def associate(table: TargetTable, detected: FloatArray, observation: Observation) -> IndexArray:
     """Assigns detections to followed targets, then to dormant ones, and what is left to tentative ones.
 
+    Of a detector's objects, the weak ones are second choice, and start no target: they are often a part of a
+    person, or two at once.
+
     Args:
         table: predicted for this frame; the fields of its detections are filled.
         detected: float64[d, 6], centroids x, y and boxes x0 y0 x1 y1, px.
         observation: of this frame.
 
     Returns:
-        Rows of the usable detections that no target was given.
+        Rows of the usable detections that no target was given and that may start one.
+
+    Source: Zhang et al., ByteTrack: Multi-Object Tracking by Associating Every Detection Box, 2022.
     """
-    rows = table.rows
+    rows, known, asleep = table.rows, table.followed, table.dormant
     usable = np.isfinite(detected).all(axis=1) & (detected[:, 4:] > detected[:, 2:4]).all(axis=1)
-    free = np.flatnonzero(usable)
-    known, asleep = table.followed, table.dormant
-    for is_known, is_awake in ((True, True), (True, False), (False, True)):
-        members = np.flatnonzero((known & (asleep != is_awake)) if is_known else ~known)
-        if not len(members) or not len(free):
-            continue
-        unlike = np.zeros((len(members), len(free)))
-        if observation.features is not None:
-            unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
-        reach_px = table.settings.max_speed * (observation.step_s + rows["waited_s"].max())
-        found = compare(rows, members, detected[free], unlike, reach_px)
-        taken, columns = assign(found.costs)
-        left = np.ones(len(free), np.bool_)
-        left[columns] = False
-        owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
-        crowded = (found.touched[columns] > 1) & is_known & ~owners["whole"]
-        owners["detection"], owners["crowded"] = free[columns], crowded
-        owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
-        owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
-        rows[members[taken]] = owners
-        if is_known and is_awake:
-            mark_shared(rows, members, detected)
-            # a small region upon a followed target may be a part of it: it must not start another one there
-            areas = (detected[free, RIGHT:] - detected[free, LEFT:RIGHT]).prod(axis=1)
-            left &= (found.held == 0) | (areas >= LARGE_SIDE**2)
-        free = free[left]
+    is_weak = np.zeros(len(detected), np.bool_)
+    if observation.are_objects and observation.scores is not None:
+        is_weak = find_weak(table, observation.scores)
+    strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
+    strong, held = _assign_group(table, known & ~asleep, strong, detected, observation)
+    weak, _ = _assign_group(table, known & ~asleep, weak, detected, observation)
+    mark_shared(rows, np.flatnonzero(known & ~asleep), detected)
+    # a small region upon a followed target may be a part of it: it must not start another one there
+    areas = (detected[strong, RIGHT:] - detected[strong, LEFT:RIGHT]).prod(axis=1)
+    strong = strong[(held == 0) | (areas >= LARGE_SIDE**2)]
+    strong, _ = _assign_group(table, known & asleep, strong, detected, observation)
+    _assign_group(table, known & asleep, weak, detected, observation)
+    strong, _ = _assign_group(table, ~known, strong, detected, observation)
     if observation.features is not None:
         _remember_features(table, observation)
-    return free
+    return strong
+
+
+def find_weak(table: TargetTable, scores: FloatArray) -> BoolArray:
+    """Which objects score less than half of what is usual, bool[d]; the usual score learns float64[d].
+
+    Detectors differ in their scales. The usual score is a mean in which each counts by itself: the many faint
+    boxes of a detector with a low threshold hardly lower it.
+    """
+    scores = np.clip(np.nan_to_num(scores, nan=1.0), 0.0, 1.0)
+    table.score_sums = (1 - SCORE_RATE) * table.score_sums + [scores.sum(), (scores**2).sum()]
+    total, squares = table.score_sums
+    return np.asarray(scores * total < WEAK_SHARE * squares)
+
+
+def _assign_group(
+    table: TargetTable, group: BoolArray, free: IndexArray, detected: FloatArray, observation: Observation
+) -> tuple[IndexArray, IntArray]:
+    """Assigns the detections `free` to the targets of a group that have none yet.
+
+    Returns:
+        The rows of the detections that are left, and how many targets of the group have their centre in each.
+    """
+    rows = table.rows
+    members = np.flatnonzero(group & (rows["detection"] < 0))
+    if not len(members) or not len(free):
+        return free, np.zeros(len(free), np.int64)
+    unlike = np.zeros((len(members), len(free)))
+    if observation.features is not None:
+        unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
+    reach_px = table.settings.max_speed * (observation.step_s + rows["waited_s"].max())
+    found = compare(rows, members, detected[free], unlike, reach_px)
+    taken, columns = assign(found.costs)
+    left = np.ones(len(free), np.bool_)
+    left[columns] = False
+    owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
+    crowded = (found.touched[columns] > 1) & (owners["state"] != TENTATIVE) & ~owners["whole"]
+    owners["detection"], owners["crowded"] = free[columns], crowded
+    owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
+    owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
+    rows[members[taken]] = owners
+    return free[left], found.held[left]
 
 
 def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:

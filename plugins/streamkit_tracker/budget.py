@@ -12,7 +12,7 @@ class Budget:
     """Halves the particles when a frame took longer than it may, and doubles them when there is room again.
 
     Args:
-        seconds: what a frame may take; 0 is no limit, which alone gives the same tracks in each run.
+        seconds: what a frame may take. Only without a limit, when nothing is counted here, runs are alike.
 
     Attributes:
         share: part of the usual particles, a power of one half, 1 at most.
@@ -28,8 +28,6 @@ class Budget:
 
     def spent(self, seconds: float) -> None:
         """Counts the duration of a frame, s."""
-        if self._seconds <= 0:
-            return
         self._calm = self._calm + 1 if seconds < ROOM * self._seconds else 0
         if seconds > self._seconds:
             if self.share > MIN_SHARE:

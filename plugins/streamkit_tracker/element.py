@@ -182,6 +182,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
     detections = NO_DETECTIONS if given is None else given  # without a row it is false, too
     space = cast("Space | None", frame.metadata.get(FeatureSpace))
     centroids = np.asarray(detections.centroids, np.float64).reshape(-1, 2)
+    scores = np.asarray(detections.scores, np.float64)
     paired = features is not None and space is not None and len(features.vectors) == len(centroids)
     step_s = USUAL_STEP_S  # where the frames have no stamps
     if last is not None and last.pts is not None and frame.pts is not None and last.epoch == frame.epoch:
@@ -194,6 +195,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
         chroma=_chroma(frame),
         centroids=centroids,
         boxes=np.asarray(detections.boxes).reshape(-1, 4),
+        scores=scores if len(scores) == len(centroids) else None,
         are_objects=detections.are_objects,
         detector_ran=given is not None,
         features=features.vectors if paired and features is not None else None,

@@ -32,6 +32,7 @@ class Observation:
         chroma: planes u and v, uint8[h / 2, w / 2], or None for a frame without colour.
         centroids: float64[n, 2], px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
+        scores: float64[n], 0 to 1, or None; used of objects.
         are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
             of motion, of which the small ones may show a part of a target, or several.
         detector_ran: whether a detector has looked at this frame; no target is missed where none has.
@@ -47,6 +48,7 @@ class Observation:
     chroma: Chroma | None = None
     centroids: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     boxes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
+    scores: FloatArray | None = None
     are_objects: bool = False
     detector_ran: bool = True
     features: Float32Array | None = None

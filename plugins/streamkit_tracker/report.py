@@ -19,7 +19,7 @@ REPORTED = (
 )  # fmt: skip
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
-SETTLED_S = 0.5  # of detections beyond its gaps: false detections seldom last
+SETTLED_S = 0.5  # of detections beyond its gaps: false regions of motion seldom last
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
 
@@ -65,8 +65,9 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     rows, are_objects = table.rows, table.are_objects
     hidden = (rows["state"] == COASTING) & (table.dormant if are_objects else ~rows["manual"])
     if hidden.any():
-        is_unknown = position_doubt(rows) >= (OBJECT_DOUBT if are_objects else MAX_DOUBT)
-        hidden &= is_unknown | (rows["credit_s"] < SETTLED_S)
+        doubt = position_doubt(rows)
+        is_unsettled = (doubt >= MAX_DOUBT) | (rows["credit_s"] < SETTLED_S)
+        hidden &= doubt >= OBJECT_DOUBT if are_objects else is_unsettled
     index = np.flatnonzero(~hidden)
     rows, models = rows[index], [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])

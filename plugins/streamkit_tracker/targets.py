@@ -121,6 +121,7 @@ class TargetTable:
         models: their objects, in the same order.
         causes: by id, why targets began, were confirmed or ended in this frame.
         closeness: for how many frames pairs of ids have been on one object.
+        score_sums: float64[2], sums of the scores of objects and of their squares over some 50 frames.
         are_objects: whether the last detections were whole objects, and not regions of motion.
         confirmed: number of targets that were ever confirmed.
     """
@@ -130,6 +131,7 @@ class TargetTable:
     models: list[TargetModel] = field(default_factory=list)
     causes: dict[int, str] = field(default_factory=dict)
     closeness: dict[tuple[int, int], int] = field(default_factory=dict)
+    score_sums: FloatArray = field(default_factory=lambda: np.zeros(2))
     are_objects: bool = False
     next_id: int = 1
     confirmed: int = 0

@@ -112,7 +112,8 @@ class MultiTargetTracker:
         end_duplicates(targets)
         if self.settings.auto_start:
             add_tentative(targets, observation, free)
-        self._budget.spent(time.perf_counter() - began)
+        if self.settings.budget_ms > 0:
+            self._budget.spent(time.perf_counter() - began)
         return report(targets, observation)
 
     def _carry(self, image: ByteArray, observation: Observation) -> bool:

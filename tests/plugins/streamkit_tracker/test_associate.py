@@ -3,7 +3,10 @@
 import numpy as np
 
 from streamkit_tracker import associate
-from streamkit_tracker.targets import TARGET, TargetRows
+from streamkit_tracker.observation import Observation
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import TARGET, TargetRows, TargetTable
+from streamkit_tracker.tracker import MultiTargetTracker
 
 
 def pairs(costs: list[list[float]]) -> list[tuple[int, int]]:
@@ -87,3 +90,51 @@ def test_a_box_holds_centres_and_touches_bodies():
     found = compare(pair, np.array([detected(0.0, 0.0), detected(200.0, 0.0)]), np.zeros((2, 2)))
     np.testing.assert_array_equal(found.held, [1, 0])
     np.testing.assert_array_equal(found.touched, [2, 0])
+
+
+IMAGE = np.zeros((240, 320), np.uint8)
+
+
+def objects(*rows: tuple[float, float]) -> Observation:
+    """Objects of 20 by 40 px at y = 100 px, one for each x and score."""
+    x, scores = np.array(rows).reshape(-1, 2).T
+    boxes = np.column_stack([x - 10, np.full(len(x), 80.0), x + 10, np.full(len(x), 120.0)])
+    return Observation(
+        0.04, centroids=(boxes[:, :2] + boxes[:, 2:]) / 2, boxes=boxes, scores=scores, are_objects=True
+    )
+
+
+def test_a_weak_detection_continues_a_target_but_starts_none():
+    """Of two places, one scores a tenth: no target starts there. The other fades, and is followed on."""
+    tracker = MultiTargetTracker()
+    for _ in range(10):
+        reports = tracker.step(IMAGE, objects((60, 0.8), (200, 0.08)))
+    assert [report.window[0] for report in reports] == [60.0]
+    for _ in range(10):
+        (faded,) = tracker.step(IMAGE, objects((60, 0.2)))
+    assert faded.id == reports[0].id
+    assert faded.state == "confirmed"
+
+
+def test_a_strong_detection_is_chosen_before_a_weak_one_that_lies_nearer():
+    """A faint box half upon a target does not take it, however well it fits."""
+    tracker = MultiTargetTracker()
+    for _ in range(10):
+        tracker.step(IMAGE, objects((60, 0.8)))
+    (report,) = tracker.step(IMAGE, objects((60, 0.1), (64, 0.9)))
+    assert report.provenance.detection == 1
+
+
+def test_weak_is_relative_to_what_a_detector_usually_scores():
+    """Scores of .05 are strong where none is higher; many faint boxes do not lower the usual score much."""
+    low, many = TargetTable(TrackerSettings()), TargetTable(TrackerSettings())
+    assert not associate.find_weak(low, np.full(4, 0.05)).any()
+    scores = np.array([0.9, 0.8, *[0.05] * 30])
+    np.testing.assert_array_equal(associate.find_weak(many, scores), scores < 0.5)
+
+
+def test_a_score_that_is_no_number_is_not_weak():
+    """NaN and infinity count as the highest score; what is below 0 as the lowest."""
+    scores = np.array([0.9, np.nan, np.inf, -np.inf, -3.0])
+    weak = associate.find_weak(TargetTable(TrackerSettings()), scores)
+    np.testing.assert_array_equal(weak, [False, False, False, True, True])

@@ -1,7 +1,14 @@
 """Particles follow the time there is."""
 
+import itertools
+
+import numpy as np
+import pytest
+
 from streamkit_tracker.budget import Budget
+from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.tracker import MultiTargetTracker
 
 
 def test_late_frames_halve_the_particles_down_to_an_eighth():
@@ -44,11 +51,16 @@ def test_beyond_the_fewest_particles_targets_take_turns():
     assert states == [(0.125, 2), (0.125, 1), (0.25, 1)]
 
 
-def test_without_a_budget_time_changes_nothing():
-    """The same tracks however slow the machine."""
-    budget = Budget(0.0)
-    budget.spent(1e9)
-    assert budget.share == 1.0
+@pytest.mark.parametrize(("budget_ms", "share"), [(0.0, 1.0), (10.0, 0.5)])
+def test_without_a_budget_time_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch, budget_ms: float, share: float
+):
+    """The same tracks however slow the machine: here each frame takes a thousand seconds."""
+    clock = itertools.count(0.0, 1000.0)
+    monkeypatch.setattr("time.perf_counter", lambda: next(clock))
+    tracker = MultiTargetTracker(TrackerSettings(budget_ms=budget_ms))
+    tracker.step(np.zeros((48, 64), np.uint8), Observation(0.04))
+    assert tracker._budget.share == share
 
 
 def test_shares_scale_every_layer():

@@ -15,9 +15,9 @@ def seen(index: int, *, are_objects: bool) -> Observation:
     return Observation(0.04, centroids=(box[:, :2] + box[:, 2:]) / 2, boxes=box, are_objects=are_objects)
 
 
-@pytest.mark.parametrize(("frames_detected", "is_long"), [(10, False), (60, True)])
+@pytest.mark.parametrize(("frames_detected", "is_long"), [(4, False), (10, True), (60, True)])
 def test_an_object_detected_for_long_is_reported_through_a_gap(frames_detected: int, is_long: bool):
-    """For more than the two frames in which any target coasts, but not for as long as its track is kept."""
+    """As long as its position is known: not before its velocity is, nor for as long as it is kept."""
     tracker = MultiTargetTracker()
     for index in range(frames_detected):
         tracker.step(IMAGE, seen(index, are_objects=True))
@@ -26,7 +26,7 @@ def test_an_object_detected_for_long_is_reported_through_a_gap(frames_detected: 
     assert reported[:2] == [1, 1]
     assert reported[4] == is_long
     assert reported[-1] == 0
-    assert len(tracker.targets.rows) == 1
+    assert len(tracker.targets.rows) == is_long
 
 
 @pytest.mark.parametrize(("frames_detected", "is_long"), [(6, False), (40, True)])
