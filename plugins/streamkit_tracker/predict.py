@@ -24,8 +24,8 @@ from streamkit_tracker.window_geometry import (
 
 MIN_SIDE = 10.0  # px, that accelerations are relative to
 ACCELERATION = 2.0  # sides per s^2, of targets drawn by hand
-OBJECT_ACCELERATION = 1.6  # of whole objects: people walk more steadily than their boxes show
-REGION_ACCELERATION = 6.0  # the same where regions of motion correct what the wider search finds
+OBJECT_ACCELERATION = 1.6  # of a detector's objects: people walk more steadily than their boxes show
+REGION_ACCELERATION = 6.0  # of what moves in any way, cars too
 
 
 def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
@@ -51,7 +51,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
             model.trail = part
         for particles, part in zip(clouds, parts, strict=False):
             particles.positions = part
-    advance(rows, step_s)
+    advance(rows, step_s, OBJECT_ACCELERATION if table.are_objects else REGION_ACCELERATION)
 
 
 def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray) -> None:
@@ -83,15 +83,16 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     window[index, ANGLE] = half_turn(np.arctan2(y, x))
 
 
-def advance(targets: TargetRows, step_s: float) -> None:
+def advance(targets: TargetRows, step_s: float, detected: float) -> None:
     """Moves states ahead; the acceleration is white noise relative to the target's side.
+
+    `detected` is that of targets started by detections, sides per s^2.
 
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, section 6.3.2.
     """
     motion = np.eye(4) + step_s * np.eye(4, k=2)
     gain = np.concatenate([step_s**2 / 2 * IDENTITY, step_s * IDENTITY])
     sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), MIN_SIDE)
-    detected = np.where(targets["whole"], OBJECT_ACCELERATION, REGION_ACCELERATION)
     acceleration = sides * np.where(targets["manual"], ACCELERATION, detected)
     targets["mean"] = targets["mean"] @ motion.T
     noise = acceleration[:, None, None] ** 2 * (gain @ gain.T)
