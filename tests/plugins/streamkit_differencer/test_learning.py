@@ -17,7 +17,8 @@ def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min
     states = (state[name] for name in names)
     limits = quiet_frames, absorb_frames, SAME, min_frames
     undecided = mask | np.where(state["valid"] == KNOWN, np.uint8(0), np.uint8(255))
-    choose_values(undecided, image, mask, quiet, rounded, state["thresholds"], *states, *limits)
+    images = image, mask, quiet, rounded, state["thresholds"]
+    choose_values(np.flatnonzero(undecided), *images, *states, *limits)
 
 
 def a_state(seed, valid):
