@@ -58,7 +58,7 @@ class CutDetector:
 
         Args:
             image: uint8[h, w], all of one size until `reset`.
-            share: of tiles that must be unlike for a cut, 0 to 1.
+            share: of tiles that must be unlike for a cut, 0 to 1; less in the frames that confirm it.
         """
         tiles = tiles_of(image)
         if self._known is None or self._last is None:
@@ -66,9 +66,13 @@ class CutDetector:
             return Cut.NONE
         change = unlike_share(self._last, tiles)
         is_calm = change <= CALM_SHARE
-        may_be_cut = self._calm >= CALM_FRAMES if self._unlike == 0 else is_calm
+        if self._unlike == 0:
+            is_other = self._calm >= CALM_FRAMES and change >= share
+        else:
+            # Movers make a tile of the new scene like the old one by chance: hysteresis.
+            is_other = is_calm and unlike_share(self._known, tiles) >= (share + CALM_SHARE) / 2
         self._last = tiles
-        if may_be_cut and (change if self._unlike == 0 else unlike_share(self._known, tiles)) >= share:
+        if is_other:
             self._unlike += 1
             limit = CUT_FRAMES if np.median(tiles.std(axis=1)) >= LEAST_TEXTURE else COVERED_FRAMES
             if self._unlike < limit:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +31,7 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
     count, labels = cv2.connectedComponents(blocks, connectivity=8)
     if count == 1:
         return np.zeros((0, 3), np.int32), 0
-    rows, columns = set_pixels(blocks)
+    rows, columns = set_pixels(cast("ByteImage", blocks))
     table = np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1])
     return table.astype(np.int32), count - 1
 

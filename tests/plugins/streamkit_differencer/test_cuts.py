@@ -31,6 +31,15 @@ def test_another_scene_is_a_cut_after_some_frames(shape):
     assert verdicts == [Cut.NONE, *suspected, Cut.CONFIRMED, *[Cut.NONE] * 5]
 
 
+def test_a_cut_is_confirmed_while_a_few_tiles_happen_to_look_like_the_old_scene():
+    """As many tiles as the threshold asks for change at the cut, and one less two frames later."""
+    here, there = scene(1), scene(2)
+    there[:60] = here[:60]
+    alike = there.copy()
+    alike[60:120, :80] = here[60:120, :80]
+    assert judged(here, there, there, alike)[1:] == [Cut.SUSPECTED, Cut.SUSPECTED, Cut.CONFIRMED]
+
+
 def test_a_single_broken_frame_is_no_cut():
     """The known scene follows."""
     assert Cut.CONFIRMED not in judged(scene(1), scene(2), scene(1), scene(3), scene(1))
