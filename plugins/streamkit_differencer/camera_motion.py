@@ -35,6 +35,9 @@ LEAST_EXPLAINED = 0.18
 HOMOGRAPHY_GAIN = 1.1
 STEPS = 6
 MOST_MISSED_FRAMES = 12
+# Missed frames in a row that a pan explains, after which a camera that rested is lost; leaves that cover the
+# view move as one for half as many.
+PAN_FRAMES = 6
 # An image without texture may be a lens that is covered for a moment.
 MOST_PLAIN_FRAMES = 75
 
@@ -51,14 +54,18 @@ class CameraMotion:
     # Patches of each level of the keyframe's pyramid.
     _keyframe: list[Patches] = field(default_factory=list)
     _keyframe_to_plane: FloatArray = field(default_factory=lambda: np.eye(3))
+    # The pyramid of the frame before.
+    _before: list[ByteImage] = field(default_factory=list)
     _placed: FloatArray = field(default_factory=lambda: np.eye(3))
     _rests: bool = True
     _missed: int = 0
+    # Frames in a row that were missed and that a pan explains.
+    _panned: int = 0
 
     def reset(self) -> None:
         """Starts a new plane with the next frame."""
         self.plane += 1
-        self._missed, self._rests = 0, True
+        self._missed, self._panned, self._rests = 0, 0, True
         self._placed, self._keyframe = np.eye(3), []
 
     def place(self, image: ByteImage) -> FloatArray | None:
@@ -73,16 +80,20 @@ class CameraMotion:
             is lost; after some of those a new plane begins.
         """
         levels = pyramid(image)
+        before, self._before = self._before, levels
         if not self._keyframe or not len(self._keyframe[0]):
             # Without texture the camera counts as still.
             self._set_keyframe(levels, self._placed)
             return self._placed
         placed = self._fit(levels)
-        return self._miss(levels) if placed is None else self._follow(levels, placed)
+        if placed is not None:
+            return self._follow(levels, placed)
+        self._panned = self._panned + 1 if self._rests and self._is_pan(before, levels) else 0
+        return self._miss(levels)
 
     def _follow(self, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
         """Accepts the place of a frame."""
-        self._missed = 0
+        self._missed = self._panned = 0
         # Frames of a camera that shakes are never at the same place.
         self._rests = placed is self._placed or placed is self._keyframe_to_plane
         if not self._rests:
@@ -101,6 +112,8 @@ class CameraMotion:
     def _miss(self, levels: list[ByteImage]) -> FloatArray | None:
         self._missed += 1
         is_plain = not len(Patches.of(levels[0]))
+        if self._panned >= PAN_FRAMES:
+            self._rests, self._missed = False, MOST_MISSED_FRAMES + 1
         if self._rests and not is_plain:
             # What covers the view is no motion; the keyframe may have been taken of it.
             if self._missed > RENEWAL_FRAMES:
@@ -112,6 +125,17 @@ class CameraMotion:
         self.reset()
         self._set_keyframe(levels, self._placed)
         return self._placed
+
+    def _is_pan(self, before: list[ByteImage], levels: list[ByteImage]) -> bool:
+        """Whether a frame shows most of the one before it, but elsewhere; leaves hardly move as one."""
+        at_rest, _ = Patches.of(before[0]).explained(levels[0], np.eye(3))
+        if at_rest >= LEAST_EXPLAINED:
+            return False
+        keyframe = self._keyframe, self._keyframe_to_plane
+        self._set_keyframe(before, self._placed)
+        _, moved, _ = self._aligned(levels)
+        self._keyframe, self._keyframe_to_plane = keyframe
+        return moved >= ENOUGH_SHARE
 
     def _set_keyframe(self, levels: list[ByteImage], placed: FloatArray) -> None:
         self._keyframe, self._keyframe_to_plane = [Patches.of(level) for level in levels], placed

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.camera_motion import MOST_MISSED_FRAMES, RENEWAL_FRAMES, CameraMotion
+from streamkit_differencer.camera_motion import MOST_MISSED_FRAMES, PAN_FRAMES, RENEWAL_FRAMES, CameraMotion
 from streamkit_differencer.image_motion import corner_distance
 
 SHAPE = (240, 320)
@@ -114,6 +114,18 @@ def test_another_scene_does_not_move_a_camera_that_rests():
     shift = np.array([[1, 0, 4.0], [0, 1, -2.0], [0, 0, 1.0]])
     assert corner_distance(camera.place(view(there @ shift, seed=5, number=99)), shift, SHAPE) < 0.5
     assert camera.plane == plane
+
+
+def test_a_pan_that_was_missed_ends_the_rest():
+    """The view is another one and moves as one: the camera does not wait for the first view to come back."""
+    camera = CameraMotion()
+    camera.place(view(np.eye(3)))
+    for number in range(PAN_FRAMES + 1):
+        # Turned, so that the edges of the two scenes, which lie on a grid, do not meet.
+        pan = np.vstack([cv2.getRotationMatrix2D((160, 120), 30.0, 1.0), [0, 0, 1]])
+        pan[0, 2] += 12.0 * number - 60.0
+        camera.place(view(pan, seed=3, number=number))
+        assert camera.plane == int(number == PAN_FRAMES)
 
 
 def test_a_camera_that_moved_and_is_lost_begins_a_new_plane_after_some_patience():
