@@ -11,6 +11,7 @@ import venv
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
+import hypothesis  # noqa: F401  before trio: else pytest's summary fails where no test has imported it
 import pytest
 
 from streamkit import Element
