@@ -113,15 +113,14 @@ class KeyframeAnchor:
         small = images[self._level]
         if active.small.shape != small.shape:
             return match
-        before, expected = self._to_active(before), self._to_active(expected)
-        return self._dense.match(active, small, before, before_std, expected, match)
+        return self._dense.match(active, small, *self._to_active(before, before_std, expected), match)
 
     def agreement(
         self, images: Sequence[GreyArray], before: FloatArray, before_std: float, expected: FloatArray
     ) -> float:
         """The `share` of a match of the area near another prediction than that of `match_near`."""
-        before, expected = self._to_active(before), self._to_active(expected)
-        return self._dense.agreement(self.keyframes.active, images[self._level], before, before_std, expected)
+        near = self._to_active(before, before_std, expected)
+        return self._dense.agreement(self.keyframes.active, images[self._level], *near)
 
     def place(self, images: Sequence[GreyArray], predicted: Placement, is_photograph: bool) -> Placement:
         """Places a frame by patches of the current keyframe near a prediction, else where predicted.
@@ -197,9 +196,14 @@ class KeyframeAnchor:
             return found
         return self._promote(images, found)
 
-    def _to_active(self, to_reference: FloatArray) -> FloatArray:
-        """A homography to the plane as one to the current keyframe."""
-        return normalised(inverse(self.keyframes.active.to_reference) @ to_reference)
+    def _to_active(
+        self, before: FloatArray, before_std: float, expected: FloatArray
+    ) -> tuple[FloatArray, float, FloatArray]:
+        """The same to the current keyframe, whose own error does not count there."""
+        active = self.keyframes.active
+        to_active = inverse(active.to_reference)
+        std = math.sqrt(max(0.0, before_std**2 - active.corner_std**2))
+        return normalised(to_active @ before), std, normalised(to_active @ expected)
 
     def _match(
         self, keyframe: Keyframe, images: Sequence[GreyArray], to_reference: FloatArray, most: int = 0

@@ -1,7 +1,6 @@
 """Dense matching of frames with the current keyframe, with a prediction of how far the camera moves."""
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
@@ -18,7 +17,12 @@ from streamkit.geometry.homography import (
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import SMALLEST_CORNER_STD, Keyframe, KeyframeMatch
-from streamkit_stitcher.registration.dense_alignment import DenseAlignment, align_densely
+from streamkit_stitcher.registration.dense_alignment import (
+    ELSEWHERE,
+    DenseAlignment,
+    align_densely,
+    best_agreement,
+)
 from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 
@@ -32,11 +36,13 @@ _GAIN: Final = 0.1
 _FIRST_FRAMES: Final = 10
 _REST_GAIN: Final = 0.02
 _OUTLIER: Final = 3.0
-_HELD: Final = 0.5
 # Part of the agreement of the best motion that a more precise match by patches must reach.
 _AS_GOOD: Final = 0.95
 # Part by which a camera that has rested at the keyframe is preferred there beyond what the frame shows.
 _PERSISTENCE: Final = 0.5
+# Difference of textures that are alike but for noise. Larger ones are due to movers and leaves, which bend
+# the motion: they do not average out.
+_NOISE_RMSE: Final = 0.17
 # Error of the worst corner that each frame is tested for, px, and frames over which tests add up at rest.
 _DOUBTED: Final = 2.0
 _MEMORY: Final = 300
@@ -71,7 +77,7 @@ class DenseMatcher:
         """The likeliest match with a keyframe; its `share` is small where next to nothing agrees.
 
         Where they explain the frame, the camera is preferred to be where it was at the keyframe, the more so
-        the more often it was, then where it was in the previous frame, then where the patches see it.
+        the more often it was, then where the patches see it.
 
         Args:
             keyframe: the keyframe.
@@ -81,15 +87,22 @@ class DenseMatcher:
             expected: the predicted homography to the keyframe.
             followed: the match of the patches, if any.
         """
-        motions = [IDENTITY, before, expected]
-        found = self._align(keyframe, small, motions, before_std, followed)
-        self._learn(found)
         factor, levels = keyframe.factor, self._levels(keyframe.content())
-        kept, std = found.prediction, self._error_of(found, keyframe, before, before_std)
+        found = align_densely(
+            levels,
+            small,
+            self._predictions(keyframe, before, expected),
+            self._prior(before_std / factor),
+            self._rest,
+            None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
+            _DOUBTED / factor,
+        )
+        self._learn(found)
+        std = self._error_of(found, keyframe, before, before_std)
         is_better = followed is not None and followed.corner_std < found.corner_std * factor
-        if kept is None and followed is not None and is_better and found.rival > _AS_GOOD:
+        if not found.at_rest and followed is not None and is_better and found.rival > _AS_GOOD:
             return followed
-        to_key = from_reduced(inverse(found.key_to_frame), factor) if kept is None else motions[kept]
+        to_key = IDENTITY if found.at_rest else from_reduced(inverse(found.key_to_frame), factor)
         key_points = levels[-1].centres[found.blocks] * factor + (factor - 1) / 2
         inliers = np.arange(found.compared) < len(key_points)
         return KeyframeMatch(
@@ -100,7 +113,7 @@ class DenseMatcher:
             std,
             std,
             share=found.agreement,
-            at_rest=kept is not None,
+            at_rest=found.at_rest,
         )
 
     def agreement(
@@ -112,41 +125,32 @@ class DenseMatcher:
         expected: FloatArray,
     ) -> float:
         """The `share` that `match` would find from another prediction; nothing is learned from it."""
-        return self._align(keyframe, small, [IDENTITY, before, expected], before_std).agreement
-
-    def _align(
-        self,
-        keyframe: Keyframe,
-        small: GreyArray,
-        motions: Sequence[FloatArray],
-        before_std: float,
-        followed: KeyframeMatch | None = None,
-    ) -> DenseAlignment:
-        factor = keyframe.factor
-        return align_densely(
+        return best_agreement(
             self._levels(keyframe.content()),
             small,
-            [to_reduced(inverse(matrix), factor) for matrix in motions],
-            self._prior(before_std / factor),
-            preferred={0: self._rest, 1: 0.0},
-            rival=None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
-            doubted=_DOUBTED / factor,
+            self._predictions(keyframe, before, expected),
+            self._prior(before_std / keyframe.factor),
         )
+
+    def _predictions(self, keyframe: Keyframe, before: FloatArray, expected: FloatArray) -> list[FloatArray]:
+        """Rest at the keyframe, rest in the previous frame and the expected motion, px of working size."""
+        return [to_reduced(inverse(matrix), keyframe.factor) for matrix in (IDENTITY, before, expected)]
 
     def _error_of(
         self, found: DenseAlignment, keyframe: Keyframe, before: FloatArray, before_std: float
     ) -> float:
         """The predicted error at the worst corner, px: of the fit, and of motions that cannot be excluded."""
-        factor = keyframe.factor
-        std, away = found.corner_std * factor, found.away * factor
-        if found.prediction == 0:
-            std = math.hypot(std, away) * (1 - _PERSISTENCE * self._rest)
-        if found.prediction == 1:
-            std = min(math.hypot(std, away), math.hypot(before_std, _HELD * away))
+        factor, std = keyframe.factor, found.corner_std * keyframe.factor
+        if found.at_rest:
+            std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest)
+        else:
+            std *= (found.rmse / _NOISE_RMSE) ** 2
         was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
-        if found.prediction != 0 or not was_at_rest:
+        if not (found.at_rest and was_at_rest):
             self._resting = _RestEvidence(keyframe.index)
-        doubt = _DOUBTED * math.sqrt(self._resting.add(found.evidence))
+        # A wrong motion is off by as much as the search reaches.
+        reach = math.hypot(ELSEWHERE * factor, before_std)
+        doubt = reach * math.sqrt(self._resting.add(found.evidence))
         return math.hypot(SMALLEST_CORNER_STD * factor, std, doubt)
 
     def _prior(self, before_std: float) -> FloatArray:
@@ -160,9 +164,7 @@ class DenseMatcher:
 
     def _learn(self, found: DenseAlignment) -> None:
         self._seen += 1
-        self._rest += max(_REST_GAIN, 1 / (_FIRST_FRAMES + self._seen)) * (
-            (found.prediction == 0) - self._rest
-        )
+        self._rest += max(_REST_GAIN, 1 / (_FIRST_FRAMES + self._seen)) * (found.at_rest - self._rest)
         # Expectation maximisation: without evidence the posterior is the prior, and nothing is learned.
         squares = (found.step**2 + np.diag(found.covariance) - np.diag(self._covariance)) / STEP_RATIOS**2
         size = float(np.clip(squares[:4].mean(), 0.0, (_OUTLIER * self._deviation) ** 2))

@@ -30,8 +30,10 @@ _FAR: Final = 1.5
 _KEPT_SCALES: Final = (0.8, 1.25)
 _MAX_TILT: Final = 0.5
 # Smallest deviation at a corner, px: lens, shutter and compression.
-SMALLEST_CORNER_STD: Final = 0.3
+SMALLEST_CORNER_STD: Final = 0.15
 _LEAST_SHARE: Final = 0.05
+# Errors of neighbouring points are alike: four count as one.
+_ALIKE: Final = 4
 # Limits of a frame's motion from a keyframe: a camera that looks obliquely and turns halves the scale of one
 # side of the frame.
 ANY_STEP: Final = 10.0
@@ -114,8 +116,13 @@ class KeyframeMatch:
 
 
 def predicted_error(deviation: float, share: float = 1.0) -> float:
-    """Predicted error of a match at the worst corner, px: the fit's, larger as a smaller share agrees."""
-    return math.hypot(SMALLEST_CORNER_STD, deviation / max(_LEAST_SHARE, share) ** 2)
+    """Predicted error of a match at the worst corner, px, larger as a smaller share agrees.
+
+    Args:
+        deviation: of the fit, for points with independent errors.
+        share: of the points in view that agree.
+    """
+    return math.hypot(SMALLEST_CORNER_STD, math.sqrt(_ALIKE) * deviation / max(_LEAST_SHARE, share) ** 2)
 
 
 def overlap_at_like_scale(keyframe: Keyframe, to_reference: FloatArray, shape: tuple[int, int]) -> float:

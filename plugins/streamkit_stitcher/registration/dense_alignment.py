@@ -1,8 +1,7 @@
 """Dense alignment: all of a keyframe votes by area, so that large movers do not outvote weak texture."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -39,12 +38,11 @@ class DenseAlignment:
         step: float64[8], from the prediction.
         blocks: int64[k], numbers of the blocks that agree.
         compared: number of blocks in view.
-        prediction: number of the prediction that explains the frame as well, else None; `key_to_frame` is
-            then exactly that.
-        away: distance of that prediction from the best motion at the worst corner, px.
+        at_rest: whether `key_to_frame` is exactly the first prediction, which explains the frame as well.
+        away: distance of the first prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
         rival: agreement of the rival, as a part of that of the motion; 0 without one.
-        evidence: float64[8], against each motion that is `doubted` px off, see `DenseLevel.evidence`.
+        evidence: float64[8], against each motion that is `doubted` px off, see `DenseLevel.neighbours`.
     """
 
     key_to_frame: FloatArray
@@ -54,7 +52,7 @@ class DenseAlignment:
     step: FloatArray
     blocks: npt.NDArray[np.int64]
     compared: int
-    prediction: int | None
+    at_rest: bool
     away: float
     rmse: float
     rival: float
@@ -62,17 +60,17 @@ class DenseAlignment:
 
 
 _AGREEING: Final = 0.5
-# A preferred prediction must reach this share of the best agreement, within so many deviations (squared) of
+# Rest must reach this share of the best agreement, within so many deviations (squared) of
 # the best motion, which 0.2 % of eight parameters exceed by chance; both where it is no surer than others,
 # and where it has always been right. Cameras at rest move by the jitter, px.
 _AS_GOOD: Final = (0.85, 0.6)
 _HELD: Final = (25.0, 75.0)
 _JITTER: Final = 0.25
-# Agreement by which a rival must exceed the expected motion, in deviations of its parts of the frame.
+# Agreement by which a rival must exceed the found motion, in deviations of its parts of the frame.
 _EVIDENT: Final = 3.0
 # Distance at a corner, px, beyond which the shift found by correlation is a rival, too, and its length by the
 # width above which it is that of photographs, which features register.
-_ELSEWHERE: Final = 8.0
+ELSEWHERE: Final = 8.0
 _FARTHEST: Final = 0.25
 _RIVAL_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
 _LEAST_AGREEMENT: Final = 1e-6
@@ -95,31 +93,82 @@ def align_densely(
     grey: GreyArray,
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
-    preferred: Mapping[int, float] = MappingProxyType({}),
+    rest: float | None = None,
     rival: FloatArray | None = None,
     doubted: float = 2.0,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
 
     Blocks count by their contrast relative to their neighbourhood and are left out as they differ: movers,
-    water, leaves.
+    water, leaves. Another motion replaces the result with evidence from all over the frame, as a mover offers
+    the motion of its own part of it: `rival`, the shift at which the textures correlate best, and motions
+    `doubted` px off.
 
     Args:
         levels: of the keyframe, coarsest first.
         grey: uint8[h, w], the frame, of the finest level's size.
         predictions: keyframe to frame.
         covariance: float64[8, 8], of the step from a prediction, px.
-        preferred: predictions by number that are kept where they explain the frame about as well as any
-            motion, first come first served, and how sure each is, 0 to 1.
-        rival: another motion, keyframe to frame, that the agreement of the result is compared with. It wins
-            with evidence from all over the frame, as a mover offers the motion of its own part of it; so does
-            the shift at which the textures correlate best.
+        rest: how sure it is, 0 to 1, that the first prediction is right, which is then kept where it explains
+            the frame about as well as any motion; None to prefer none.
+        rival: another motion, keyframe to frame, that the agreement of the result is compared with.
         doubted: error of the worst corner that the result is tested for, px.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
     """
     textures = [texture(image) for image in levels_of(grey)]
+    finest, image = levels[-1], textures[-1]
+    best, share = _best(levels, textures, predictions, covariance, rival)
+    at_rest = rest is not None and _is_rest(finest, image, predictions[0], best, rest)
+    motion = predictions[0] if at_rest else best.motion
+    compared = finest.compare(image, motion) if at_rest else best.compared
+    neighbours = finest.neighbours(doubted)
+    evidence = _evidence(finest, image, motion, compared, neighbours)
+    if evidence.min() < -_EVIDENT:
+        start = motion @ neighbours[int(evidence.argmin())]
+        moved = _Fit(start, *finest.refine(image, start, start, _RIVAL_COVARIANCE))
+        confirmed = _evidence(finest, image, moved.motion, moved.compared, neighbours)
+        # Where the scene is hidden, a motion that agrees by chance has better ones beside it, too.
+        if confirmed.min() > 0:
+            best, at_rest, evidence = moved, False, confirmed
+            motion, compared = moved.motion, moved.compared
+    return DenseAlignment(
+        motion,
+        _beyond_chance(finest, image, motion, compared),
+        finest.corner_std(best.posterior),
+        best.posterior,
+        finest.step_of(inverse(best.start) @ motion),
+        np.flatnonzero(compared.weights > _AGREEING),
+        int(np.count_nonzero(compared.visible)),
+        at_rest,
+        corner_shift(inverse(predictions[0]) @ best.motion, finest.shape),
+        float(np.sqrt(compared.variance)),
+        share,
+        evidence,
+    )
+
+
+def best_agreement(
+    levels: Sequence[DenseLevel],
+    grey: GreyArray,
+    predictions: Sequence[FloatArray],
+    covariance: FloatArray,
+) -> float:
+    """The agreement of the best motion near some predictions, see `align_densely`."""
+    textures = [texture(image) for image in levels_of(grey)]
+    best, _ = _best(levels, textures, predictions, covariance, None)
+    return _beyond_chance(levels[-1], textures[-1], best.motion, best.compared)
+
+
+def _best(
+    levels: Sequence[DenseLevel],
+    textures: Sequence[SingleArray],
+    predictions: Sequence[FloatArray],
+    covariance: FloatArray,
+    rival: FloatArray | None,
+) -> tuple[_Fit, float]:
+    """The best motion near the predictions, else elsewhere, and the rival's agreement as a part of it."""
     finest, image = levels[-1], textures[-1]
     coarsest = 2 ** (len(levels) - 1)
     scores = [
@@ -135,28 +184,30 @@ def align_densely(
             best = _Fit(rival, *finest.refine(image, rival, rival, _RIVAL_COVARIANCE))
     shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
-    if is_near and corner_shift(inverse(shift) @ best.motion, finest.shape) > _ELSEWHERE:
+    if is_near and corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE:
         moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
         if finest.evidence(moved.compared, best.compared) > _EVIDENT:
             best = moved
-    kept = _preferred(finest, image, predictions, best, preferred)
-    motion = best.motion if kept is None else predictions[kept]
-    compared = best.compared if kept is None else finest.compare(image, motion)
+    return best, share
+
+
+def _evidence(
+    finest: DenseLevel,
+    image: SingleArray,
+    motion: FloatArray,
+    compared: BlockComparison,
+    neighbours: Sequence[FloatArray],
+) -> FloatArray:
+    """Evidence for a motion, whose comparison is given, against motions a step away, float64[n]."""
+    return np.array([finest.evidence(compared, finest.compare(image, motion @ step)) for step in neighbours])
+
+
+def _beyond_chance(
+    finest: DenseLevel, image: SingleArray, motion: FloatArray, compared: BlockComparison
+) -> float:
+    """Share of the contrast that agrees with a motion, less what agrees with wrong shifts, 0 to 1."""
     chance = np.mean([finest.compare(image, motion @ translation(np.array(by))).agreement for by in _WRONG])
-    return DenseAlignment(
-        motion,
-        max(0.0, float((compared.agreement - chance) / (1 - chance))),
-        finest.corner_std(best.posterior),
-        best.posterior,
-        finest.step_of(inverse(best.start) @ motion),
-        np.flatnonzero(compared.weights > _AGREEING),
-        int(np.count_nonzero(compared.visible)),
-        kept,
-        0.0 if kept is None else corner_shift(inverse(motion) @ best.motion, finest.shape),
-        float(np.sqrt(compared.variance)),
-        share,
-        finest.evidence_nearby(image, motion, compared, doubted),
-    )
+    return max(0.0, float((compared.agreement - chance) / (1 - chance)))
 
 
 def _refined(
@@ -172,19 +223,12 @@ def _refined(
     return _Fit(start, motion, posterior, compared)
 
 
-def _preferred(
-    finest: DenseLevel,
-    image: SingleArray,
-    predictions: Sequence[FloatArray],
-    best: _Fit,
-    preferred: Mapping[int, float],
-) -> int | None:
-    """Number of the first preferred prediction that explains the frame about as well as the best motion."""
+def _is_rest(
+    finest: DenseLevel, image: SingleArray, prediction: FloatArray, best: _Fit, surety: float
+) -> bool:
+    """Whether a prediction explains the frame about as well as the best motion."""
     allowed = np.linalg.inv(best.posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
-    for number, surety in preferred.items():
-        apart = finest.step_of(inverse(predictions[number]) @ best.motion)
-        agreement = finest.compare(image, predictions[number]).agreement
-        held, as_good = (low + surety * (high - low) for low, high in (_HELD, _AS_GOOD))
-        if apart @ allowed @ apart < held and agreement > as_good * best.compared.agreement:
-            return number
-    return None
+    apart = finest.step_of(inverse(prediction) @ best.motion)
+    agreement = finest.compare(image, prediction).agreement
+    held, as_good = (low + surety * (high - low) for low, high in (_HELD, _AS_GOOD))
+    return bool(apart @ allowed @ apart < held and agreement > as_good * best.compared.agreement)

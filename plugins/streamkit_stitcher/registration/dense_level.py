@@ -133,21 +133,13 @@ class DenseLevel:
         parts = cv2.resize(gains, (_PARTS, _PARTS), interpolation=cv2.INTER_AREA)
         return float(parts.sum() / max(1e-9, float(np.linalg.norm(parts))))
 
-    def evidence_nearby(
-        self, image: SingleArray, motion: FloatArray, compared: "BlockComparison", distance: float
-    ) -> FloatArray:
-        """Evidence for a motion against others that differ by `distance` px at the worst corner, float64[8].
-
-        These are shifted in x and y, scaled and turned, either way; `compared` is the motion's comparison.
-        """
+    def neighbours(self, distance: float) -> list[FloatArray]:
+        """Steps by `distance` px at the worst corner, float64[3, 3]: shifts, scale and turn, either way."""
         x, y = self._corner_slopes
-        found = []
-        for number in range(4):
-            step = np.zeros(8)
-            step[number] = distance / float(np.hypot(x[number], y[number]).max())
-            for way in (step, -step):
-                found.append(self.evidence(compared, self.compare(image, motion @ self._matrix(way))))
-        return np.array(found)
+        lengths = distance / np.hypot(x, y).max(axis=1)
+        return [
+            self._matrix(way * lengths[number] * np.eye(8)[number]) for number in range(4) for way in (1, -1)
+        ]
 
     def refine(
         self,

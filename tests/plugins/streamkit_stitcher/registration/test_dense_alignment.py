@@ -48,7 +48,7 @@ def test_a_known_motion_is_found(ground):
 def test_a_lost_frame_is_found_without_a_prediction(ground):
     """By correlation, 70 px from where the camera was."""
     frame = ground[300:480, 370:690]
-    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], STEADY, {0: 0.0})
+    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], STEADY, 0.0)
     assert corner_shift(inverse(translation(np.array([-70.0, 0.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
 
@@ -56,40 +56,41 @@ def test_a_rival_needs_evidence_from_all_over_the_frame(ground, faint_road):
     """The motion of three cars is not the camera's; a turn of the whole frame is."""
     jump = translation(np.array([0.0, 12.0]))
     key, frame = with_cars(faint_road, 0), with_cars(faint_road, 12)
-    cars = align_densely(levels(key), frame, [np.eye(3)], STEADY, {0: 0.0}, jump)
-    assert cars.prediction == 0
+    cars = align_densely(levels(key), frame, [np.eye(3)], STEADY, 0.0, jump)
+    assert cars.at_rest
     turn = np.vstack([cv2.getRotationMatrix2D((159.5, 89.5), 20, 1.0), [0, 0, 1]])
     key = ground[300:480, 300:620]
     frame = cv2.warpPerspective(ground, turn @ translation(np.array([-300.0, -300.0])), (320, 180))
-    whole = align_densely(levels(key), frame, [np.eye(3)], STEADY, {0: 0.0}, turn)
-    assert whole.prediction is None
+    whole = align_densely(levels(key), frame, [np.eye(3)], STEADY, 0.0, turn)
+    assert not whole.at_rest
     assert corner_shift(inverse(turn) @ whole.key_to_frame, SHAPE) < 0.25
 
 
 def test_a_camera_that_always_rests_is_moved_by_clear_evidence_only(ground):
-    """A shift of 2 px of a blurred picture is doubtful, of 3 px it is clear."""
+    """A shift of 2 px of a blurred picture is doubtful unless it is tested for, one of 3 px is clear."""
     views = (ground[top : top + 180, 300:620] for top in (300, 302, 303))
     key, near, far = (cv2.GaussianBlur(view, (0, 0), 3) for view in views)
-    doubtful, sure = {0: 0.0}, {0: 1.0}
-    assert align_densely(levels(key), near, [np.eye(3)], LOOSE, doubtful).prediction is None
-    assert align_densely(levels(key), near, [np.eye(3)], LOOSE, sure).prediction == 0
-    assert align_densely(levels(key), far, [np.eye(3)], LOOSE, sure).prediction is None
+    doubtful, sure, start = 0.0, 1.0, [np.eye(3)]
+    assert not align_densely(levels(key), near, start, LOOSE, doubtful, doubted=6.0).at_rest
+    assert align_densely(levels(key), near, start, LOOSE, sure, doubted=6.0).at_rest
+    assert not align_densely(levels(key), far, start, LOOSE, sure, doubted=6.0).at_rest
+    assert not align_densely(levels(key), near, start, LOOSE, sure, doubted=2.0).at_rest
 
 
 def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
     """Cars move by 4 px on a road of little contrast; the camera at rest explains the frame."""
     found = align_densely(
-        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, preferred={0: 0.0}
+        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, rest=0.0
     )
-    assert found.prediction == 0
+    assert found.at_rest
     assert np.array_equal(found.key_to_frame, np.eye(3))
 
 
 def test_rest_is_not_preferred_to_a_real_motion(ground):
     """A shift of 2 px is no rest."""
     frame = ground[302:482, 300:620]
-    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, preferred={0: 0.0})
-    assert found.prediction is None
+    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, rest=0.0)
+    assert not found.at_rest
     assert corner_shift(inverse(translation(np.array([0.0, -2.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
 
@@ -109,9 +110,26 @@ def test_a_flat_frame_agrees_with_nothing(ground):
 def test_evidence_speaks_against_motions_two_pixels_off(ground):
     """Of the right motion against its neighbours, and of a wrong one against the right one."""
     key = ground[300:480, 300:620]
-    right = align_densely(levels(key), key, [np.eye(3)], STEADY, preferred={0: 1.0})
+    right = align_densely(levels(key), key, [np.eye(3)], STEADY, rest=1.0)
     assert right.evidence.min() > 3
     level = levels(key)[-1]
     image = texture(key)
     off = translation(np.array([2.0, 0.0]))
-    assert level.evidence_nearby(image, off, level.compare(image, off), 2.0).min() < -3
+    wrong = level.compare(image, off)
+    near = [level.compare(image, off @ step) for step in level.neighbours(2.0)]
+    assert min(level.evidence(wrong, one) for one in near) < -3
+
+
+def test_a_slow_turn_is_no_rest_however_sure_that_was(ground):
+    """A turn by 2 px at the corners, of a camera believed to stand still, is found by its evidence."""
+    turn = np.vstack([cv2.getRotationMatrix2D((159.5, 89.5), 0.6, 1.0), [0, 0, 1]])
+    moved = turn @ translation(np.array([-300.0, -300.0]))
+    found = align_densely(
+        levels(ground[300:480, 300:620]),
+        cv2.warpPerspective(ground, moved, (320, 180)),
+        [np.eye(3)],
+        np.diag((0.02 * STEP_RATIOS) ** 2),
+        rest=1.0,
+    )
+    assert not found.at_rest
+    assert corner_shift(inverse(turn) @ found.key_to_frame, SHAPE) < 0.25
