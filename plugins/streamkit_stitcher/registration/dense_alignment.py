@@ -125,7 +125,9 @@ def align_densely(
     compared = finest.compare(image, motion) if at_rest else best.compared
     neighbours = finest.neighbours(doubted)
     evidence = _evidence(finest, image, motion, compared, neighbours)
-    if evidence.min() < -_EVIDENT:
+    # One frame of movers does not outweigh many at rest.
+    sure = rest if at_rest and rest is not None else 0.0
+    if evidence.min() < -_EVIDENT * (1 + sure):
         start = motion @ neighbours[int(evidence.argmin())]
         moved = _Fit(start, *finest.refine(image, start, start, _RIVAL_COVARIANCE))
         confirmed = _evidence(finest, image, moved.motion, moved.compared, neighbours)
