@@ -22,8 +22,14 @@ TIME_BASE = Fraction(1, 90_000)
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
 MAX_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer ones wrong, or crashes
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
-ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000"}
-FRAGMENTED = {"movflags": "frag_keyframe+empty_moov+default_base_moof", "frag_duration": "500000"}
+# Times stay, so that records of the stream can be matched; FFmpeg would move the first decoding time to 0.
+ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000", "avoid_negative_ts": "disabled"}
+# The last two keep the time of a first frame that is later than 0.
+FRAGMENTED = {
+    "movflags": "frag_keyframe+empty_moov+default_base_moof+frag_discont",
+    "frag_duration": "500000",
+    "use_editlist": "0",
+}
 ContainerFormat: TypeAlias = tuple[str, dict[str, str]]
 Output: TypeAlias = OutputFile | Destination
 FORMATS: dict[str, ContainerFormat] = {
@@ -54,6 +60,7 @@ class FileMuxer:
 
     def __init__(self, file: Output, container: ContainerFormat) -> None:
         self.failure: Exception | None = None
+        self._last_dts: dict[int, int] = {}
         self.file = file
         self.is_closed = False
         name, options = container
@@ -75,6 +82,7 @@ class FileMuxer:
         """
         if self.failure is None:
             try:
+                self._order(packet)
                 self.container.mux_one(packet)
             except Exception as error:
                 self.failure = error
@@ -83,6 +91,13 @@ class FileMuxer:
             raise self.failure
         if can_play:
             self.file.publish()
+
+    def _order(self, packet: Packet[Stream]) -> None:
+        """Moves the decoding time to 0 or more, above the last, and the presentation time not below it."""
+        last = self._last_dts.get(packet.stream_index, -1)
+        packet.dts = dts = max(packet.dts or 0, last + 1)
+        packet.pts = max(packet.pts or 0, dts)
+        self._last_dts[packet.stream_index] = dts
 
     def check_pause(self, pause: int) -> None:
         """Checks that the container can hold a pause between two frames, in units of `TIME_BASE`.
@@ -165,7 +180,7 @@ class PacketWriter(FileMuxer):
         self._codec = codec
         self.has_begun = False  # whether the file's head is written; a packet may be left out from then on
         self._reads_parameter_sets = container[0] not in WITHOUT_HEADERS
-        self._last_dts: dict[int, int] = {}
+        self._begin: int | None = None
         self._is_after_pause = False
         super().__init__(file, container)
         try:
@@ -180,8 +195,8 @@ class PacketWriter(FileMuxer):
 
         Args:
             data: the packet as its source has it.
-            pts: ns from the file's beginning.
-            dts: ns, at most `pts`; does not fall.
+            pts: ns, 0 or more.
+            dts: ns, at most `pts`.
             duration: ns; None if unknown.
             is_keyframe: whether playing can begin with it.
 
@@ -209,10 +224,8 @@ class PacketWriter(FileMuxer):
         return self._write(packet, self._klv, ticks(pts), ticks(pts), 0)
 
     def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
-        lowest = self._last_dts.get(stream.index, dts - 1) + 1
-        dts = max(dts, lowest)
         try:
-            self.check_pause(dts - lowest)
+            self.check_pause(dts - self._last_dts.get(stream.index, dts))
         except ValueError as error:
             if self._is_after_pause:
                 raise
@@ -221,21 +234,21 @@ class PacketWriter(FileMuxer):
             raise BadPacket(str(error)) from None
         self._is_after_pause = False
         packet.stream = stream
+        begin = pts if self._begin is None else self._begin
         try:
-            packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, max(pts, dts)
+            packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, pts
             packet.duration = min(duration, MAX_TICKS)
         except OverflowError:
-            raise BadPacket(f"its time of {max(pts, dts) / TIME_BASE.denominator:.3g} s is none") from None
-        self._last_dts[stream.index] = dts
+            raise BadPacket(f"its time of {pts / TIME_BASE.denominator:.3g} s is none") from None
         try:
-            self.mux(packet, can_play=pts >= FRAGMENT_TICKS)
+            self.mux(packet, can_play=pts - begin >= FRAGMENT_TICKS)
         except FFmpegError as error:
             if not self.has_begun and not isinstance(error, InvalidDataError):
                 raise
             refusal = BadPacket(f"it cannot be written: {error.strerror}")
             self.failure = None if self.has_begun else refusal
             raise refusal from None
-        self.has_begun = True
+        self.has_begun, self._begin = True, begin
         return packet.size
 
     def close(self) -> None:

@@ -98,8 +98,9 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         self._writer = self._arrivals = None
         self._caps: Caps | None = None
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
-        self._zero = self._begin = 0
+        self._shift = self._begin = 0
         self._bytes = self._count = 0
+        self._last_dts: int | None = None
         self._warned: set[str] = set()
         super().start()
 
@@ -138,17 +139,18 @@ class PacketSink(MediaOutput, NumberedFilesSink):
 
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
-        pts, dts = times_of(frame)
+        pts, dts = times_of(frame, self._last_dts)
+        self._last_dts = dts
         self.check_pace(frame.pts)
         if self._must_change(frame.caps, pts - self._begin, is_keyframe):
-            self._change(frame.caps, pts, dts)
+            self._change(frame.caps, pts)
         writer = self._writer
         if writer is None:
             self.count_drop(BEFORE_KEYFRAME)
             return
         is_first = not writer.has_begun
         self._bytes += writer.write_video(
-            bytes(frame.data), pts - self._zero, dts - self._zero, frame.duration, is_keyframe
+            bytes(frame.data), pts + self._shift, dts + self._shift, frame.duration, is_keyframe
         )
         if is_first:
             self.post_message("segment", location=shown_location(writer.file, self.location), pts=pts)
@@ -164,10 +166,10 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             if len(self._early) == self._early.maxlen:
                 self.count_drop(BEFORE_KEYFRAME)
             self._early.append(frame)
-        elif pts < self._zero:
+        elif pts < self._begin:
             self.count_drop(BEFORE_KEYFRAME)
         else:
-            self._bytes += self._writer.write_klv(bytes(frame.data), pts - self._zero)
+            self._bytes += self._writer.write_klv(bytes(frame.data), pts + self._shift)
 
     def _must_change(self, caps: Caps, length_ns: int, is_keyframe: bool) -> bool:
         """Whether a packet begins a file: the first, one of another format, or a full segment's next."""
@@ -188,7 +190,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         is_large = self.max_size_bytes and self._bytes >= self.max_size_bytes
         return not self.is_playlist and bool(is_long or is_large)
 
-    def _change(self, caps: Caps, pts: int, dts: int) -> None:
+    def _change(self, caps: Caps, pts: int) -> None:
         """Completes the file under way and begins the next."""
         had_one = self._writer is not None
         self.end()
@@ -212,7 +214,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             raise
         if self.arrivals:
             self._arrivals = cast("BinaryIO", arrivals_path(file.path).open("wb", buffering=0))
-        self._zero, self._begin, self._bytes, self._caps = min(dts, pts), pts, 0, caps
+        self._shift, self._begin, self._bytes, self._caps = max(0, -pts), pts, 0, caps
 
     def _drop_damaged(self, error: BadPacket) -> None:
         """Counts a damaged packet; where it was a file's first, the next keyframe restarts the file."""
@@ -253,11 +255,18 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             self.end()
 
 
-def times_of(frame: Frame) -> tuple[int, int]:
-    """Presentation and decoding time, ns: the frame has the first, the packet their distance."""
+def times_of(frame: Frame, before: int | None = None) -> tuple[int, int]:
+    """Presentation and decoding time, ns: the frame has the first, the packet their distance.
+
+    Args:
+        frame: a packet.
+        before: decoding time of the packet before it, which stands for an unknown one: FFmpeg does not know
+            those of the first packets of Matroska.
+    """
     packet: Any = frame.data
-    pts = frame.pts
-    apart = 0
-    if isinstance(packet, Packet) and packet.pts is not None and packet.dts is not None:
-        apart = nanoseconds(packet.pts - packet.dts, packet.time_base)
-    return (pts or 0), (pts or 0) - apart
+    pts = frame.pts or 0
+    if not isinstance(packet, Packet) or packet.pts is None:
+        return pts, pts
+    if packet.dts is None:
+        return pts, pts if before is None else min(pts, before)
+    return pts, pts - nanoseconds(packet.pts - packet.dts, packet.time_base)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +16,7 @@ from streamkit_tracks.report.page import build_page, cost_table, read_costs
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
 MOST_CROPS = 60
+ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
 PAGE_SUFFIXES = (".html", ".htm")
 
 
@@ -83,7 +86,8 @@ def write_page(
 def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes]]:
     """The frame with the most targets, and a crop of each of the longest targets where it is largest.
 
-    A frame of the video belongs to the record of the same time; without times, of the same number.
+    A frame of the video belongs to the record of the same time, to the millisecond, in which Matroska counts;
+    without times, of the same number.
 
     Raises:
         StreamError: no frame belongs to a record, or frames have another size.
@@ -94,7 +98,7 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
     wanted: defaultdict[int, list[TargetPath]] = defaultdict(list, {run.busiest: []})
     for path in run.shown_paths()[:MOST_CROPS]:
         wanted[path.largest[1]].append(path)
-    indices = {pts: index for index, pts in enumerate(run.pts_ns) if pts is not None}
+    times = sorted((pts, index) for index, pts in enumerate(run.pts_ns) if pts is not None)
     picture, crops, has_match = b"", {}, False
     with Pipeline.parse(
         "filesrc name=file ! decode ! video/x-raw, format=BGR ! appsink name=out"
@@ -102,7 +106,7 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
         pipeline["file"].location = str(video)
         pipeline.play()
         for number, frame in enumerate(pipeline["out"]):
-            index = indices.get(frame.pts) if indices else number
+            index = index_at(times, frame.pts) if times else number
             has_match |= index is not None
             if run.size is not None and frame.data.shape[1::-1] != run.size:
                 size = "{} x {}".format(*run.size)
@@ -119,3 +123,11 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
             f"{video}: no frame has the time of a record; give the video that the tracks are of"
         )
     return picture, crops
+
+
+def index_at(times: Sequence[tuple[int, int]], pts: int | None) -> int | None:
+    """The index beside the time within `ROUNDING_NS` of pts, of ascending times (ns) with indices."""
+    if pts is None:
+        return None
+    at = bisect_left(times, (pts - ROUNDING_NS, 0))
+    return times[at][1] if at < len(times) and times[at][0] <= pts + ROUNDING_NS else None

@@ -19,6 +19,7 @@ import { Trails } from "./trails.js";
 
 const RECORDS_LIMIT = 400;
 const STALE_NS = 250e6;
+const ROUNDING_NS = 6e5; // half of Matroska's millisecond, and the ticks of other containers
 const PLAUSIBLE_AGE_MS = 600_000;
 
 const picture = document.getElementById("video");
@@ -199,7 +200,9 @@ function recordFor(header) {
   let record = null;
   for (const other of page.records.values()) {
     const age = header.pts_ns - other.pts_ns;
-    if (other.epoch === header.epoch && age >= 0 && age < STALE_NS) record = other;
+    if (other.epoch !== header.epoch || !(age >= -ROUNDING_NS && age < STALE_NS)) continue;
+    if (age <= ROUNDING_NS) return { record: other, isExact: true };
+    record = other;
   }
   return { record, isExact: false };
 }

@@ -56,6 +56,60 @@ def test_a_copy_holds_the_same_frames(make_video: MakeVideo, tmp_path: Path, nam
         assert abs(before - after) <= 1_000_000
 
 
+def shown_times(paths: list[Path]) -> list[float]:
+    """When the frames of files are shown, s."""
+    times = []
+    for path in paths:
+        with av.open(str(path)) as container:
+            times += [float(frame.time) for frame in container.decode(video=0) if frame.time is not None]
+    return times
+
+
+def reordered(begin_ns: int, count: int = 60) -> list[Frame]:
+    """Coded frames at 30000/1001 Hz with B-frames, a keyframe every ten."""
+    caps = Caps("video/x-raw, format=GRAY8, width=64, height=48, framerate=30000/1001")
+    scene, coded = np.tile(np.arange(256, dtype=np.uint8), (48, 1)), []
+    with Harness("encode", gop=10) as encoder:
+        for number in range(count):
+            pts = begin_ns + round(number * 1001 * 10**9 / 30000)
+            coded += encoder.push(Frame(scene[:, number : number + 64].copy(), caps, pts=pts))
+        coded += encoder.drain()
+    assert [frame.pts for frame in coded] != sorted(frame.pts or 0 for frame in coded)
+    return coded
+
+
+@pytest.mark.parametrize("ending", ["ts", "m2ts", "mp4", "mov", "mkv"])
+@pytest.mark.parametrize("begin_ns", [0, 2_167_000_000, 3600 * 10**9])
+@pytest.mark.parametrize("limit", ["", "max-size-time=500000000", "max-size-bytes=500"])
+def test_frames_keep_the_times_of_the_stream(tmp_path: Path, ending: str, begin_ns: int, limit: str) -> None:
+    """In every container and segment, so that records of the stream are matched with the frames."""
+    frames = reordered(begin_ns)
+    recorded(tmp_path / f"part-%02d.{ending}", frames, limit)
+    parts = sorted(tmp_path.iterdir())
+    assert len(parts) > 2 or not limit
+    found = shown_times(parts)
+    assert found == pytest.approx(sorted((frame.pts or 0) / 1e9 for frame in frames), abs=0.0006, rel=0)
+
+
+@pytest.mark.parametrize("ending", ["ts", "mp4", "mkv"])
+def test_a_copy_of_a_copy_keeps_its_times(tmp_path: Path, ending: str) -> None:
+    """Also of Matroska, which has no decoding times, and from a keyframe in the middle on."""
+    first, second = tmp_path / f"first.{ending}", tmp_path / f"second.{ending}"
+    recorded(first, reordered(10**9))
+    for start, least in (("", 60), ("start-s=0.5", 40)):
+        text = f"filesrc location={first} {start} ! packetsink location={second} if-exists=replace"
+        Pipeline.parse(text).run(timeout_s=20)
+        found = shown_times([second])
+        assert len(found) >= least
+        assert found == pytest.approx(shown_times([first])[-len(found) :], abs=1e-4, rel=0)
+
+
+def test_times_below_zero_begin_at_zero(tmp_path: Path) -> None:
+    """No container holds them: all are moved alike."""
+    recorded(tmp_path / "x.mp4", reordered(-(10**9)))
+    assert shown_times([tmp_path / "x.mp4"])[::59] == pytest.approx([0, 59 * 1001 / 30000], abs=1e-4)
+
+
 def test_telemetry_is_recorded_with_its_times(streamkit_data: Path, tmp_path: Path) -> None:
     """277 frames and 277 KLV packets of a real stream are the same in the copy, and pair as before."""
     location, copy = streamkit_data / "telemetry" / "sample-stream.ts", tmp_path / "copy.ts"

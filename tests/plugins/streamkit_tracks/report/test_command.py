@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from streamkit import Pipeline
+from streamkit_tracks.report.command import index_at
 from tests.slowness import patience
 
 BINARY = str(Path(sys.executable).with_name("streamkit"))
@@ -107,3 +108,11 @@ def test_the_cost_of_each_element(run: tuple[Path, Path], tmp_path: Path) -> Non
     done = report(run[0], "--stats", run[1], "-o", page)
     assert done.returncode == 1
     assert "launch --stats-file" in done.stderr
+
+
+def test_times_are_matched_to_the_millisecond_of_matroska() -> None:
+    """A frame a tenth of a second from any record belongs to none."""
+    times = [(round(number * 1e9 / 30), number) for number in range(5)]
+    assert [index_at(times, ms * 1_000_000) for ms in (0, 33, 67, 100, 133)] == [0, 1, 2, 3, 4]
+    assert [index_at(times, ms * 1_000_000) for ms in (-1, 34, 50, 233)] == [None] * 4
+    assert index_at(times, None) is None
