@@ -182,6 +182,8 @@ def _options(settings: EncoderSettings) -> dict[str, str]:
             options["tune"] = "zerolatency"
     if settings.codec is Codec.H265:
         options["x265-params"] = "log-level=error"
+    if settings.codec is Codec.FFV1:
+        options["level"] = "1"  # later versions have headers outside the packets, which PyAV gives no muxer
     return options
 
 

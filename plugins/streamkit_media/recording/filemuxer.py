@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from contextlib import suppress
 from fractions import Fraction
 from typing import TypeAlias
@@ -14,7 +15,7 @@ from av.stream import Stream
 
 from streamkit import SECOND_NS
 from streamkit.output.file import OutputFile
-from streamkit_media.nalunits import AnnexBConverter, BadPacket
+from streamkit_media.nalunits import CODECS, LOOK_BYTES, START_CODES, AnnexBConverter, BadPacket
 from streamkit_media.recording.destination import Destination, Playlist
 from streamkit_media.recording.parametersets import check_parameter_sets
 
@@ -42,6 +43,13 @@ FORMATS: dict[str, ContainerFormat] = {
 }
 HLS = "hls"
 WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts", HLS})
+# FFmpeg writes any other codec to a transport stream as data that nothing plays.
+TRANSPORT_CODECS = frozenset(
+    {"h264", "hevc", "vvc", "mpeg4", "mpeg2video", "mpeg1video", "vc1", "cavs", "dirac"}
+)
+NOT_IN_MOV = frozenset({"av1", "vp8", "vp9"})  # FFmpeg refuses them with the first packet
+# Codecs whose packets, or FFmpeg's muxers, need no headers beside the packets.
+HEADERS_IN_PACKETS = CODECS | {"av1", "vp8", "vp9", "mjpeg"}
 
 
 class FileMuxer:
@@ -150,6 +158,26 @@ def ticks(ns: int) -> int:
     return round(Fraction(ns, SECOND_NS) / TIME_BASE)
 
 
+def holds(name: str, codec: str) -> bool:
+    """Whether a container holds a codec; both by FFmpeg's names."""
+    if name in WITHOUT_HEADERS:
+        return codec in TRANSPORT_CODECS
+    with av.open(io.BytesIO(), "w", format=name) as container:
+        return codec in container.supported_codecs and not (name == "mov" and codec in NOT_IN_MOV)
+
+
+def check_codec(codec: str, name: str) -> None:
+    """Checks that a container holds a codec.
+
+    Raises:
+        ValueError: it does not; with what does.
+    """
+    if not holds(name, codec):
+        others = [suffix for suffix, (other, _) in FORMATS.items() if holds(other, codec)]
+        remedy = f"write {' or '.join(others)}, or encode" if others else "encode"
+        raise ValueError(f"{name} holds no {codec}; {remedy} to h264, h265 or mpeg4")
+
+
 class PacketWriter(FileMuxer):
     """One file being written.
 
@@ -165,6 +193,8 @@ class PacketWriter(FileMuxer):
         ValueError: the container cannot hold this codec.
         BadPacket: the extradata are damaged.
     """
+
+    _headers = b""
 
     def __init__(
         self,
@@ -184,6 +214,11 @@ class PacketWriter(FileMuxer):
         self._is_after_pause = False
         super().__init__(file, container)
         try:
+            check_codec(codec, container[0])
+            if extradata and codec not in HEADERS_IN_PACKETS:
+                if not START_CODES.match(extradata):  # PyAV passes none to a muxer
+                    raise ValueError(f"{codec} has headers outside its packets; put decode ! encode before")
+                self._headers = extradata
             self._video = self.container.add_mux_stream(codec, width=size[0], height=size[1])
             self._klv: Stream | None = self.container.add_data_stream("klv") if with_klv else None
         except BaseException:
@@ -210,6 +245,8 @@ class PacketWriter(FileMuxer):
             BadPacket: the packet is damaged; nothing can be written after it unless the file `has_begun`.
         """
         data = self._annexb.packet(data, is_keyframe)
+        if is_keyframe and not data.startswith(self._headers[:LOOK_BYTES]):
+            data = self._headers + data
         if not self.has_begun and self._reads_parameter_sets:
             check_parameter_sets(self._codec, data)
         packet = Packet(data)

@@ -21,6 +21,7 @@ from streamkit import (
     ResourceError,
 )
 from streamkit.testing import Harness
+from streamkit_media.encoding.encoder import Codec
 from streamkit_media.nalunits import units
 from streamkit_telemetry_formats.klv import KlvReader
 
@@ -473,10 +474,53 @@ def test_a_damaged_packet_is_left_out_and_recording_continues(
     assert max(times) < 10**9
 
 
+@pytest.mark.parametrize("ending", ["ts", "m2ts", "mp4", "mov", "mkv", "m3u8"])
+@pytest.mark.parametrize("codec", list(Codec))
+def test_what_is_encoded_can_be_read_or_is_refused(tmp_path: Path, codec: Codec, ending: str) -> None:
+    """The refusal names containers that hold the codec, and no file is left."""
+    everywhere = codec in (Codec.H264, Codec.H265, Codec.MPEG4)
+    held = everywhere or ending == "mkv" or (ending in ("mp4", "mov") and codec is Codec.MJPEG)
+    held |= ending == "mp4" and codec in (Codec.AV1, Codec.VP9, Codec.FFV1)
+    path = tmp_path / f"x.{ending}"
+    source = "videotestsrc num-buffers=12 ! video/x-raw, format=I420, width=96, height=64"
+    text = f"{source} ! encode codec={codec} ! packetsink location={path}"
+    if held:
+        Pipeline.parse(text).run(timeout_s=20)
+        assert len(video_frames(path)) == 12
+        return
+    with pytest.raises(ElementFailure, match=r"holds no \S+; write .*\.mkv, or encode to h264"):
+        Pipeline.parse(text).run(timeout_s=20)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_headers_beside_the_packets_are_recorded_or_refused(tmp_path: Path) -> None:
+    """MPEG-4 has them in an MP4 file; FFV1 of version 3 always, which PyAV gives no muxer."""
+    for codec, first, second in (("mpeg4", "a.mp4", "a.ts"), ("ffv1", "b.mkv", "c.mkv")):
+        with av.open(str(tmp_path / first), "w") as container:
+            stream = container.add_stream(codec, rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+            for number in range(25):
+                planes = np.random.default_rng(number).integers(0, 256, (72, 64), dtype=np.uint8)
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(planes, "yuv420p")))
+            container.mux(stream.encode(None))
+        copy = Pipeline.parse(
+            f"filesrc location={tmp_path / first} ! packetsink location={tmp_path / second}"
+        )
+        if codec == "ffv1":
+            with pytest.raises(
+                ElementFailure, match="ffv1 has headers outside its packets; put decode ! enc"
+            ):
+                copy.run(timeout_s=20)
+            assert not (tmp_path / second).exists()
+        else:
+            copy.run(timeout_s=20)
+            assert video_frames(tmp_path / second) == video_frames(tmp_path / first)
+
+
 def test_a_codec_that_the_container_does_not_take_is_an_error(tmp_path: Path) -> None:
     """The error comes at once, not as damage, and no empty file remains."""
     caps = Caps("image/bmp, width=16, height=16")
-    with pytest.raises(ElementFailure, match="cannot be written"):
+    with pytest.raises(ElementFailure, match="cannot be written: mp4 holds no bmp; encode"):
         recorded(tmp_path / "x.mp4", [Frame(b"BM", caps, pts=0, flags=FrameFlags.KEYFRAME)])
     assert list(tmp_path.iterdir()) == []
 
