@@ -15,10 +15,16 @@ from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
 
 HELD_LIMIT = 512
+MOST_REORDERED = 16  # frames between two that are shown in the order of their packets, as in H.264
+UNFINISHED = "held by the encoder at the stop"
 
 
 class Encode(Transform):
     """Encodes frames; odd sizes are extended by one repeated row or column at the lower or right edge.
+
+    Packets leave when all frames shown before them are encoded, too, so that a recording that is stopped has
+    no hole. A stop without EOS drops, and counts, the frames that the encoder holds: a dozen, with
+    `live=true` none.
 
     Example:
         videotestsrc num-buffers=50 ! encode ! packetsink location=test.ts
@@ -36,7 +42,9 @@ class Encode(Transform):
         self._encoder: Encoder | None = None
         self._raw_caps: Caps | None = None
         self._coded_caps: Caps | None = None
-        self._held: OrderedDict[int, Frame] = OrderedDict()
+        self._held: OrderedDict[int, Frame] = OrderedDict()  # by ticks; their packets are still to come
+        self._waiting: list[Frame] = []  # packets that come before those of frames shown earlier
+        self._highest = -1
         self._epoch = 0
         self._last_ticks = -1
 
@@ -63,33 +71,42 @@ class Encode(Transform):
         self._held[ticks] = frame.replace(data=None)
         if len(self._held) > HELD_LIMIT:
             self._held.popitem(last=False)
-        return packets + [self._frame(packet, frame) for packet in coded]
+        for packet in coded:
+            self._waiting.append(self._frame(packet, frame))
+            self._highest = max(self._highest, packet.pts or 0)
+            if next(iter(self._held), ticks + 1) > self._highest or len(self._waiting) > MOST_REORDERED:
+                packets += self._waiting
+                self._waiting.clear()
+        return packets
 
     def drain(self) -> Iterable[Frame]:
         """The packets still in the encoder."""
         return self._finish()
 
     def stop(self) -> None:
-        """Frees the encoder."""
+        """Frees the encoder, and counts what it holds."""
         self._encoder = None
+        self.count_drop(UNFINISHED, len(self._held) + len(self._waiting))
 
     def _begin(self, frame: Frame) -> None:
         caps = frame.caps
         size = caps.integer("width"), caps.integer("height")
         rate = caps_rate(caps)
         self._encoder = Encoder(self.settings, str(caps["format"]), size, rate or ASSUMED_RATE)
-        self._raw_caps, self._epoch, self._last_ticks = caps, frame.epoch, -1
+        self._raw_caps, self._epoch, self._last_ticks, self._highest = caps, frame.epoch, -1, -1
         self._coded_caps = coded_caps(
             self._encoder.codec, even(size[0]), even(size[1]), self._encoder.extradata, rate
         )
-        self._held.clear()
 
     def _finish(self) -> list[Frame]:
         encoder, self._encoder = self._encoder, None
         if encoder is None:
             return []
-        last = next(reversed(self._held.values()), None)
-        return [] if last is None else [self._frame(packet, last) for packet in encoder.finish()]
+        packets, self._waiting = self._waiting, []
+        if last := next(reversed(self._held.values()), None):
+            packets += [self._frame(packet, last) for packet in encoder.finish()]
+        self._held.clear()
+        return packets
 
     def _frame(self, packet: Packet[Stream], fallback: Frame) -> Frame:
         """The packet with the times, metadata and number of its frame."""

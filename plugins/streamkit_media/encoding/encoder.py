@@ -109,6 +109,8 @@ class Encoder:
         if settings.live:
             context.max_b_frames = 0
         context.options = _options(settings)
+        if settings.codec is Codec.AV1:
+            os.environ.setdefault("SVT_LOG", "1")  # errors only; FFmpeg has no option for it
         with _usual_scheduling():
             context.open()
 

@@ -114,3 +114,21 @@ def test_frames_and_files(tmp_path: Path) -> None:
     source = f"multifilesrc location={tmp_path}/a-%03d.jpg start-index=3"
     Pipeline.parse(f"{source} ! multifilesink location={tmp_path}/b-%d.jpg").run(timeout_s=20)
     assert (tmp_path / "b-1.jpg").read_bytes() == (tmp_path / "a-004.jpg").read_bytes()
+
+
+@pytest.mark.parametrize("codec", ["h264", "h265", "av1", "vp9", "mpeg4"])
+@pytest.mark.parametrize("count", range(60, 66))
+def test_a_stop_leaves_no_hole(codec: str, count: int) -> None:
+    """Whenever it comes, the packets that left are of the first frames, and the others are counted."""
+    with Harness("encode", codec=codec) as harness:
+        packets = [packet for number in range(count) for packet in harness.push(ramp(number))]
+    assert sorted(packet.pts for packet in packets) == [n * 40_000_000 for n in range(len(packets))]
+    missing = count - len(packets)
+    assert harness.element.drops == ({"held by the encoder at the stop": missing} if missing else {})
+
+
+def test_av1_prints_no_log(capfd: pytest.CaptureFixture[str]) -> None:
+    """SVT-AV1 would print 17 lines of its settings."""
+    with Harness("encode", codec="av1") as encoder:
+        assert encoder.push(ramp(0)) + encoder.drain()
+    assert capfd.readouterr().err == ""
