@@ -98,7 +98,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         self._writer = self._arrivals = None
         self._caps: Caps | None = None
         self._early: deque[Frame] = deque(maxlen=EARLY_LIMIT)
-        self._shift = self._begin = 0
+        self._shift = self._begin = self._keyframe = 0
         self._bytes = self._count = 0
         self._last_dts: int | None = None
         self._warned: set[str] = set()
@@ -142,7 +142,9 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         pts, dts = times_of(frame, self._last_dts)
         self._last_dts = dts
         self.check_pace(frame.pts)
-        if self._must_change(frame.caps, pts - self._begin, is_keyframe):
+        if is_keyframe:
+            self._keyframe = pts
+        if self._must_change(frame.caps, pts, is_keyframe):
             self._change(frame.caps, pts)
         writer = self._writer
         if writer is None:
@@ -171,13 +173,14 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         else:
             self._bytes += self._writer.write_klv(bytes(frame.data), pts + self._shift)
 
-    def _must_change(self, caps: Caps, length_ns: int, is_keyframe: bool) -> bool:
+    def _must_change(self, caps: Caps, pts: int, is_keyframe: bool) -> bool:
         """Whether a packet begins a file: the first, one of another format, or a full segment's next."""
         if not is_keyframe:
-            if self._writer is not None and 0 < 2 * self.max_size_time < length_ns:
+            since_ns = pts - self._keyframe
+            if self._writer is not None and 0 < 2 * self.max_size_time < since_ns:
                 self._warn_once(
                     "length",
-                    f"a segment of {length_ns / SECOND_NS:.1f} s, max-size-time is "
+                    f"a segment of {since_ns / SECOND_NS:.1f} s or more, max-size-time is "
                     f"{self.max_size_time / SECOND_NS:g} s: no keyframe has come at which another can "
                     "begin; set the keyframe interval of the camera or encoder to it, or less",
                 )
@@ -186,7 +189,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             return True
         if not is_same_format(caps, self._caps):
             return True
-        is_long = self.max_size_time and length_ns >= self.max_size_time
+        is_long = self.max_size_time and pts - self._begin >= self.max_size_time
         is_large = self.max_size_bytes and self._bytes >= self.max_size_bytes
         return not self.is_playlist and bool(is_long or is_large)
 

@@ -198,6 +198,14 @@ def test_a_segment_that_cannot_end_is_told(make_video: MakeVideo, tmp_path: Path
     assert ended.kind is MessageKind.EOS
 
 
+@pytest.mark.parametrize("name", ["x.m3u8", "x-%02d.ts"])
+def test_segments_that_end_are_not_warned_of(tmp_path: Path, name: str) -> None:
+    """Though a playlist, whose segments FFmpeg ends, is longer than two of them."""
+    limit = "max-size-time=300000000"
+    assert recorded(tmp_path / name, reordered(0), limit) == ({}, [])
+    assert len(list(tmp_path.glob("*.ts"))) > 3
+
+
 def test_segments_by_size_get_a_number(make_video: MakeVideo, tmp_path: Path) -> None:
     """A name without a number gets one when there is a limit."""
     source = make_video("long_for_segments.mp4", count=60)
