@@ -134,6 +134,7 @@ SINKS: dict[str, tuple[str, str, Reader]] = {
     "packetsink .ts": ("encode live=true gop=20 ! packetsink", "packets.ts", video_frames),
     "packetsink .mp4": ("encode live=true gop=20 ! packetsink", "packets.mp4", video_frames),
     "packetsink .mkv": ("encode live=true gop=20 ! packetsink", "packets.mkv", video_frames),
+    "packetsink .mp4, default encode": ("encode ! packetsink", "default.mp4", video_frames),
     "tracksink .jsonl, .csv, .txt": ("tracksink", "tracks.jsonl", json_lines),
     "tracksink .geojson": (
         "tracksink ground-altitude=500", "tracks.geojson",

@@ -43,10 +43,11 @@ FILES_ALONE = ("max_size_bytes", "max_total_size", "max_age", "arrivals")
 class PacketSink(MediaOutput, NumberedFilesSink):
     """Records or sends coded video and KLV telemetry without encoding.
 
-    Packets are in the file within two seconds, so that a recording plays also when the process was killed. A
-    new segment begins with a keyframe once the one before is long or large enough, or when the format
-    changes. Telemetry needs a transport stream: .ts, UDP, the standard output, a playlist. A damaged packet
-    is left out and counted. A recording is never overwritten unless if-exists=replace; behind a tee, a full
+    Frames keep the times of the stream, with which records made beside it are matched. Packets are in the
+    file within two seconds, so that a recording plays also when the process was killed. A new segment
+    begins with a keyframe once the one before is long or large enough, or when the format changes.
+    Telemetry needs a transport stream: .ts, UDP, the standard output, a playlist. A damaged packet is
+    left out and counted. A recording is never overwritten unless if-exists=replace; behind a tee, a full
     disk ends the recording and not the pipeline.
 
     Example:
