@@ -363,14 +363,19 @@ def test_stills_are_shown_without_coded_video(
 
 
 @pytest.mark.timeout(120)
+@pytest.mark.parametrize("rounded_ns", [0, -333_333, 333_333])
 def test_a_record_that_comes_late_is_shown_with_its_frame(
     browser: Chrome, serve_keys: Callable[..., str], session: zenoh.Session, key: str,
-    wait_for: Callable[..., Any],
+    wait_for: Callable[..., Any], rounded_ns: int,
 ) -> None:  # fmt: skip
-    """The last frame of a stream has its boxes, though its record needed longer than the frame is held."""
+    """The last frame of a stream has its boxes, though its record needed longer than the frame is held.
+
+    So has a frame whose time Matroska has rounded.
+    """
     browser.get(serve_keys(key))
     image = np.full((240, 320, 3), 90, np.uint8)
-    frame = Frame(image, raw_video_caps("BGR", 320, 240, None), pts=written_record(5)["pts_ns"], seq=5)
+    pts = written_record(5)["pts_ns"] + rounded_ns
+    frame = Frame(image, raw_video_caps("BGR", 320, 240, None), pts=pts, seq=5)
     header = frame_header(frame, key, 1, 0, image.shape)
     images = session.declare_publisher(f"{key}/frame", encoding="image/jpeg;streamkit.frame/1")
     images.put(encode_image(image, ImageFormat.JPEG), attachment=Stamp(1, 0).attachment(header))
