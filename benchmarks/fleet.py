@@ -131,7 +131,7 @@ def compare_batch(clips: int) -> None:
             began_s = time.monotonic()
             driver = BatchDriver(
                 {path: f"{Path(path).name}.gray" for path in paths}, recipe, out,
-                retries=3, retry_failed=False, report=lambda *_: None,
+                retries=3, retry_failed=False, report=lambda *_: None, count_parts=lambda *_: None,
             )  # fmt: skip
             driver.run()
             batch_s = time.monotonic() - began_s
