@@ -31,7 +31,7 @@ def test_a_file_is_planned_by_its_content(tmp_path: Path) -> None:
     clip = tmp_path / "clip.mp4"
     Pipeline.parse(
         f"videotestsrc num-buffers=75 ! video/x-raw, width=64, height=48, framerate=25/1 "
-        f"! encode gop=25 ! packetsink location={clip}"
+        f"! encode live=true gop=25 ! packetsink location={clip}"
     ).run(timeout_s=60)
     assert keyframes_s(str(clip)) == [0.0, 1.0, 2.0]
     plan = plan_file(str(clip), RECIPE)
