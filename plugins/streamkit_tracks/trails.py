@@ -68,10 +68,8 @@ class TrailFormat(RecordFormat):
         there = {(source, track["id"]) for track in record["tracks"] if track["state"] != LOST}
         written = "".join(self._completed(source, there)).encode()
         if self._is_empty and self._trails:
-            self._is_empty, written = (
-                False,
-                b"\n" + written,
-            )  # for the sink, which keeps an older file till then
+            self._is_empty = False
+            return b"\n" + written  # for the sink, which keeps an older file until something is written
         return written
 
     def _completed(self, source: str, there: set[tuple[str, int]]) -> Iterator[str]:
