@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import deque
+
+import msgspec
 
 from streamkit_view.history import Past
 from streamkit_view.messages import (
@@ -18,6 +19,7 @@ from streamkit_view.messages import (
     Identity,
     InvalidAnswer,
     PageMessage,
+    text_message,
 )
 
 # What may be under way to a page that has not confirmed it, and what may wait for that.
@@ -137,9 +139,9 @@ class Viewer:
         if self._replies:
             return self._replies.popleft()
         if self._skipped:
-            body = {"type": SKIPPED, "feed": self.feed, "body": {"frames": self._skipped}}
+            body = msgspec.json.encode({"frames": self._skipped})
             self._skipped = 0
-            return PageMessage(SKIPPED, self.feed, json.dumps(body))
+            return text_message(SKIPPED, self.feed, body)
         newest = next(iter(self._newest.values()), None)
         if newest is not None and not (self._stream and self._stream[0].at_s <= newest.at_s):
             return self._newest.pop(newest.message.identity).message

@@ -124,9 +124,9 @@ def test_a_late_page_hears_of_skipped_frames_before_a_keyframe_comes() -> None:
     viewer = Viewer()
     for number in range(800):
         viewer.offer(packet(number, is_keyframe=number == 0))
-    (told,) = take_all(viewer)
-    assert told.kind == SKIPPED
-    assert json.loads(told.data)["body"]["frames"] == 800
+    (notice,) = take_all(viewer)
+    assert notice.kind == SKIPPED
+    assert json.loads(notice.data)["body"]["frames"] == 800
 
 
 def test_frames_that_are_not_skipped_keep_their_records() -> None:
