@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from contextlib import suppress
 from fractions import Fraction
+from functools import cache
 from typing import TypeAlias
 
 import av
@@ -158,8 +159,9 @@ def ticks(ns: int) -> int:
     return round(Fraction(ns, SECOND_NS) / TIME_BASE)
 
 
+@cache
 def holds(name: str, codec: str) -> bool:
-    """Whether a container holds a codec; both by FFmpeg's names."""
+    """Whether a container holds a codec; both by FFmpeg's names, each pair asked of FFmpeg once."""
     if name in WITHOUT_HEADERS:
         return codec in TRANSPORT_CODECS
     with av.open(io.BytesIO(), "w", format=name) as container:
