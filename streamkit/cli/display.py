@@ -114,10 +114,10 @@ class Progress(Display):
         is_whole = is_last and self.pipeline.ended.is_set() and self.pipeline.error is None
         where = "" if is_whole else self._position(None if is_last else now.elapsed_s)
         words = [f"{now.elapsed_s:7.1f} s{where}  {frames} frames  {rate:.1f}/s"]
-        if reasons := summarise(now).reasons:
-            words.append(
-                f"dropped {dropped_text(reasons)}" if is_last else f"{sum(reasons.values())} dropped"
-            )
+        summary = summarise(now)
+        if summary.dropped:
+            reasons = dropped_text(summary.reasons)
+            words.append(f"dropped {reasons}" if is_last else f"{summary.dropped} dropped")
         ages_ns = [row.age_ns for row in now.elements if row.age_ns is not None and not row.frames_out]
         if ages_ns and self.pipeline.is_live and not is_last:
             words.append(f"{age_text(max(ages_ns))} old")
