@@ -1,4 +1,4 @@
-"""videofilesink: frames as H.264 to a file, pipe, network or playlist, each frame at its own time."""
+"""videofilesink: frames as H.264 to a file, pipe, network or playlist, at the intervals they came at."""
 
 from __future__ import annotations
 
@@ -36,8 +36,10 @@ MIN_RATE = Fraction(1, 3600)  # for the encoder; MP4 cannot hold a frame of 7 ho
 class VideoFileSink(MediaOutput):
     """Encodes frames to an H.264 file that plays while it grows, and however the process ended.
 
-    Over UDP there is a keyframe each second, so that a receiver may join at any time. Odd sizes are extended
-    by one repeated row or column at the lower or right edge.
+    The first frame is at 0 s, as players expect it, and the others are at their distance from it. A video to
+    be matched with records needs the times of the stream: encode ! packetsink keeps them. Over UDP there is
+    a keyframe each second, so that a receiver may join at any time. Odd sizes are extended by one repeated
+    row or column at the lower or right edge.
 
     Example:
         videotestsrc num-buffers=50 ! videofilesink location=test.mp4
