@@ -187,13 +187,13 @@ def test_a_pipe_whose_reader_stops_fails_once(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    file = OutputFile(path, patience=Patience(0.3))
+    file = OutputFile(path, patience=Patience(1.5))
     with pytest.raises(TimeoutError):
         file.write(bytes(1 << 20))
     began = time.monotonic()
     with pytest.raises(TimeoutError):
         file.write(b"more")
-    assert time.monotonic() - began < 0.3
+    assert time.monotonic() - began < 1.5
     file.discard()
     os.close(reader)
 
