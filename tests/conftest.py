@@ -11,7 +11,7 @@ import venv
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
-import hypothesis  # noqa: F401  before trio: else pytest's summary fails where no test has imported it
+import hypothesis  # before trio: else pytest's summary fails where no test has imported it
 import pytest
 
 from streamkit import Element
@@ -32,7 +32,11 @@ COMMANDS = {
     '--no-index --no-deps --no-build-isolation "$@"',
 }
 
-
+# The same examples in each run, and no limit of time for one of them: the machine may be busy.
+hypothesis.settings.register_profile(
+    "repeatable", derandomize=True, deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("repeatable")
 SLOWNESS = pytest.StashKey[tuple[Path, float]]()
 
 

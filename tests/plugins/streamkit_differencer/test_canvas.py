@@ -148,7 +148,7 @@ def test_a_matrix_that_is_no_homography_of_the_frame_is_refused(matrix):
     np.testing.assert_allclose(place.working_to_canvas, translation((22.0, 12.0)), atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

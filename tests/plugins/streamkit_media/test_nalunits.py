@@ -1,5 +1,5 @@
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_media.nalunits import BadPacket, is_reference, length_field, parameter_sets, units
@@ -68,7 +68,6 @@ def test_parameter_sets() -> None:
     ]
 
 
-@settings(deadline=None, derandomize=True)
 @given(st.sampled_from([("h264", AVCC_BOX), ("hevc", HVCC_BOX)]), st.integers(0, 44), st.binary(max_size=40))
 def test_damaged_boxes_are_refused(codec_box: tuple[str, bytes], cut: int, tail: bytes) -> None:
     """A box that is cut or overwritten gives sets from within it or an error, never a crash."""

@@ -2,7 +2,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit import SECOND_NS, Caps, FrameFlags
@@ -12,7 +12,6 @@ from streamkit_media.streams import nanoseconds, packet_frame, read_packets
 CAPS = Caps("video/x-h264")
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.integers(-(10**12), 10**12),
     st.sampled_from([Fraction(1, 90000), Fraction(1001, 30000), Fraction(1, 12800)]),

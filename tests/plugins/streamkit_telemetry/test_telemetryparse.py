@@ -2,7 +2,7 @@ import json
 from pathlib import Path
 from typing import NoReturn
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit import Caps, Frame, MessageKind, Pipeline
@@ -36,7 +36,7 @@ values = st.one_of(st.binary(max_size=10), st.integers(120, 300).map(lambda size
 hostile = st.lists(st.builds(element, st.integers(2, 150), values), max_size=30)
 
 
-@settings(deadline=None, derandomize=True, max_examples=100, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=100)
 @given(st.lists(hostile, min_size=1, max_size=3))
 def test_hostile_packets_with_good_checksums(packets: list[list[bytes]]) -> None:
     """Each packet is a line of JSON, or counted, and the element continues."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit_telemetry_formats.dji import DjiTelemetry, relative_angles, rotation, sample_of
@@ -226,7 +226,7 @@ PIECES = st.sampled_from(
 )
 
 
-@settings(deadline=None, derandomize=True, max_examples=300, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=300)
 @given(st.lists(PIECES, max_size=60))
 def test_any_mixture_is_accepted(pieces: list[str]) -> None:
     """Pieces of subtitles in any order give finite samples within the time that subtitles reach, or none."""

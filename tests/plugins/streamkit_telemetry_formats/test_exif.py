@@ -5,7 +5,7 @@ import struct
 from datetime import UTC, datetime
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_telemetry_formats.exif import ExifData, read_exif
@@ -83,7 +83,6 @@ def test_data_without_exif_has_no_values(data: bytes) -> None:
     assert read_exif(data) == ExifData()
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, 400), st.binary(min_size=1, max_size=12))
 def test_damage_never_raises(place: int, damage: bytes) -> None:
     """Any bytes overwritten leave values that are finite or None."""
@@ -93,7 +92,6 @@ def test_damage_never_raises(place: int, damage: bytes) -> None:
     assert all(number is None or math.isfinite(number) for number in numbers)
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, 400))
 def test_a_cut_never_raises(length: int) -> None:
     """A truncated file gives the values before its end."""

@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_telemetry_formats.photograph import JpegHeader, read_header
@@ -33,7 +33,6 @@ def test_other_data_has_no_jpeg_header() -> None:
     assert read_header(png) == read_header(b"") == JpegHeader()
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.integers(0, len(PLAIN)), st.binary(max_size=20))
 def test_damage_never_raises(place: int, damage: bytes) -> None:
     """A file cut anywhere and followed by random bytes gives a header."""

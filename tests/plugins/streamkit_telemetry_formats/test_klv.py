@@ -4,7 +4,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_telemetry_formats.klv import (
@@ -89,7 +89,6 @@ def test_a_damaged_length_does_not_hold_up_the_stream() -> None:
     assert reader.bad == 1
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(max_size=300), st.integers(1, 40))
 def test_any_bytes_are_accepted(noise: bytes, piece: int) -> None:
     """Noise, also noise that begins like a packet, neither raises nor hides the packet behind it."""

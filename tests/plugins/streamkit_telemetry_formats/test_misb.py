@@ -1,7 +1,7 @@
 import math
 import struct
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit_telemetry_formats.klv import KEY_PREFIX, UAS_LOCAL_SET, UNIVERSAL_SET, checksum
@@ -60,7 +60,7 @@ hostile_values = st.one_of(
 hostile_sets = st.lists(st.builds(element, st.integers(1, 160), hostile_values), max_size=40)
 
 
-@settings(deadline=None, derandomize=True, max_examples=400, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=400)
 @given(st.lists(st.tuples(hostile_sets, st.one_of(st.none(), st.integers(0, 2**62))), max_size=5))
 def test_hostile_packets_with_good_checksums(packets: list[tuple[list[bytes], int | None]]) -> None:
     """Any tags and lengths of a well-formed packet give samples of finite numbers, or a count."""
@@ -124,7 +124,6 @@ def test_numbers_of_the_universal_set_have_their_range() -> None:
     assert telemetry.broken_tags == 3
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.dictionaries(st.sampled_from([TIME, LATITUDE, LONGITUDE, ALTITUDE, HEADING]), st.binary(max_size=20))
 )

@@ -1,4 +1,4 @@
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_telemetry_formats.subrip import Cue, SubtitleReader
@@ -23,7 +23,6 @@ def test_other_text_is_skipped() -> None:
     assert list(cues_of("hello\n\n00:00:01,000 -->\n\n7\n00:00:09,000 --> 00:00:10,000")) == []
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.text(max_size=300))
 def test_any_text_is_accepted(text: str) -> None:
     """No text raises."""

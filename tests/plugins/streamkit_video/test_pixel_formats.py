@@ -75,7 +75,7 @@ def test_nv12_interleaves_the_chroma_of_i420() -> None:
     )
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(
     width=st.integers(1, 40),
     height=st.integers(1, 40),

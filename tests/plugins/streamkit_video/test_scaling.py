@@ -48,7 +48,7 @@ def test_formats_scale_alike(pixel_format: str) -> None:
     assert np.abs(here.astype(int) - there).max() <= 3
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     before=st.tuples(st.integers(1, 30), st.integers(1, 30)),
     after=st.tuples(st.integers(1, 30), st.integers(1, 30)),

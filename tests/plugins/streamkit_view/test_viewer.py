@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_view import viewer as module
@@ -74,7 +74,6 @@ def test_a_stuck_page_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not viewer.is_stuck
 
 
-@settings(deadline=None)
 @given(st.integers(2, 400), st.integers(601, 3000))
 def test_a_slow_page_goes_on_at_a_keyframe_and_hears_how_many_it_missed(group: int, count: int) -> None:
     """Numbers are consecutive but for the skipped ones, which are counted; a keyframe follows each gap."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit import Caps, FeatureSpace, Registration
@@ -50,9 +50,7 @@ leaves = (
 )
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow]
-)  # the machine may be busy
+@settings(max_examples=60)
 @given(st.recursive(leaves, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
 def test_plain_values_keep_type_and_content(value: object) -> None:
     """Numbers, texts, containers."""

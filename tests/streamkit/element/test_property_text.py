@@ -166,7 +166,7 @@ def test_strings_lose_one_pair_of_quotes(text: str, value: str | None) -> None:
 
 
 @given(st.sampled_from([int, float, bool, str, Fraction, Caps, Colour]), st.text(max_size=20))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 def test_any_text_is_a_value_or_a_value_error(kind: type, text: str) -> None:
     """No text raises another exception."""
     try:

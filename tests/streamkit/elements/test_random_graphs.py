@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit import Frame, Pipeline
@@ -59,12 +59,10 @@ def numbers(frames: list[Frame], size: int) -> list[int]:
     return [frame.seq for frame in frames if len(frame.data) == size]
 
 
-ANY_SPEED = settings(
-    max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
-)
+SAMPLED = settings(max_examples=25)
 
 
-@ANY_SPEED
+@SAMPLED
 @given(sources)
 def test_chains(source: Source) -> None:
     """One source, any elements in a row, one sink."""
@@ -73,7 +71,7 @@ def test_chains(source: Source) -> None:
     assert [frame.seq for frame in frames] == list(range(source.count))
 
 
-@ANY_SPEED
+@SAMPLED
 @given(st.integers(0, 300), single, st.lists(plain, min_size=1, max_size=4))
 def test_branches(count: int, before: list[str], branches: list[list[str]]) -> None:
     """A tee: each branch gets everything."""
@@ -84,7 +82,7 @@ def test_branches(count: int, before: list[str], branches: list[list[str]]) -> N
         assert [frame.seq for frame in frames] == list(range(count))
 
 
-@ANY_SPEED
+@SAMPLED
 @given(st.lists(sources, min_size=1, max_size=4), plain)
 def test_joins(inputs: list[Source], after: list[str]) -> None:
     """A funnel: everything of each source, each in its order."""
@@ -97,7 +95,7 @@ def test_joins(inputs: list[Source], after: list[str]) -> None:
         assert numbers(frames, number + 1) == list(range(source.count))
 
 
-@ANY_SPEED
+@SAMPLED
 @given(st.lists(sources, min_size=1, max_size=3), plain)
 def test_rows(inputs: list[Source], after: list[str]) -> None:
     """A concat: one source after the other, whole."""
@@ -109,7 +107,7 @@ def test_rows(inputs: list[Source], after: list[str]) -> None:
     assert [(len(frame.data), frame.seq) for frame in frames] == expected
 
 
-@ANY_SPEED
+@SAMPLED
 @given(
     st.integers(0, 200), single, st.lists(plain, min_size=2, max_size=3), plain, st.lists(sources, max_size=2)
 )

@@ -13,7 +13,7 @@ from streamkit.flow.caps import EMPTY
 RAW = "video/x-raw, format={ GRAY8, BGR }, width=[ 1, 4096 ]"
 names = st.sampled_from(["a/b", "a/c", "a/b, f=1", "a/b, f={ 1, 2 }", "a/b(memory:A)"])
 all_caps = st.lists(names, max_size=3).map("; ".join).map(lambda text: Caps(text or "EMPTY"))
-sampled = settings(max_examples=60, deadline=None, derandomize=True)
+sampled = settings(max_examples=60)
 
 
 @given(all_caps)

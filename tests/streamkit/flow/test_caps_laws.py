@@ -92,7 +92,7 @@ structures = structures_of(values, ["video/x-raw", "audio/x-raw"])
 all_caps = st.lists(structures, max_size=3).map(Caps) | st.sampled_from([ANY, EMPTY])
 fields_alike = structures_of(st.integers(0, 4) | int_ranges, ["video/x-raw"])
 alike = st.lists(fields_alike, min_size=1, max_size=4).map(Caps)
-sampled = settings(max_examples=80, deadline=None, derandomize=True)
+sampled = settings(max_examples=80)
 
 
 @given(all_caps)

@@ -107,7 +107,7 @@ def test_the_last_of_equal_fields_wins() -> None:
 
 
 @given(st.text(max_size=60) | st.text(alphabet='ab/,;=(){}[]<>"\\ 0129.-:', max_size=60))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_any_text_is_caps_or_a_clear_error(text: str) -> None:
     """Only CapsSyntax is raised, and parsed caps can be written and parsed again."""
     caps, position = None, 0

@@ -102,7 +102,7 @@ branches = st.lists(st.sampled_from(["identity", "queue", "queue max-size-buffer
 
 
 @given(branches, st.lists(branches, min_size=1, max_size=3), st.integers(0, 70))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 def test_every_frame_arrives_once_and_in_order(trunk: list[str], tails: list[list[str]], count: int) -> None:
     """Whatever queues, tees and filters stand between: each sink gets every frame, in order, then EOS."""
     text = " ! ".join([f"fakesrc num-buffers={count}", *trunk, "tee name=t"])

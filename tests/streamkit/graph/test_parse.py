@@ -216,7 +216,7 @@ def outcome(text: str) -> tuple[tuple[ChainNode, ...], str, Place]:
 
 
 @given(st.text(max_size=100) | st.lists(words, max_size=25).map(" ".join))
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 def test_any_text_is_a_description_or_a_description_error(text: str) -> None:
     """No text makes parsing raise anything else, and its error can be shown."""
     chains, pointed, place = outcome(text)

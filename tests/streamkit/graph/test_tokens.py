@@ -67,7 +67,7 @@ def test_offsets_are_those_of_the_text() -> None:
 
 
 @given(st.text(max_size=80) | st.text(alphabet="ab/!:;.,(){}=\"'\\ \n", max_size=80))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_every_character_is_in_one_token_or_blank(text: str) -> None:
     """Tokens do not overlap, and between them stand blanks only."""
     position = 0

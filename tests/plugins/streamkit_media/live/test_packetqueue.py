@@ -1,6 +1,6 @@
 import itertools
 
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit import ANY, Frame, FrameFlags
@@ -63,7 +63,6 @@ def test_without_a_key_frame_it_waits_for_the_next() -> None:
     assert empty(ring) == [12]
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.one_of(st.booleans(), st.none()), max_size=200), st.integers(2, 9))
 def test_every_packet_is_taken_or_counted(steps: list[bool | None], capacity: int) -> None:
     """Delivered and dropped make received; the order is kept; a gap is followed by a keyframe."""

@@ -1,4 +1,4 @@
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_media.live.timeline import Timeline
@@ -45,7 +45,6 @@ def test_a_long_pause_is_kept() -> None:
     assert line.place(60 * SECOND, 61 * SECOND) == 60 * SECOND
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.lists(st.integers(0, 10**7), min_size=1, max_size=20), min_size=1, max_size=10))
 def test_every_connection_lies_after_those_before(steps: list[list[int]]) -> None:
     """Times of a connection are higher than all of the ones before it."""

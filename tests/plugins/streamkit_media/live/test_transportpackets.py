@@ -23,7 +23,6 @@ def test_whole_packets_pass_as_they_are() -> None:
     assert not +reception
 
 
-@settings(deadline=None, derandomize=True)
 @given(st.integers(400, 2000), st.integers(0, 187))
 def test_packets_cut_in_two_pass(size: int, skipped: int) -> None:
     """Senders that fill datagrams up cut packets in two; reception may begin anywhere."""
@@ -68,7 +67,7 @@ def test_gaps_repetitions_and_restarts(as_rtp: AsRtp) -> None:
     assert (reception["lost"], reception["refused"]) == (2, 2)
 
 
-@settings(deadline=None, derandomize=True, max_examples=300)
+@settings(max_examples=300)
 @given(st.lists(st.one_of(st.binary(max_size=400), st.binary(max_size=400).map(lambda b: b"\x90\x21" + b))))
 def test_any_bytes_are_taken_or_refused(datagrams: list[bytes]) -> None:
     """Nothing fails, and nothing comes out that did not go in."""

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_media.rtsp.pusher import (
@@ -62,7 +62,6 @@ def test_it_ends_also_without_its_parent(process: Process, serve: Callable[[int]
     assert process.returncode == -signal.SIGALRM
 
 
-@settings(deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(PACKETS, max_size=8))
 def test_messages_come_out_as_they_went_in(sent: list[PushPacket]) -> None:
     """Times, flag and data of any packet survive the pipe, and nothing is left."""

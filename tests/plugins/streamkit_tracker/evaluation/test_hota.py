@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_tracker.evaluation.scores import Labelled, score_hota
@@ -47,7 +47,6 @@ def test_nothing_found_scores_nothing(frames: Frames, truth: dict[int, float], t
 ROWS = st.lists(st.dictionaries(st.integers(1, 4), st.integers(0, 40).map(float)), min_size=1, max_size=6)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(ROWS, ROWS)
 def test_scores_lie_between_0_and_1_and_do_not_depend_on_numbers(
     frames: Frames, truth: list[dict[int, float]], tracks: list[dict[int, float]]

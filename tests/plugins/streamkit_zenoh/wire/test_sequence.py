@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_zenoh.wire.numbering import LossTracker, Stamp
@@ -48,7 +48,6 @@ def _histories(draw: st.DrawFn) -> tuple[int, int, list[tuple[str, int]]]:
     return joined, joined + count, [*events, ("settled", joined + count)]
 
 
-@settings(deadline=None)
 @given(_histories())
 def test_received_and_lost_add_up_in_every_order(
     history: tuple[int, int, list[tuple[str, int]]],
@@ -73,7 +72,6 @@ def test_received_and_lost_add_up_in_every_order(
     assert lost >= 0
 
 
-@settings(deadline=None)
 @given(
     st.integers(0, 1000),
     st.lists(st.one_of(st.none(), st.integers(0, 1100), st.integers(0, LARGEST)), max_size=RANGE_LIMIT - 2),
@@ -91,7 +89,6 @@ def test_forged_numbers_hide_no_message(first: int, between: list[int | None]) -
         assert sequence.received(number).is_new is (number not in forged)
 
 
-@settings(deadline=None)
 @given(st.lists(st.integers(1, 2000), max_size=40))
 def test_losses_from_forged_numbers_are_corrected(ahead: list[int]) -> None:
     """Once the publisher's own numbers have passed the forged ones, nothing is lost."""

@@ -21,7 +21,7 @@ def examples() -> Iterator[Any]:
             doc = element_class(name).__doc__ or ""
             example = " ".join(doc.partition("Example:")[2].strip().partition("\n\n")[0].split())
             example = example.replace("video/x-raw, format=GRAY8, width=320", "capsfilter caps=video/x-raw")
-            if name == "input-selector":  # an input that is not active may have begun when the active one ends
+            if name == "input-selector":  # whether another input has begun when the active one ends is open
                 example = example.removesuffix(" fakesrc num-buffers=3 ! s.")
             bin_of_it = r"( process=true \g<0> )"
             yield pytest.param(example, re.sub(rf"\b{name}(?: [\w-]+=\S+)*", bin_of_it, example), id=name)
