@@ -14,7 +14,8 @@ import zenoh
 from streamkit_zenoh.configuration import SessionMode, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
-from tests.acceptance.zenoh_links import BINARY, Router, free_port, router, wait_for
+from tests.acceptance.zenoh_links import BINARY, Router, router, wait_for
+from tests.ports import free_port
 from tests.slowness import patience
 
 KEY = "acceptance/endings"

@@ -22,7 +22,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
-from tests.acceptance.zenoh_links import free_port
+from tests.ports import free_port
 
 FOREIGN = Path(__file__).with_name("zenoh_foreign_subscriber.py")
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "zenoh" / "subscribe.py"

@@ -18,7 +18,8 @@ from streamkit_zenoh.wire.frame_header import frame_header, read_header
 from streamkit_zenoh.wire.images import ImageFormat, decode_image, encode_image
 from streamkit_zenoh.wire.numbering import read_attachment
 from streamkit_zenoh.wire.records import TRACKS_SCHEMA
-from tests.acceptance.zenoh_links import free_port, wait_for
+from tests.acceptance.zenoh_links import wait_for
+from tests.ports import free_port
 
 KEY = "acceptance/hostile"
 COUNT = 10_000

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from streamkit import Pipeline
-from tests.acceptance.zenoh_links import BINARY, Proxy, Router, free_port, router
+from tests.acceptance.zenoh_links import BINARY, Proxy, Router, router
+from tests.ports import free_port
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "examples" / "zenoh" / "make-test-certificates.sh"
 WORD = "acceptance-of-tls"

@@ -27,14 +27,6 @@ session.close()
 """
 
 
-def free_port() -> int:
-    """A free port on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
 def wait_for(condition: Callable[[], bool], limit_s: float = 20.0) -> bool:
     """Whether a condition becomes true within the time limit."""
     deadline_s, never = time.monotonic() + limit_s, threading.Event()

@@ -10,6 +10,7 @@ import zenoh
 
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
+from tests.ports import free_port
 
 
 @pytest.fixture
@@ -21,9 +22,7 @@ def key() -> str:
 @pytest.fixture
 def endpoint() -> str:
     """A free endpoint on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture
