@@ -1,4 +1,4 @@
-"""Start-up: `streamkit launch` to the first frame at the sink, against the import of its libraries alone.
+"""Start-up: `streamkit launch` of a clip of one frame, against the import of its libraries alone.
 
     python benchmarks/startup.py [--rounds 5] [--python PYTHON]
 
@@ -22,7 +22,7 @@ from pathlib import Path
 
 LIMIT_S = 600.0
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
-WHOLE = f"filesrc location={{}} ! decode ! {TRACKING} ! fakesink num-buffers=1"
+WHOLE = f"filesrc location={{}} ! decode ! {TRACKING} ! fakesink"
 MAIN = "import sys; from streamkit.cli.main import main; main()"
 COMMANDS = ("--help", "inspect", "inspect stitch", "graph fakesrc!fakesink")
 
@@ -66,7 +66,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["PYTHONPYCACHEPREFIX"] = f"{folder}/bytecode"
         flight = Path(folder) / "flight.mp4"
-        cost([*launch, f"dronetestsrc num-buffers=10 ! videofilesink location={flight}"])
+        cost([*launch, f"dronetestsrc num-buffers=1 ! videofilesink location={flight}"])
         smallest = [*launch, "fakesrc num-buffers=1 ! fakesink"]
         compare("smallest pipeline", smallest, [*python, "import numpy, typer"], arguments.rounds)
         whole = [*launch, WHOLE.format(flight)]

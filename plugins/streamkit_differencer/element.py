@@ -35,7 +35,7 @@ from streamkit_differencer.foreground import full_size
 from streamkit_differencer.objects import NO_OBJECTS
 from streamkit_differencer.region import region_mask
 from streamkit_differencer.settings import DifferencerSettings
-from streamkit_kernels import COMPILING, on_compilation
+from streamkit_kernels import start_kernels
 
 WORKING_SCALES = (0, 1, 2, 4)
 MASK_CAPS = Caps("video/x-raw, format=GRAY8")
@@ -92,7 +92,7 @@ class FrameDiff(Transform):
     settings = SettingsOf(DifferencerSettings)
 
     def start(self) -> None:
-        """Starts without a model, with all kernels compiled.
+        """Starts without a model.
 
         Raises:
             PropertyError: working-scale is none of 0, 1, 2 and 4.
@@ -108,8 +108,7 @@ class FrameDiff(Transform):
             region_mask(self.roi or "0,0 1,0 1,1", 1, 1)
         except ValueError as error:
             raise ResourceError(f"{self.name}: roi: {error}") from error
-        with on_compilation(lambda: self.post_warning(COMPILING)):
-            warm_up()
+        start_kernels("streamkit_differencer", warm_up, is_live=self.query_live(), report=self.post_warning)
         self._differencer = Differencer(own_motion=self.motion in (MotionSource.AUTO, MotionSource.OWN))
         self._last_seq: int | None = None
         self._crowded = self._has_warned = self._is_held = False

@@ -13,7 +13,6 @@ prepare("my_package")
 from streamkit_kernels.calling_thread import LARGEST_PRODUCT as LARGEST_PRODUCT
 from streamkit_kernels.calling_thread import product as product
 from streamkit_kernels.compilation import BOOL_1D as BOOL_1D
-from streamkit_kernels.compilation import COMPILING as COMPILING
 from streamkit_kernels.compilation import FLOAT32 as FLOAT32
 from streamkit_kernels.compilation import FLOAT64 as FLOAT64
 from streamkit_kernels.compilation import INT32 as INT32
@@ -23,5 +22,5 @@ from streamkit_kernels.compilation import UINT8_STRIDED as UINT8_STRIDED
 from streamkit_kernels.compilation import UINT16 as UINT16
 from streamkit_kernels.compilation import compiled as compiled
 from streamkit_kernels.compilation import kernel as kernel
-from streamkit_kernels.compilation import on_compilation as on_compilation
 from streamkit_kernels.compilation import prepare as prepare
+from streamkit_kernels.compilation import start_kernels as start_kernels

@@ -3,7 +3,7 @@
 import contextlib
 import hashlib
 from collections.abc import Callable, Iterator
-from functools import lru_cache
+from functools import lru_cache, wraps
 from pathlib import Path
 from threading import Lock
 from typing import Any, ParamSpec, TypeVar
@@ -28,8 +28,8 @@ UINT8_READONLY = types.Array(types.uint8, 2, "C", readonly=True)
 # A read-only image of any strides.
 UINT8_STRIDED = types.Array(types.uint8, 2, "A", readonly=True)
 
-# Warning of an element whose start waits for the compiler.
-COMPILING = (
+# Warning where a start waits for the compiler.
+_COMPILING = (
     "loops are being compiled for this machine, which takes up to some minutes, once; "
     "`streamkit prepare` does it beforehand"
 )
@@ -37,6 +37,7 @@ COMPILING = (
 _Parameters = ParamSpec("_Parameters")
 _Result = TypeVar("_Result")
 
+_functions: list[Any] = []  # all that are compiled, and of them those with declared arguments
 _kernels: list[tuple[Any, tuple[types.Type, ...]]] = []
 _preparing = Lock()
 
@@ -61,6 +62,12 @@ class _PackageCache(FunctionCache):
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, target_context)  # type: ignore[no-untyped-call]
+
+    def is_empty(self) -> bool:
+        """Whether there is no machine code of the function as its package is now."""
+        with contextlib.suppress(OSError):
+            return not self._cache_file._load_index()  # type: ignore[no-untyped-call]
+        return True
 
 
 @lru_cache(maxsize=64)
@@ -93,44 +100,88 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
     Returns:
         The compiled function, compiled once for each set of argument types.
     """
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    # A wrapper for callers in C would take a twentieth of the compiler's time, and nobody calls it.
+    options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    dispatcher: Any = numba.njit(**options)(function)
     with contextlib.suppress(RuntimeError):  # no writable folder, as in a read-only container
         dispatcher._cache = _PackageCache(function)
+    _functions.append(dispatcher)
     return dispatcher  # type: ignore[no-any-return]
 
 
 def kernel(
     *arguments: types.Type,
 ) -> Callable[[Callable[_Parameters, _Result]], Callable[_Parameters, _Result]]:
-    """A compiled function that Python calls, with the types of its arguments.
+    """A compiled function that Python calls, with the types of its arguments; loaded with its first call.
 
     Args:
         arguments: numba's types, one for each argument.
     """
 
     def decorate(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
-        result = compiled(function)
-        _kernels.append((result, arguments))
-        return result
+        dispatcher: Any = compiled(function)
+        _kernels.append((dispatcher, arguments))
+
+        @wraps(function)
+        def call(*values: _Parameters.args, **named: _Parameters.kwargs) -> _Result:
+            if not dispatcher.overloads:
+                _load(dispatcher, arguments)
+            return dispatcher(*values, **named)  # type: ignore[no-any-return]
+
+        return call
 
     return decorate
 
 
-def prepare(package: str) -> None:
-    """Compiles every kernel of a package, or loads its machine code, so that no frame waits for the compiler.
+def _load(dispatcher: Any, arguments: tuple[types.Type, ...]) -> None:
+    """Loads or compiles a kernel; from then on it refuses other types of arguments."""
+    with _preparing:
+        if arguments not in dispatcher.overloads:
+            dispatcher.compile(arguments)
+        dispatcher.disable_compile()
 
-    From then on a call with other types raises a TypeError instead of compiling while frames stream.
+
+def prepare(package: str) -> None:
+    """Compiles every kernel of a package, or loads its machine code, so that no frame waits for it.
+
+    A call with other types raises a TypeError instead of compiling while frames stream.
 
     Args:
         package: its name; kernels of modules that are imported count.
     """
-    with _preparing:
-        for function, arguments in _kernels:
-            if str(function.py_func.__module__).partition(".")[0] != package:
-                continue
-            if arguments not in function.overloads:
-                function.compile(arguments)
-            function.disable_compile()
+    for function, arguments in _kernels:
+        if _package_of(function) == package:
+            _load(function, arguments)
+
+
+def start_kernels(
+    package: str, warm_up: Callable[[], None], *, is_live: bool, report: Callable[[str], None]
+) -> None:
+    """Has the kernels of a package ready before the first frame: at least compiled, for a live stream loaded.
+
+    Frames of a live stream do not wait. In a file each kernel is loaded where a frame first needs it, and one
+    that none needs is not loaded at all.
+
+    Args:
+        package: its name; functions of modules that are imported count.
+        warm_up: compiles or loads all of them.
+        is_live: whether frames are lost if they wait.
+        report: called with a warning if the compiler is waited for.
+    """
+    own = [function for function in _functions if _package_of(function) == package]
+    if is_live or any(_is_missing(function) for function in own):
+        with on_compilation(lambda: report(_COMPILING)):
+            warm_up()
+
+
+def _is_missing(function: Any) -> bool:
+    """Whether a function has to be compiled before it can run."""
+    cache = function._cache
+    return not function.overloads and (not isinstance(cache, _PackageCache) or cache.is_empty())
+
+
+def _package_of(function: Any) -> str:
+    return str(function.py_func.__module__).partition(".")[0]
 
 
 class _CompilationListener(event.Listener):

@@ -41,7 +41,7 @@ from streamkit import (
 from streamkit.geometry.homography import centre, project
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.output.names import FileNames
-from streamkit_kernels import COMPILING, on_compilation
+from streamkit_kernels import start_kernels
 from streamkit_stitcher.flight_plan.plan import FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.ground_view import ground_view
 from streamkit_stitcher.hidden_pixels import without_hidden
@@ -55,6 +55,7 @@ from streamkit_stitcher.mosaic_pad import MosaicPad
 from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.warm_up import warm_up
 from streamkit_telemetry_formats.dji_cameras import camera_view
 
 # BGR for frames of odd sizes, which have no subsampled colour planes.
@@ -128,8 +129,8 @@ class Stitch(Transform):
         Raises:
             ResourceError: the location or the strip cannot be used.
         """
-        with on_compilation(lambda: self.post_warning(COMPILING)):
-            self._registrar = FrameRegistrar(self.settings)
+        start_kernels("streamkit_stitcher", warm_up, is_live=self.query_live(), report=self.post_warning)
+        self._registrar = FrameRegistrar(self.settings)
         self._mosaic: LiveMosaic | None = None
         self._ground = LiveGround()
         self._epoch: int | None = None

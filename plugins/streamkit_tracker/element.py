@@ -26,7 +26,7 @@ from streamkit import (
     Transform,
     luma,
 )
-from streamkit_kernels import COMPILING, on_compilation
+from streamkit_kernels import start_kernels
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.observation import FrameContinuity, Observation
@@ -83,8 +83,7 @@ class ParticleTrack(Transform):
 
     def start(self) -> None:
         """Begins without targets."""
-        with on_compilation(lambda: self.post_warning(COMPILING)):
-            warm_up()
+        start_kernels("streamkit_tracker", warm_up, is_live=self.query_live(), report=self.post_warning)
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self.settings)
         self._last: Frame | None = None

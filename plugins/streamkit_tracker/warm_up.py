@@ -21,7 +21,7 @@ SETTINGS = TrackerSettings(eigen=EigenSettings(batch=2), birth_hits=1, min_trave
 def warm_up() -> None:
     """Follows a drawn and a detected target over a few small frames, once in a process.
 
-    Else the first frames of a live feed would wait while their loops are compiled, or read from the cache.
+    Else frames of a live feed would wait where their loops are loaded first, and SciPy with them.
     """
     prepare("streamkit_tracker")
     image = np.random.default_rng(0).integers(0, 255, (SIDE, SIDE)).astype(np.uint8)

@@ -4,7 +4,9 @@ import subprocess
 import sys
 
 LATE = ("scipy.fft", "scipy.linalg", "scipy.optimize", "scipy.sparse", "scipy.special")
-WHOLE = "appsrc ! decode ! stitch ! framediff ! waveleteigen ! particletrack ! fakesink"
+TRACKING = "stitch ! framediff ! waveleteigen ! particletrack ! fakesink"
+WHOLE = f"appsrc ! decode ! {TRACKING}"
+ONE_FRAME = f"videotestsrc num-buffers=1 ! video/x-raw, format=GRAY8, width=640, height=360 ! {TRACKING}"
 
 
 def test_scipy_is_imported_with_its_first_use() -> None:
@@ -12,6 +14,21 @@ def test_scipy_is_imported_with_its_first_use() -> None:
     code = (
         f"import sys\nfrom streamkit import Pipeline\nPipeline.parse({WHOLE!r})\n"
         f"assert 'cv2' in sys.modules\nprint([name for name in {LATE!r} if name in sys.modules])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=80, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_first_frame_of_a_file_needs_no_scipy() -> None:
+    """The tracker imports it with the first frame that has targets, numba with what calls for linear algebra.
+
+    Both together would be a fifth of the start of the whole pipeline.
+    """
+    code = (
+        f"import sys\nfrom streamkit import Pipeline\nwith Pipeline.parse({ONE_FRAME!r}) as pipeline:\n"
+        f"    pipeline.run(timeout_s=60)\nprint([name for name in {LATE!r} if name in sys.modules])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=80, check=True

@@ -16,7 +16,6 @@ from streamkit.geometry.homography import (
     normalised,
 )
 from streamkit.geometry.registration_status import RegistrationStatus
-from streamkit_kernels import prepare
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement, placed
 from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistration
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
@@ -84,8 +83,6 @@ class FrameRegistrar:
     """
 
     def __init__(self, settings: PlaneSettings) -> None:
-        # Compiles the kernels: else the stream would wait at the first alignment.
-        prepare("streamkit_stitcher")
         self._settings = settings
         self._planes = Planes(settings)
         self._previous: FrameRegistration | None = None

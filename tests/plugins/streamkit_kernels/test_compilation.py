@@ -11,6 +11,7 @@ import pytest
 from numba import types
 
 from streamkit_kernels import UINT8, compiled, kernel, prepare
+from streamkit_kernels.compilation import on_compilation
 
 
 @kernel(UINT8, types.int64)
@@ -53,8 +54,10 @@ def test_a_package_is_prepared_alone() -> None:
     def untouched(image: Any) -> None:
         image[0, 0] = 0
 
-    prepare("no_such_package")
-    assert not untouched.overloads  # type: ignore[attr-defined]
+    began: list[bool] = []
+    with on_compilation(lambda: began.append(True)):
+        prepare("no_such_package")
+    assert not began
 
 
 def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
@@ -63,7 +66,7 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
         textwrap.dedent("""
         import sys
 
-        from streamkit_kernels import UINT8, kernel, prepare, on_compilation
+        from streamkit_kernels import UINT8, kernel, start_kernels, prepare
 
         @kernel(UINT8)
         def first(image):
@@ -73,8 +76,7 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
         def second(image):
             image[0, 0] = 2
 
-        with on_compilation(lambda: print("compiling")):
-            prepare(__name__)
+        start_kernels(__name__, lambda: prepare(__name__), is_live=True, report=print)
         print("compiler is", "loaded" if "numba.np.linalg" in sys.modules else "left out")
         """)
     )
@@ -85,7 +87,49 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
         ).stdout
         for _ in range(2)
     ]  # fmt: skip
-    assert said == ["compiling\ncompiler is loaded\n", "compiler is left out\n"]
+    warning, loaded = said[0].splitlines()
+    assert "`streamkit prepare` does it beforehand" in warning
+    assert (loaded, said[1]) == ("compiler is loaded", "compiler is left out\n")
+
+
+def test_kernels_of_a_file_are_loaded_with_their_first_call(tmp_path: Path) -> None:
+    """Once machine code of all is there; before, they are all compiled at the start."""
+    (tmp_path / "loops_of_a_file.py").write_text(
+        textwrap.dedent("""
+        import numpy as np
+
+        from streamkit_kernels import UINT8, kernel, prepare, start_kernels
+
+        @kernel(UINT8)
+        def first(image):
+            image[0, 0] = 1
+
+        @kernel(UINT8)
+        def second(image):
+            image[0, 0] = 2
+
+        def warm_up():
+            print("warm")
+            prepare(__name__)
+
+        start_kernels(__name__, warm_up, is_live=False, report=lambda text: print("compiles"))
+        image = np.zeros((1, 1), np.uint8)
+        first(image)
+        print(image[0, 0])
+        try:
+            first(image.astype(np.float32))
+        except TypeError:
+            print("refused")
+        """)
+    )
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", "import loops_of_a_file"],
+            cwd=tmp_path, check=True, capture_output=True, text=True, timeout=60,
+        ).stdout.split()
+        for _ in range(2)
+    ]  # fmt: skip
+    assert said == [["warm", "compiles", "1", "refused"], ["1", "refused"]]
 
 
 def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(tmp_path: Path) -> None:
@@ -117,7 +161,8 @@ def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(
     program = textwrap.dedent("""
         import numpy as np
         from loops_of_a_package.kernels import brighten
-        from streamkit_kernels import prepare, on_compilation
+        from streamkit_kernels import prepare
+        from streamkit_kernels.compilation import on_compilation
 
         with on_compilation(lambda: print("compiles")):
             prepare("loops_of_a_package")
