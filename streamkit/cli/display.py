@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 REDRAW_EVERY_S = 0.2
 LINE_EVERY_S = 1.0
+SHARE_OF_BAR, NARROWEST_BAR = 0.25, 8  # of the columns; columns
 
 
 class Display:
@@ -96,7 +97,7 @@ class JsonDisplay(Display):
 
 
 class Progress(Display):
-    """A progress line on the terminal."""
+    """A progress line on the terminal, of a file with a bar."""
 
     shown = False
     _frames = 0
@@ -112,8 +113,8 @@ class Progress(Display):
         rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
         self._frames, self._frames_s = frames, now.elapsed_s
         is_whole = is_last and self.pipeline.ended.is_set() and self.pipeline.error is None
-        where = "" if is_whole else self._position(None if is_last else now.elapsed_s)
-        words = [f"{now.elapsed_s:7.1f} s{where}  {frames} frames  {rate:.1f}/s"]
+        share, where = (None, "") if is_whole else self._position(None if is_last else now.elapsed_s)
+        words = [f"{where}  {frames} frames  {rate:.1f}/s"]
         summary = summarise(now)
         if summary.dropped:
             reasons = dropped_text(summary.reasons)
@@ -121,23 +122,28 @@ class Progress(Display):
         ages_ns = [row.age_ns for row in now.elements if row.age_ns is not None and not row.frames_out]
         if ages_ns and self.pipeline.is_live and not is_last:
             words.append(f"{age_text(max(ages_ns))} old")
-        width = shutil.get_terminal_size().columns - 1
-        sys.stderr.write(f"\r\x1b[K{', '.join(words)[:width]}")
+        text, columns = ", ".join(words), shutil.get_terminal_size().columns - 1
+        width = min(columns - len(text), round(columns * SHARE_OF_BAR))
+        if share is not None and not is_last and width >= NARROWEST_BAR:
+            line = bar(share, width) + text
+        else:
+            line = f"{now.elapsed_s:7.1f} s{text}"[:columns]
+        sys.stderr.write(f"\r{line}\x1b[K")
         sys.stderr.flush()
         self.shown = True
 
-    def _position(self, elapsed_s: float | None) -> str:
+    def _position(self, elapsed_s: float | None) -> tuple[float | None, str]:
         """How much of a file is done and, while it runs, how long the rest takes at the rate so far."""
         position, duration = self.pipeline.position_ns(), self.pipeline.duration_ns()
         if not position or not duration or position > duration:
-            return ""
+            return None, ""
         left = ""
         if elapsed_s is not None:
             minutes, seconds = divmod(round(elapsed_s * (duration - position) / position), 60)
             left = f", {minutes}:{seconds:02d} left"
-        return (
-            f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * position / duration:.0f} %{left})"
-        )
+        share = position / duration
+        where = f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * share:.0f} %{left})"
+        return share, where
 
     def print_line(self, line: str) -> None:
         """Prints a line in place of the progress line, which is redrawn below."""
@@ -150,6 +156,17 @@ class Progress(Display):
     def end(self, whole: RunStatistics) -> None:
         self._write(whole, is_last=True)
         sys.stderr.write(f"{presentable(results_text(summarise(whole)))}\n")
+
+
+def bar(share: float, width: int) -> str:
+    """A bar of `width` columns for the terminal at stderr: in its colours, of the characters that it has."""
+    from rich.console import Console
+    from rich.progress_bar import ProgressBar
+
+    console = Console(stderr=True)
+    with console.capture() as drawn:
+        console.print(ProgressBar(total=1.0, completed=share, width=width), end="")
+    return drawn.get()
 
 
 class Totals(Display):

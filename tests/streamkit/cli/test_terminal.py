@@ -96,7 +96,11 @@ def test_a_file_shows_how_much_is_left(streamkit_data: Path) -> None:
     source = streamkit_data / "video" / "fixed_camera_cars.mp4"
     code, out = on_terminal(f"filesrc location={source} ! identity sleep-time=2000 ! fakesink")
     assert code == 0
-    assert re.search(r"  at \d+\.\d of 30\.2 s \(\d+ %, 0:\d\d left\)  \d+ frames", out)
+    plain = CONTROL.sub("", out)
+    line = r"\r([━╸╺]+)  at \d+\.\d of 30\.2 s \(\d+ %, 0:\d\d left\)  \d+ frames  \d+\.\d/s"
+    drawn = re.findall(line, plain)
+    assert {len(each) for each in drawn} == {20}
+    assert max(map(len, re.split(r"[\r\n]+", plain))) < 80
 
 
 def test_quiet_draws_nothing() -> None:
