@@ -16,7 +16,7 @@ from ray.exceptions import RayError
 from streamkit.masking import mask_secrets, presentable
 from streamkit.output.file import write_whole
 from streamkit_fleet.batch.plan import BatchRecipe, Plan, plan_file
-from streamkit_fleet.batch.work import PARTS, Outcome, finish, run_part
+from streamkit_fleet.batch.work import PARTS, UNFINISHED, Outcome, finish, run_part
 from streamkit_fleet.cluster import cluster_cores
 
 SUMMARY = "batch.json"
@@ -95,6 +95,8 @@ class BatchDriver:
 
     def run(self) -> None:
         """Works until every file is done, failed or left out."""
+        for left in (self._folder / PARTS).glob(f"*{UNFINISHED}*"):  # by workers that were killed
+            left.unlink(missing_ok=True)
         try:
             asyncio.run(self._run())
         finally:

@@ -14,6 +14,7 @@ from streamkit_fleet.batch.join import join_records
 from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
 
 PARTS = ".parts"  # folder of unfinished results
+UNFINISHED = "unfinished-"  # begins the name of a part that is being made
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
     if target.exists():
         return Outcome(str(target))
     target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_name(f"{target.stem}.{os.getpid()}{target.suffix}")
+    unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}-{target.name}")
     began_s = time.process_time()
     try:
         with _pipeline(plan, plan.parts[number], recipe, unfinished) as pipeline:

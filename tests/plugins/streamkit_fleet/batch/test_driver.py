@@ -92,7 +92,12 @@ def test_results_are_those_of_a_serial_run_and_a_further_batch_does_what_is_left
     assert (out / "a.mp4.h264").read_text() == "kept"
     assert (out / "b.mp4.h264").read_bytes() == serial.read_bytes()
     shutil.copy(archive / "a.mp4", archive / "bad.mp4")
+    parts = out / ".parts"
+    parts.mkdir()
+    for name in ("unfinished-1-key-0.h264", ".unfinished-1-key-0.h264.1.partial"):
+        (parts / name).write_text("its worker was killed")
     assert batch(archive)[0] == 0
+    assert not parts.exists()
 
 
 def test_the_command_of_the_page(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
