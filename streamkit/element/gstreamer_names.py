@@ -23,7 +23,7 @@ ELEMENTS = {
     "livesrc uri=udp://127.0.0.1:PORT, with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:PORT running":
         "srtsrc srtclientsrc",
     "livesrc uri=udp://127.0.0.1:PORT, with gst-launch-1.0 v4l2src ! videoconvert ! x264enc tune=zerolatency "
-    "! mpegtsmux ! udpsink port=PORT running":
+    "key-int-max=30 ! mpegtsmux ! udpsink port=PORT running":
         "v4l2src",
     "packetsink or videofilesink location=udp://HOST:PORT": "udpsink",
     "packetsink or videofilesink location=udp://127.0.0.1:PORT, with srt-live-transmit udp://:PORT "

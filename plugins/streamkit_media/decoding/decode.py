@@ -32,6 +32,7 @@ SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
 SPARE_THREADS, MAX_THREADS = 2, 16
 TOO_OLD = "late: too old when decoded"
+NO_KEYFRAME = "no keyframe has come yet"
 NO_FRAME = "packet without a frame of its own"
 Decoded = list[tuple[VideoFrame, Frame]]
 
@@ -144,6 +145,7 @@ class Decode(Transform):
             self._drop_packet(frame, f"skip={self.skip}")
             return held
         self._packets += 1
+        self._awaits_keyframe &= not is_keyframe
         insort(self._sequence_numbers, frame.seq)
         del self._sequence_numbers[:-PENDING_LIMIT]
         self._newest_arrival_ns = max(self._newest_arrival_ns, frame.arrival_ns)
@@ -192,6 +194,7 @@ class Decode(Transform):
         self._rotation = rotation if isinstance(rotation, int) else 0
         self._coded_caps, self._epoch = caps, frame.epoch
         self._next_pts = 0
+        self._awaits_keyframe = not extradata_of(caps)  # which then has the parameter sets
         self._sequence_numbers.clear()
         self._h264_frame_numbers = FrameNumbers(extradata_of(caps)) if codec == "h264" else None
 
@@ -239,7 +242,7 @@ class Decode(Transform):
 
     def _undecodable(self, frame: Frame | None, error: FFmpegError) -> None:
         """Counts a packet that gave no frame; each kind of error is posted once."""
-        reason = reason_of(error)
+        reason = NO_KEYFRAME if self._awaits_keyframe and frame is not None else reason_of(error)
         self._first_error = self._first_error or reason
         text = f"undecodable packet: {reason}"
         if frame is not None:

@@ -72,8 +72,8 @@ class LiveConnection:
         self._catches_up = False
         self._shown_ns = clock.monotonic_ns()
         self._ending = threading.Event()
-        # the kinds that are there, known before the first packet is queued
-        self.found: frozenset[StreamKind] = frozenset()
+        # caps of the streams that are there, known before the first packet is queued
+        self.found: dict[StreamKind, Caps] = {}
         self.next_seq = first_seq  # number of the next packet
         self._received: Counter[StreamKind] = Counter()
         # packets between the thread that reads and the source's
@@ -164,7 +164,7 @@ class LiveConnection:
         video_stream(container, source.location)
         streams = streams_of(container, self._kinds)
         carried = {stream.index: (stream_caps(stream, kind), kind) for stream, kind in streams}
-        self.found = frozenset(kind for _, kind in streams)
+        self.found = {kind: caps for caps, kind in carried.values()}
         due = time.monotonic() + source.timeout_s
         try:
             for packet in source.packets(container, [stream for stream, _ in streams]):

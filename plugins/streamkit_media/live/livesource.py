@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from typing_extensions import override
@@ -166,7 +166,8 @@ class LiveSource(Endpoint, Source):
                 self._epoch += 1
                 self._backoff.reset()
                 self._add_pads(connection.found)
-                self._post_state("connected", epoch=self._epoch, caps=str(frame.caps))
+                caps = connection.found[StreamKind.VIDEO]
+                self._post_state("connected", epoch=self._epoch, caps=str(caps))
             is_gap = kind not in known and self._epoch > 0
             flags = frame.flags | (FrameFlags.DISCONTINUITY if is_gap else 0)
             known.add(kind)
@@ -178,13 +179,13 @@ class LiveSource(Endpoint, Source):
         if not known and not self.over.is_set():
             raise StreamError(f"{self._where}: the server ended before the first packet")
 
-    def _add_pads(self, found: frozenset[StreamKind]) -> None:
+    def _add_pads(self, found: Collection[StreamKind]) -> None:
         """Adds pads for the streams other than the video."""
-        for kind in sorted(found - {StreamKind.VIDEO}):
-            if kind.value not in self.pads:
+        for kind in sorted(found):
+            if kind is not StreamKind.VIDEO and kind.value not in self.pads:
                 self.add_pad(kind.value)
         if self._epoch == 0:
-            for name in sorted(self.pads.keys() & (self._kinds - found)):
+            for name in sorted(self.pads.keys() & self._kinds.difference(found)):
                 self.post_warning(f"{self._where}: it sends no stream for the pad {name}")
             self.no_more_pads()
 

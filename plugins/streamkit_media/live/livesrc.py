@@ -22,7 +22,8 @@ UDP = "udp"
 PROTOCOLS = "tcp,tls,http,https,httpproxy,crypto,data,rtmp,rtmps,rtmpt,rtmpts,rtmpe,ffrtmphttp,ffrtmpcrypt"
 CAMERA = (
     "FFmpeg reads no cameras here; have GStreamer send it: gst-launch-1.0 v4l2src ! videoconvert ! "
-    "x264enc tune=zerolatency ! mpegtsmux ! udpsink host=127.0.0.1 port=5000, and write uri=udp://127.0.0.1:5000"
+    "x264enc tune=zerolatency key-int-max=30 ! mpegtsmux ! udpsink host=127.0.0.1 port=5000, "
+    "and write uri=udp://127.0.0.1:5000"
 )
 REMEDIES = {
     "rtsp": "rtspsrc receives RTSP; write rtspsrc location=rtsp://host:port/path",

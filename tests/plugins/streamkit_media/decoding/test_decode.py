@@ -167,6 +167,19 @@ def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> Non
     assert drops == {"undecodable packet: Invalid data found when processing input": 3}
 
 
+def test_a_stream_joined_between_keyframes_says_what_it_waits_for(make_video: MakeVideo) -> None:
+    """Its parameter sets come with the next keyframe; until then nothing can be decoded, which is no damage."""
+    packets = packets_of(make_video("joined.ts", bframes=0, options={"g": "6", "sc_threshold": "0"}))[1:]
+    caps = packets[0].caps.without_fields("codec_data", "width", "height")
+    with Harness(Decode(threads_type="slice")) as harness:
+        frames = decoded(harness, [packet.replace(caps=caps) for packet in packets])
+        drops = dict(harness.element.drops)
+    assert len(frames) == 6
+    assert drops == {"undecodable packet: no keyframe has come yet": 5}
+    (warning,) = [message.text for message in harness.messages if message.kind == "warning"]
+    assert "no keyframe has come yet; continuing with the next" in warning
+
+
 def test_frames_of_a_lost_key_frame_are_marked(small_video: Path) -> None:
     """Frames whose reference is missing come out marked corrupt, those after the next keyframe whole."""
     packets = packets_of(small_video)[1:]
