@@ -103,7 +103,7 @@ def _trail(points: array[float]) -> tuple[list[float], list[float]]:
 def _draw_trail(axes: Any, path: TargetPath, xs: list[float], ys: list[float]) -> None:
     (line,) = axes.plot(xs, ys, linewidth=1)
     axes.plot(xs[:1], ys[:1], marker="o", markersize=3, color=line.get_color())
-    axes.annotate(str(path.id), (xs[0], ys[0]), fontsize=6, color=line.get_color())
+    axes.annotate(str(path.id), (xs[0], ys[0]), fontsize=7, color=line.get_color())
 
 
 def _draw_targets(axes: Any, run: RecordedRun) -> str:
@@ -116,7 +116,7 @@ def _draw_targets(axes: Any, run: RecordedRun) -> str:
         for state, start_s, width_s in _stretches(path.times_s, path.states):
             axes.broken_barh([(start_s, width_s)], (row - 0.4, 0.8), facecolors=STATE_COLOURS[state])
     labelled = range(0, len(rows), -(-len(rows) // MOST_LABELS))
-    axes.set_yticks(labelled, [str(rows[row].id) for row in labelled], fontsize=5)
+    axes.set_yticks(labelled, [str(rows[row].id) for row in labelled], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("s")
     axes.set_ylabel("id")
@@ -145,7 +145,7 @@ def _legend(axes: Any, colours: dict[str, str]) -> None:
 
     axes.legend(
         handles=[Patch(color=colour, label=name) for name, colour in colours.items()],
-        loc="upper left", bbox_to_anchor=(1, 1), fontsize=6,
+        loc="upper left", bbox_to_anchor=(1, 1), fontsize=7,
     )  # fmt: skip
 
 

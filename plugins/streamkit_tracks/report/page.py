@@ -20,8 +20,9 @@ MOST_TARGETS = 200
 HEADS = ("frames", "ms a frame", "busy, %", "dropped", "element")
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-img { max-width: 100%; background: white; } figure { margin: 1.5rem 0; } figcaption { color: #555; }
-table { border-collapse: collapse; } td, th { padding: .2rem .7rem; text-align: right; }
+img { max-width: 100%; background: white; } figure { margin: 1.5rem 0; overflow-x: auto; }
+figcaption { color: #555; } img[src^="data:image/svg"] { min-width: 38rem; } td img { min-width: 4rem; }
+table { border-collapse: collapse; } td, th { padding: .2rem .4rem; text-align: right; }
 td:last-child, th:last-child { text-align: left; } tr { border-bottom: 1px solid #ccc8; }
 """
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
