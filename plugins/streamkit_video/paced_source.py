@@ -12,6 +12,9 @@ from typing_extensions import override
 from streamkit import SECOND_NS, Caps, Frame, Property, Source
 from streamkit_video.videoconvert import choose_format
 
+WINDOW_NS = 3 * SECOND_NS  # over which the rate of live frames is watched
+SLOWEST = 0.8  # of the rate
+
 
 class PacedSource(Source):
     """Numbers and times frames, and begins anew where another format is negotiated.
@@ -24,6 +27,7 @@ class PacedSource(Source):
 
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
     is_live: bool = Property(False, doc="Pace the frames in real time, as a camera does.")
+    _is_slow = False  # whether a warning of it was posted
 
     def begin_format(self, caps: Caps, pace: Fraction, start_ns: int) -> None:
         """Prepares frames of a format from a running time on, ns; `pace` is in frames per second."""
@@ -47,6 +51,7 @@ class PacedSource(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         began_ns, end_ns, number = self.clock_ns(), 0, 0
+        window = 0, self.timing.running_time_ns()
         caps: Caps | None = None
         for count in itertools.count():
             if count == self.num_buffers:
@@ -61,3 +66,19 @@ class PacedSource(Source):
                 return
             yield self.next_frame(caps).replace(pts=pts, duration=end_ns - pts)
             number += 1
+            if self.is_live:
+                window = self._watch_rate(end_ns, pace, window)
+
+    def _watch_rate(self, end_ns: int, pace: Fraction, window: tuple[int, int]) -> tuple[int, int]:
+        """Warns once where live frames are made too slowly over a window, which begins at these two times."""
+        now_ns = self.timing.running_time_ns()
+        if now_ns - window[1] < WINDOW_NS:
+            return window
+        share = (end_ns - window[0]) / (now_ns - window[1])
+        if share < SLOWEST and not self._is_slow:
+            self._is_slow = True
+            self.post_warning(
+                f"makes {share * pace:.0f} of {pace} frames/s: this machine does not keep up; put a queue "
+                "behind it, or ask for a smaller size or rate"
+            )
+        return end_ns, now_ns

@@ -1,9 +1,12 @@
 """Tests of videotestsrc in pipelines."""
 
+import re
+
 import numpy as np
 import pytest
 
-from streamkit import Frame, Pipeline, StreamkitError
+from streamkit import Frame, MessageKind, Pipeline, StreamkitError
+from streamkit_video import paced_source
 from streamkit_video.patterns import Pattern
 
 FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
@@ -50,6 +53,18 @@ def test_a_still_pattern_is_painted_once() -> None:
     """Frames of an image that does not change share its memory."""
     frames = frames_of("videotestsrc num-buffers=3 ! video/x-raw, width=64, height=48")
     assert frames[0].data is frames[2].data
+
+
+def test_live_frames_made_too_slowly_are_reported_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What takes them in the same thread is slower than the rate."""
+    monkeypatch.setattr(paced_source, "WINDOW_NS", 100_000_000)
+    text = "videotestsrc is-live=true num-buffers=30 ! video/x-raw, framerate=100/1"
+    said: list[str] = []
+    with Pipeline.parse(f"{text} ! identity sleep-time=20000 ! fakesink") as pipeline:
+        pipeline.bus.watch(lambda m: said.append(m.text) if m.kind is MessageKind.WARNING else None)
+        pipeline.run(timeout_s=30)
+    (warning,) = said
+    assert re.match(r"makes \d\d of 100 frames/s: this machine does not keep up; put a queue", warning)
 
 
 def test_the_nearest_size_allowed_is_taken() -> None:
