@@ -56,7 +56,9 @@ def ground_view(
         field_of_view: horizontal, rad, where the pose has none; 0 if unknown.
         pts: of the frame, ns.
     """
-    if pose is None or pose.is_stale:
+    if pose is None:
+        return "no current position; posesync before stitch attaches those of the telemetry"
+    if pose.is_stale:
         return "no current position"
     shown = _ground_places(pose, shape, ground_altitude, field_of_view)
     if isinstance(shown, str):

@@ -329,7 +329,7 @@ def test_the_summary_names_the_mosaic(flight, tmp_path):
     height, width = cv2.imread(str(tmp_path / "m.png")).shape[:2]
     assert (summary["file"], summary["width"], summary["height"]) == (str(tmp_path / "m.png"), width, height)
     assert summary["geo_error_m"] is None
-    assert "no current position" in summary["geo_refused"]
+    assert summary["geo_refused"].startswith("no current position; posesync before stitch")
 
 
 def test_a_mosaic_of_unknown_ending_is_refused_at_once():
