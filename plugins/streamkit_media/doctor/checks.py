@@ -22,6 +22,9 @@ REFUSALS = {
     "broken_subtitles": "of which times or position cannot be read",
 }
 ENOUGH_FRAMES = 10  # to speak of a rate
+OVERLAID = (
+    "Graphics in the picture, as a logo, are tracked, too: put hudmask areas=X,Y,WIDTH,HEIGHT before stitch."
+)
 NO_TIMES = "a bare stream has no times"
 Verdict = enum.StrEnum("Verdict", "GOOD NOTE BAD")
 
@@ -84,6 +87,8 @@ class Report:
         lines = [f"{check.verdict:<4}  {check.name:<{width}}  {check.text}" for check in self.checks]
         if self.pipeline:
             lines += ["", f"  {self.pipeline}"]
+        if "! framediff" in self.pipeline:
+            lines += ["", f"  {OVERLAID}"]
         return "\n".join(lines)
 
 

@@ -168,7 +168,7 @@ def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> Non
 
 
 def test_a_stream_joined_between_keyframes_says_what_it_waits_for(make_video: MakeVideo) -> None:
-    """Its parameter sets come with the next keyframe; until then nothing can be decoded, which is no damage."""
+    """Its parameter sets come with the next keyframe; until then nothing decodes, which is no damage."""
     packets = packets_of(make_video("joined.ts", bframes=0, options={"g": "6", "sc_threshold": "0"}))[1:]
     caps = packets[0].caps.without_fields("codec_data", "width", "height")
     with Harness(Decode(threads_type="slice")) as harness:

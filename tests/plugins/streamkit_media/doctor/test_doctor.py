@@ -82,6 +82,7 @@ def test_a_file_with_telemetry(streamkit_data: Path) -> None:
     assert facts["frame rate"]["measured"] == pytest.approx(30, rel=0.01)
     assert (facts["telemetry"]["good_packets"], facts["telemetry"]["poses"]) == (277, 277)
     assert "s.klv ! p.telemetry" in report.pipeline
+    assert "put hudmask areas=" in report.as_text().splitlines()[-1]
 
 
 def test_what_does_not_decode_is_reported(make_video: Callable[..., Path], tmp_path: Path) -> None:
