@@ -161,7 +161,7 @@ class Endpoint(Element):
             raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
         reason = f"{self._where}: the stream has ended" if error is None else str(error)
         delay_s = self._backoff.next_delay_s() * (not is_at_once)
-        self._post_state("retrying", attempt=self._backoff.tries, delay_s=delay_s, reason=reason)
+        self._post_state("retrying", attempt=self._backoff.tries, delay_s=round(delay_s, 3), reason=reason)
         self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
         return delay_s
 
