@@ -48,24 +48,7 @@ export class Connection {
     }
   }
 
-  select(feed) {
-    this.send({ select: feed });
-  }
-
-  // Seconds to go back in time; 0 is live.
-  back(seconds) {
-    this.send({ back: seconds });
-  }
-
-  // Whether images of the feed are to be sent, as there is no video.
-  stills(areShown) {
-    this.send({ stills: areShown });
-  }
-
-  control(request) {
-    this.send({ control: request });
-  }
-
+  // One of the answers that the server reads: `PageAnswer`.
   send(answer) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(answer));
   }

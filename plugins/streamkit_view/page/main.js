@@ -36,8 +36,8 @@ const earth = new EarthMap(document.getElementById("earth-map"), document.getEle
   geo, mosaic, chosen: (id) => follow(id),
 });
 const player = new Player({ show: showVideo, cannot: (reason) => { page.reason = reason; } });
-const timeline = new Timeline({ go: (seconds) => connection.back(seconds) });
-const control = new Control({ send: (request) => connection.control(request) });
+const timeline = new Timeline({ go: (seconds) => connection.send({ back: seconds }) });
+const control = new Control({ send: (request) => connection.send({ control: request }) });
 const pointer = new Pointer(overlay, {
   shown: shownSize,
   isDrawing: () => control.isDrawing,
@@ -83,7 +83,7 @@ const connection = new Connection({
     resetFeed();
     page.isOnline = true;
     page.clockMs = null;
-    if (page.feed) connection.select(page.feed);
+    if (page.feed) connection.send({ select: page.feed });
   },
   lost: () => {
     page.isOnline = false;
@@ -134,10 +134,13 @@ function takeRecord(record) {
   page.records.set(nameOf(record), record);
   if (page.records.size > RECORDS_LIMIT) page.records.delete(page.records.keys().next().value);
   page.newest = record;
-  if (page.shown && !page.shown.isExact) Object.assign(page.shown, recordFor(page.shown.header)); // it came late
   page.trails.note(record);
   noteGround(record);
-  page.needsDrawing = true;
+  // A frame that is shown with its own record stays as it is until the next one.
+  if (!page.shown?.isExact) {
+    if (page.shown) Object.assign(page.shown, recordFor(page.shown.header)); // it came late
+    page.needsDrawing = true;
+  }
   if (record.pts_ns !== undefined) player.recordCame(record.epoch, record.pts_ns);
 }
 
@@ -168,18 +171,13 @@ async function takeImage({ type, body }, payload) {
   const [feed, tiled] = [page.feed, mosaic.newest]; // another mosaic may begin while the image is decoded
   const image = await createImageBitmap(new Blob([payload]));
   if (feed !== page.feed) image.close();
-  else if (type === "tile") takeTile(body, image, tiled);
+  else if (type === "tile") mosaic.take(body, image, tiled);
   else if (showsStills()) present(image, body.record, image.width, image.height);
   else image.close();
   page.needsDrawing = true;
 }
 
 const showsStills = () => !page.video || player.isRefused;
-
-function takeTile(tile, image, tiled) {
-  mosaic.take(tile, image, tiled);
-  image.close();
-}
 
 function showVideo(frame, header) {
   page.video = true;
@@ -189,7 +187,6 @@ function showVideo(frame, header) {
 function present(image, header, width, height) {
   page.next?.image.close();
   page.next = { image, header, width, height };
-  page.frames += 1;
   page.needsDrawing = true;
 }
 
@@ -218,6 +215,7 @@ function draw() {
     picture.getContext("2d").drawImage(image, 0, 0, width, height);
     image.close();
     page.next = null;
+    page.frames += 1;
     page.shown = { header, width, height, ...recordFor(header) };
     noteDelay(header);
     document.getElementById("empty").hidden = true;
@@ -248,7 +246,7 @@ function noteDelay(header) {
 }
 
 function refresh() {
-  if (page.isOnline && page.asksStills !== showsStills()) connection.stills(page.asksStills = showsStills());
+  if (page.isOnline && page.asksStills !== showsStills()) connection.send({ stills: page.asksStills = showsStills() });
   const state = page.states[page.feed];
   const now = performance.now();
   const seconds = (now - page.counted) / 1000;
@@ -327,7 +325,7 @@ function selectFeed(feed) {
   if (feed === page.feed) return;
   page.feed = feed;
   resetFeed();
-  connection.select(feed);
+  connection.send({ select: feed });
   refresh();
 }
 

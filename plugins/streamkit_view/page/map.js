@@ -23,6 +23,10 @@ export class GroundMap {
     canvas.addEventListener("dblclick", () => this.fit());
     canvas.addEventListener("keydown", (event) => this.key(event));
     byId("fit").addEventListener("click", () => this.fit());
+    new IntersectionObserver((changes) => {
+      this.isVisible = changes.at(-1).isIntersecting;
+      this.changed();
+    }).observe(canvas);
   }
 
   clear() {
@@ -41,6 +45,7 @@ export class GroundMap {
     const registration = record?.registration;
     if (!registration?.to_reference) return;
     this.section.hidden = false;
+    if (!this.isVisible) return;
     const ratio = fitCanvas(this.canvas);
     const context = this.canvas.getContext("2d");
     context.setTransform(1, 0, 0, 1, 0, 0);

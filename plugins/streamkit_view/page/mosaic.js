@@ -23,8 +23,10 @@ export class Mosaic {
     return this.coming ?? this.shown;
   }
 
+  // Closes the image.
   take({ column, row }, image, tiled) {
     tiled?.take(column, row, image);
+    image.close();
     if (this.coming?.isWhole) [this.shown, this.coming] = [this.coming, null];
   }
 

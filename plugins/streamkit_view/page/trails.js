@@ -2,7 +2,8 @@
 
 import { inverse, project } from "./geometry.js";
 
-const POINTS = 75;
+const EVERY_RECORDS = 3; // thin strokes are cheap to draw only with few points
+const POINTS = 25;
 const SILENT_RECORDS = 250;
 
 export class Trails {
@@ -29,7 +30,8 @@ export class Trails {
       const point = toPlane ? project(toPlane, [track.x, track.y]) : [track.x, track.y];
       if (point === null) continue;
       const trail = this.points.get(track.id) ?? { points: [], at: 0 };
-      trail.points.push(point);
+      // The last point is the newest place; the others are three records apart.
+      trail.points.splice(this.count % EVERY_RECORDS ? -1 : trail.points.length, 1, point);
       if (trail.points.length > POINTS) trail.points.shift();
       trail.at = this.count;
       this.points.set(track.id, trail);

@@ -484,6 +484,53 @@ def test_a_late_page_gets_the_whole_mosaic(
     wait_for(lambda: shows(15, 1))
 
 
+@pytest.mark.timeout(120)
+def test_a_map_out_of_sight_is_not_drawn(
+    browser: Chrome, serve_keys: Callable[..., str], session: zenoh.Session, key: str,
+    wait_for: Callable[..., Any],
+) -> None:  # fmt: skip
+    """It is there to be scrolled to, and is then drawn without another record."""
+    set_screen(browser, 390, 200)
+    browser.get(serve_keys(key))
+    record = json.dumps(written_record(1)).encode()
+    encoding = "application/json;streamkit.tracks/1"
+
+    def has_section() -> bool:
+        session.put(f"{key}/tracks", record, encoding=encoding)
+        return browser.find_element(By.ID, "ground").is_displayed()
+
+    wait_for(has_section)
+    view = "return new Promise((done) => requestAnimationFrame(() => done(streamkit.map.view)))"
+    assert browser.execute_script(view) is None
+    browser.execute_script("document.getElementById('map').scrollIntoView()")
+    wait_for(lambda: browser.execute_script(view) is not None)
+
+
+TRAIL = """
+const [records, done] = [...arguments];
+import("./trails.js").then(({ Trails }) => {
+  const trails = new Trails();
+  records.forEach((record) => trails.note(record));
+  done(trails.onPlane(1));
+});
+"""
+
+
+@pytest.mark.timeout(120)
+def test_a_trail_covers_75_records_with_every_third_place_and_the_newest(
+    browser: Chrome, serve_keys: Callable[..., str], key: str
+) -> None:
+    """Few points are drawn; the trail begins at the target all the same."""
+    browser.get(serve_keys(key))
+    records = [written_record(number) for number in range(101)]
+    for number, record in enumerate(records):
+        record["tracks"][0]["x"] = number
+    places = [x for x, _ in browser.execute_async_script(TRAIL, records)]
+    assert places[-1] == 100
+    assert len(places) == 25
+    assert set(np.diff(places[:-1])) == {3}
+
+
 def written_record(number: int) -> dict[str, Any]:
     """A record with a target, markup in its texts, at five a second."""
     box = [140, 110, 180, 130]
