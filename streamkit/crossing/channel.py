@@ -92,7 +92,7 @@ class Channel:
         """
         if messages := self._take():
             return messages
-        if not self._readable.poll(wait_s * 1000):
+        if wait_s and not self._readable.poll(wait_s * 1000):
             return []
         try:
             data, descriptors, _, _ = socket.recv_fds(self._socket, READ_BYTES, MAX_DESCRIPTORS)

@@ -180,6 +180,8 @@ class SlotReader:
 
 def _layout(array: NDArray[Any]) -> tuple[tuple[int, ...], int]:
     """Strides of the copy and its extent, bytes: those of the array unless they leave large gaps."""
+    if array.size and array.flags.c_contiguous:
+        return array.strides, array.nbytes
     extent = array.itemsize + sum(
         (length - 1) * step for length, step in zip(array.shape, array.strides, strict=True)
     )

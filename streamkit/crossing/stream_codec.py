@@ -92,7 +92,7 @@ class StreamEncoder:
 
     def _data(self, data: Any) -> tuple[Any, NewSlot | None]:
         """The place of an array, or the encoded value of other data."""
-        if hasattr(data, "__array_interface__") and data.ndim:
+        if hasattr(type(data), "__array_interface__") and data.ndim:  # an array's own makes a dict
             place, made = self.slots.write(data)
             return [True, *place], made
         try:
