@@ -1,10 +1,11 @@
 // Decodes coded packets, with WebCodecs or a media source. A packet waits, still coded, until the track record of its
-// frame has come, so that frame and boxes are shown together; without records nothing waits. A packet that frames before
-// it in time depend on is decoded with them, and its frame waits.
+// frame has come, so that frame and boxes are shown together; without records nothing waits, and none waits longer than a
+// viewer may be behind. A packet that frames before it in time depend on is decoded with them, and its frame waits.
 
 import { MediaSourceDecoder } from "./mediasource.js";
 
-const HOLD_MS = 1500;
+const HOLD_MS = 5000;
+const SILENT_MS = 1500;
 const HELD_LIMIT = 240;
 const DECODING_LIMIT = 12;
 const READY_LIMIT = 8;
@@ -106,7 +107,7 @@ export class Player {
 
   isDue({ header, at }) {
     const now = performance.now();
-    if (now - this.newest.at > HOLD_MS || now - at > HOLD_MS || header.pts_ns === undefined) return true;
+    if (now - this.newest.at > SILENT_MS || now - at > HOLD_MS || header.pts_ns === undefined) return true;
     return header.epoch < this.newest.epoch || (header.epoch === this.newest.epoch && header.pts_ns <= this.newest.pts);
   }
 

@@ -506,6 +506,29 @@ def test_a_map_out_of_sight_is_not_drawn(
     wait_for(lambda: browser.execute_script(view) is not None)
 
 
+HELD = """
+const [waited, silent, done] = [...arguments];
+import("./player.js").then(({ Player }) => {
+  const player = new Player({});
+  player.recordCame(0, 100);
+  player.newest.at -= silent;
+  done(!player.isDue({ header: { epoch: 0, pts_ns: 200 }, at: performance.now() - waited }));
+});
+"""
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(
+    ("waited_ms", "silent_ms", "is_held"), [(3000, 1000, True), (3000, 2000, False), (6000, 0, False)]
+)
+def test_a_packet_waits_for_its_record_while_records_come(
+    browser: Chrome, serve_keys: Callable[..., str], key: str, waited_ms: int, silent_ms: int, is_held: bool
+) -> None:
+    """A slow pipeline's boxes are seen, too; but the video is at most five seconds late."""
+    browser.get(serve_keys(key))
+    assert browser.execute_async_script(HELD, waited_ms, silent_ms) == is_held
+
+
 TRAIL = """
 const [records, done] = [...arguments];
 import("./trails.js").then(({ Trails }) => {
