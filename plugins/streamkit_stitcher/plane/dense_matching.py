@@ -113,7 +113,6 @@ class DenseMatcher:
             std,
             std,
             share=found.agreement,
-            at_rest=found.at_rest,
         )
 
     def agreement(
