@@ -22,7 +22,7 @@ from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
 from streamkit_differencer.model import BackgroundModel, Comparison
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
-from streamkit_differencer.sampling import downsampled, draw_on_canvas
+from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_hidden
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
 from streamkit_kernels import prepare
@@ -118,11 +118,12 @@ class Differencer:
             wanted = self.settings.working_scale or automatic_scale(image.shape[1])
             self._scale = wanted if min(image.shape) >= MIN_WORKING_PX * wanted else 1
         working = downsampled(image, self._scale)
+        scene = working if motion or self.hidden is None else without_hidden(working, self.hidden)
         # An element that registers frames reports cuts, too.
-        cut = Cut.NONE if motion else self._cuts.update(working, self.settings.background.frame_threshold)
+        cut = Cut.NONE if motion else self._cuts.update(scene, self.settings.background.frame_threshold)
         if cut is Cut.CONFIRMED:
             self._forget()
-        position = None if cut is Cut.SUSPECTED else self._place(working, motion or self._measured(working))
+        position = None if cut is Cut.SUSPECTED else self._place(working, motion or self._measured(scene))
         if position is None:
             self.miss()
             return None

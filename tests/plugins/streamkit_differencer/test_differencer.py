@@ -1,5 +1,6 @@
 """One frame through the differencer, on worlds with exact truth."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
@@ -262,3 +263,21 @@ def test_halving_averages():
     assert downsampled(image, 2).tolist() == [[5, 9], [21, 25]]
     assert downsampled(image, 4).tolist() == [[15]]
     assert downsampled(image, 1) is image
+
+
+@pytest.mark.parametrize("step", [1, 2, 3, 4])
+def test_a_hidden_hud_is_no_evidence_that_the_camera_stands_still(step):
+    """A pan that is measured here is followed under graphics that are marked as hidden."""
+    noise = cv2.GaussianBlur(np.random.default_rng(3).normal(size=(240, 420)), (0, 0), 4)
+    ground = np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8)
+    hud = np.zeros((240, 320), np.uint8)
+    for top in (16, 36, 204, 224):
+        cv2.putText(hud, "ALT 1203 M  SPD 14 KT  HDG 273 N 40.1", (4, top), 0, 0.45, 255, 2)
+    for left in range(20, 320, 40):
+        cv2.line(hud, (left, 50), (left, 190), 255, 1)
+    cv2.circle(hud, (160, 120), 30, 255, 2)
+    differencer = Differencer(own_motion=True, hidden=cv2.dilate(hud, np.ones((5, 5), np.uint8)))
+    views = [ground[:, step * time : step * time + 320] for time in range(24)]
+    results = [differencer.update(np.where(hud > 0, hud, view), None) for view in views]
+    assert None not in results
+    assert np.mean([(result.foreground > 0).mean() for result in results]) < 0.01

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_differencer.sampling import draw_on_canvas
+from streamkit_differencer.sampling import draw_on_canvas, without_hidden
 
 SHAPE, CANVAS = (90, 160), (120, 200)
 TURNED = translation((22.3, 8.9)) @ np.array([[1.05, 0.06, 0], [-0.06, 1.05, 9], [4e-5, -3e-5, 1]])
@@ -54,3 +54,18 @@ def test_whole_pixels_are_drawn_as_they_are():
     assert region == np.s_[12:102, 20:180]
     np.testing.assert_array_equal(frame.image[region], texture())
     assert np.count_nonzero(frame.seen) == np.prod(SHAPE)
+
+
+def test_hidden_pixels_get_the_mean_of_their_surroundings():
+    """What is shown stays as it is; a bright graphic on an even ramp leaves no edge."""
+    ramp = np.tile(np.linspace(60, 120, SHAPE[1]).astype(np.uint8), (SHAPE[0], 1))
+    hidden = np.zeros(SHAPE, np.uint8)
+    hidden[30:50, 40:90] = 255
+    found = without_hidden(np.where(hidden > 0, hidden, ramp), hidden)
+    assert np.array_equal(found[hidden == 0], ramp[hidden == 0])
+    assert np.abs(found.astype(int) - ramp).max() <= 6
+
+
+def test_an_image_that_is_hidden_wholly_is_even():
+    """Nothing is shown that could fill it."""
+    assert np.ptp(without_hidden(texture(), np.full(SHAPE, 255, np.uint8))) <= 1
