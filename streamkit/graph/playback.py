@@ -85,6 +85,7 @@ class Playback:
         self._retired = RetiredChains()
         compose_chains(local, self.chains)
         self.branches.reset()
+        threads = self.add_threads(filter(graph.is_local, graph.from_sinks()))
         for source in self._sources():
             if self.is_live and not self._timing.running.is_set():
                 source.set_paused(source.is_live)
@@ -98,7 +99,7 @@ class Playback:
 
         self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail, abandoned)
         self._watchdog.start()
-        for thread in self.add_threads(filter(graph.is_local, graph.from_sinks())):
+        for thread in threads:
             thread.start()
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:

@@ -131,6 +131,8 @@ def test_a_live_pipeline_does_not_preroll(register: Register) -> None:
     with Pipeline.parse("camera name=c ! showing name=k") as pipeline:
         assert pipeline.pause() is StateChange.NO_PREROLL
         pipeline["c"].asked.release()
+        with pipeline["k"].changed:
+            assert not pipeline["k"].changed.wait(0.2)
         assert pipeline.play() is StateChange.SUCCESS
         assert pipeline["k"].wait_for(1)
         assert pipeline["k"].reported == [("render", 0)]
