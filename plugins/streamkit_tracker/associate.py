@@ -31,6 +31,7 @@ MISMATCH_STD = 0.12
 CROWDED_MISMATCH_STD = 0.5
 FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
 SHARED_AREA = 1.4
+ALIKE = 0.5  # difference of the sides, relative
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
 SCORE_RATE, WEAK_SHARE = 0.02, 0.5  # per frame; of the usual score
 X, Y, LEFT, TOP, RIGHT, BOTTOM = range(6)  # of a detection
@@ -237,6 +238,9 @@ def compare(
             if distance > GATE or np.hypot(right, down) > reach:
                 cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > MIN_OVERLAP else np.inf
             if target["whole"]:
-                cost = GATE * (1.0 - overlap) + unlike[row, column] if overlap > OBJECT_OVERLAP else np.inf
+                is_near = cost < LAST_CHOICE and target["frames_undetected"] == 0 and relative < ALIKE
+                cost = LAST_CHOICE + cost if is_near else np.inf
+                if overlap > OBJECT_OVERLAP:
+                    cost = GATE * (1.0 - overlap) + unlike[row, column]
             costs[row, column], distances[row, column] = cost, distance
     return Comparison(costs, distances, mismatch, held, touched)

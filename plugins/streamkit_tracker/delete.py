@@ -39,15 +39,11 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     """Sets the windows and states of all targets, and ends those that left the frame or coasted too long."""
     targets, settings, known = table.rows, table.settings, table.followed
     targets["visible"] = visible_fraction(targets["window"], image_shape)
-    tentative, restarted = targets["state"] == TENTATIVE, targets["restart"].copy()
+    tentative = targets["state"] == TENTATIVE
     window, mean, manual = targets["window"], targets["mean"], targets["manual"]
     recognised = targets["recognised"] & ~tentative
     window[~recognised, :2] = mean[~recognised, :2]
     window[tentative, LENGTH : WIDTH + 1], window[tentative, ANGLE] = targets["box"][tentative], 0.0
-    restarted &= ~tentative
-    window[restarted], targets["score"][restarted] = targets["restart_window"][restarted], 1.0
-    mean[restarted, :2] = window[restarted, :2]
-    recognised |= restarted
     seen = recognised | (targets["frames_undetected"] == 0)
     targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + targets["looked_for"])
     targets["credit_s"][manual & recognised] = settings.coast

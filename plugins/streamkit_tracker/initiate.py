@@ -9,7 +9,7 @@ from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.targets import LOST, TENTATIVE, IndexArray, TargetTable
+from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
 from streamkit_tracker.trail import extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import Particles
@@ -32,16 +32,11 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
 
 
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:
-    """Restarts templates and confirms tentative targets that have moved, in order of the ids."""
+    """Confirms tentative targets that have moved, in order of the ids."""
     rows, settings = table.rows, table.settings
     hits_needed = min(settings.birth_hits, settings.birth_window)
-    restarted = rows["restart"] & (rows["state"] != LOST)
-    candidates = (rows["state"] == TENTATIVE) & (rows["detection"] >= 0)
-    for index in np.flatnonzero(restarted | candidates).tolist():
+    for index in np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0)).tolist():
         model = table.models[index]
-        if model.template is not None:
-            start_appearance(table, index, model.template.space, sampler)  # a template keeps its kind
-            continue
         position = observation.centroids[rows["detection"][index]]
         model.trail = extended(model.trail, position)
         if np.nansum(rows["hits"][index]) < hits_needed or table.settled >= settings.max_targets:

@@ -19,7 +19,7 @@ REPORTED = (
 )  # fmt: skip
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
-SETTLED_S = 0.5  # of detections beyond its gaps: false regions of motion seldom last
+SETTLED_S = 1.0  # of detections beyond its gaps: false regions of motion seldom last
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
 
@@ -58,16 +58,17 @@ class TargetReport(msgspec.Struct, frozen=True, eq=False):
 
 
 def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, ...]:
-    """Reports of all targets but those that coast without being settled, or at an unknown position.
+    """Reports of all targets but those without a detection that are unsettled, or at an unknown position.
 
     A detector misses an object for a frame or two; it is reported until it is dormant.
     """
     rows, are_objects = table.rows, table.are_objects
-    hidden = (rows["state"] == COASTING) & (table.dormant if are_objects else ~rows["manual"])
-    if hidden.any():
-        doubt = position_doubt(rows)
-        is_unsettled = (doubt >= MAX_DOUBT) | (rows["credit_s"] < SETTLED_S)
-        hidden &= doubt >= OBJECT_DOUBT if are_objects else is_unsettled
+    doubt, coasts = position_doubt(rows), rows["state"] == COASTING
+    hidden = coasts & table.dormant & (doubt >= OBJECT_DOUBT)
+    if not are_objects:
+        absent = (rows["frames_undetected"] > 0) | rows["crowded"] | rows["shared"]
+        hidden = coasts & (doubt >= MAX_DOUBT) | absent & (rows["credit_s"] < SETTLED_S)
+        hidden &= table.followed & ~rows["manual"]
     index = np.flatnonzero(~hidden)
     rows, models = rows[index], [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])

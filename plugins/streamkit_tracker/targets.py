@@ -48,8 +48,6 @@ TARGET = np.dtype(
         ("whole", np.bool_),  # detections show the whole target: a detector's, and large regions
         ("box", np.float64, 2),  # width and height of the upright box, px
         ("detected_s", np.float64),  # time it was detected by itself
-        ("offset", np.float64, 2),  # of the detections from the window on average, px
-        ("misfits", np.int64),  # frames in which window and detection did not overlap enough
         # of this frame
         ("looked_for", np.bool_),  # a detector has looked at the frame, or the target is drawn by hand
         ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
@@ -67,8 +65,6 @@ TARGET = np.dtype(
         ("measurement", np.float64, 2),  # x y, px
         ("noise", np.float64, (2, 2)),  # covariance of the measurement, px squared
         ("visible", np.float64),  # part of the window inside the frame, 0 to 1
-        ("restart", np.bool_),  # the window is wrong, and begins again at the next one
-        ("restart_window", np.float64, 5),
     ]
 )
 

@@ -23,7 +23,7 @@ from streamkit_tracker.predict import correct, predict
 from streamkit_tracker.report import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, BoolArray, TargetTable
-from streamkit_tracker.update.detected_box import check_windows, follow_boxes, follow_detections
+from streamkit_tracker.update.detected_box import follow_boxes, follow_detections, has_own_detection
 from streamkit_tracker.update.measurement import learn_appearances, measure
 from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
@@ -103,7 +103,6 @@ class MultiTargetTracker:
         measure(targets, np.flatnonzero(self._is_searched()), observation, sampler, self._budget.share)
         correct(rows)
         follow_boxes(rows, detected, targets.are_objects)
-        check_windows(rows, detected, step_s)
         learn_appearances(targets, sampler)
         end_gone(targets, sampler.shape)
         start_appearances(targets, observation, sampler)
@@ -136,7 +135,7 @@ class MultiTargetTracker:
         begin_frame(targets.rows)
         targets.causes = {}
         if observation.continuity is FrameContinuity.LOST:
-            pass_time(targets, observation.step_s, observation.detector_ran)
+            pass_time(targets, observation.step_s, detector_ran=False)  # its detections are not used
             coast_all(targets)
             return False
         return True
@@ -147,6 +146,6 @@ class MultiTargetTracker:
         found = rows["detection"] >= 0
         # In turn, a detection of its own is enough for a target.
         is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
-        resting = found & ~rows["manual"] & ~rows["crowded"] & ~is_in_turn
+        resting = has_own_detection(rows) & ~is_in_turn
         # Boxes that show the whole target are better than any template.
         return np.asarray(is_known & ~resting & ~rows["whole"] & (found | ~self.targets.dormant))

@@ -1,8 +1,7 @@
 """Size, position and angle of windows from upright detection boxes, once the direction of motion is known.
 
-A detection shows where a target is and how large, but is noisy; the window, led by the target's appearance,
-is steady but may sit on a part of the target or creep. The window is kept while both agree, and restarts on
-the detections where they contradict it for some frames.
+The window lies on a detection that shows its target alone: its outline has less noise than a search by
+appearance. That search refines position and velocity of the filter, and leads where there is no such one.
 """
 
 from __future__ import annotations
@@ -12,9 +11,7 @@ import numpy as np
 from streamkit_tracker.targets import TENTATIVE, BoolArray, TargetRows, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
-    LENGTH,
     MINIMUM_SIDE,
-    WIDTH,
     FloatArray,
     half_turn,
     upright_sides,
@@ -22,14 +19,9 @@ from streamkit_tracker.window_geometry import (
 
 LEFT, RIGHT = 2, 4  # of a detection; before it are x and y of its centroid, behind each its y
 
-YOUNG_S = 1.0  # first detections often show a part only: until then size and position follow at once
+YOUNG_S = 1.0  # first detections often show a part only: until then the size follows at once
 RATED_S = 0.04  # the step that the rates are for
 BOX_RATE, OBJECT_RATE = 0.15, 0.4
-OFFSET_RATE = 0.12
-YOUNG_OFFSET, YOUNG_RESIZED = 0.1, 0.1  # relative to the side, and as a log ratio
-RESIZED = 0.18  # log ratio of a side beyond which the window restarts
-MISFITS_BEFORE_RESTART = 2
-MIN_OVERLAP = 0.6  # of window and detection
 # Side of a region, px, from which its outline places a target no worse than a template of 32 px does; below
 # the second one the target follows its template again.
 LARGE_SIDE, SMALL_SIDE = 32.0, 26.0
@@ -64,12 +56,12 @@ def follow_detections(
 
 
 def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -> None:
-    """Sets the windows of detected targets that detections float64[d, 6] show whole.
+    """Sets the windows of targets that have one of the detections float64[d, 6] of their own.
 
     Boxes of a detector are smoothed and stay upright. A region of motion is the window itself, turned into
-    the motion where that is known. Tentative and undetected targets are left alone.
+    the motion where that is known; a small one lies between its centre of mass and the filter's position.
     """
-    index = np.flatnonzero(targets["whole"] & (targets["state"] != TENTATIVE) & (targets["detection"] >= 0))
+    index = np.flatnonzero(has_own_detection(targets))
     if not len(index):
         return
     rows = targets[index]
@@ -78,63 +70,18 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
     else:
         seen = detected[rows["detection"]]
         headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
-        middle = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
-        targets["window"][index] = turned_windows(middle, detected_sides(seen), headings)
+        middles = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
+        # the errors of the centre of mass and of the filter, which follows appearance, are independent
+        both = (seen[:, :LEFT] + rows["mean"][:, :2]) / 2
+        centres = np.where(rows["whole"][:, None], middles, both)
+        targets["window"][index] = turned_windows(centres, detected_sides(seen), headings)
     targets["recognised"][index] = True
 
 
-def check_windows(targets: TargetRows, detected: FloatArray, step_s: float) -> None:
-    """Decides which windows are wrong: sets `restart`, and `restart_window` where they would be right.
-
-    Only targets with one of the detections float64[d, 6] of their own are changed; those drawn by hand and
-    tentative ones are not.
-    """
-    targets["restart"] = False
-    awake = ~targets["manual"] & ~targets["whole"] & (targets["state"] != TENTATIVE)
-    index = np.flatnonzero(awake & (targets["detection"] >= 0) & ~targets["crowded"])
-    if not len(index):
-        return
-    rows = targets[index]
-    seen, window, mean = detected[rows["detection"]], rows["window"], rows["mean"]
-    window[:, :2] = np.where(rows["recognised"][:, None], window[:, :2], mean[:, :2])
-    headings, deviations = motion_headings(mean, rows["covariance"], window)
-    sides = np.sqrt(window[:, LENGTH] * window[:, WIDTH])
-    middle, young = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2, rows["detected_s"] < YOUNG_S
-    trust = np.minimum(1.0, centroid_std(sides) / rows["detection_std"]) ** 2
-    rate = np.where(young, 0.0, trust * rate_for(OFFSET_RATE, step_s))[:, None]
-    offset = rows["offset"] + rate * (seen[:, :2] - window[:, :2] - rows["offset"])
-    misfits = np.where(young | (_overlaps(window, seen) >= MIN_OVERLAP), 0, rows["misfits"] + 1)
-    beside = misfits >= MISFITS_BEFORE_RESTART
-    box = np.where(beside[:, None], detected_sides(seen), rows["box"])
-    centres = np.where((young | beside)[:, None], middle, window[:, :2] + offset)
-    better = turned_windows(centres, box, headings)
-    wrong = beside | _disagree(window, better, young, deviations)
-    targets["restart"][index], targets["restart_window"][index] = wrong, better
-    targets["box"][index], targets["misfits"][index] = box, np.where(wrong, 0, misfits)
-    targets["offset"][index] = np.where(wrong[:, None], 0.0, offset)
-
-
-def _disagree(window: FloatArray, better: FloatArray, young: BoolArray, deviations: FloatArray) -> BoolArray:
-    """Which windows float64[n, 5] differ too much from better ones, which young targets follow at once.
-
-    The angles have the standard deviations float64[n].
-    """
-    sides = np.sqrt(window[:, LENGTH] * window[:, WIDTH])
-    apart = np.hypot(*(better[:, :2] - window[:, :2]).T)
-    resized = np.abs(np.log(better[:, LENGTH : WIDTH + 1] / window[:, LENGTH : WIDTH + 1])).max(axis=1)
-    turned = np.abs(half_turn(better[:, ANGLE] - window[:, ANGLE])) > np.maximum(0.25, 2.5 * deviations)
-    settled = (apart > np.maximum(0.8, 0.06 * sides)) | turned | (resized > RESIZED)
-    wrong: BoolArray = np.where(young, (apart > YOUNG_OFFSET * sides) | (resized > YOUNG_RESIZED), settled)
-    return wrong
-
-
-def _overlaps(window: FloatArray, seen: FloatArray) -> FloatArray:
-    """Intersection over union of the upright boxes of windows and of detections."""
-    sides, upright = detected_sides(seen), upright_sides(window)
-    apart = np.abs(window[:, :2] - (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2)
-    shared = np.minimum((sides + upright) / 2 - apart, np.minimum(sides, upright))
-    common = np.maximum(shared, 0.0).prod(axis=1)
-    return np.asarray(common / (sides.prod(axis=1) + upright.prod(axis=1) - common))
+def has_own_detection(targets: TargetRows) -> BoolArray:
+    """bool[n]: confirmed before, not drawn by hand, and detected by a box that shows no other target."""
+    is_led = ~targets["manual"] & (targets["state"] != TENTATIVE)
+    return np.asarray(is_led & (targets["detection"] >= 0) & ~targets["crowded"])
 
 
 def detected_sides(seen: FloatArray) -> FloatArray:

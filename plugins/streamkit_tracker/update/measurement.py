@@ -12,11 +12,19 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
-from streamkit_tracker.update.detected_box import motion_headings, turned_windows
+from streamkit_tracker.update.detected_box import has_own_detection, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, Particles, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import Kind, search
-from streamkit_tracker.window_geometry import ANGLE, IDENTITY, LENGTH, WIDTH, Float32Array, FloatArray
+from streamkit_tracker.window_geometry import (
+    ANGLE,
+    IDENTITY,
+    LENGTH,
+    WIDTH,
+    Float32Array,
+    FloatArray,
+    widened,
+)
 
 SIDES_STD = 0.12
 MIN_CONTRAST = 1e-3
@@ -73,7 +81,7 @@ def _judge(
     rows, verdicts = table.rows, []
     similarities, informative = np.exp(-distances), (found.contrasts > MIN_CONTRAST).tolist()
     manual, unseen = rows["manual"][index].tolist(), (rows["frames_unseen"][index] > 0).tolist()
-    has_detection = (rows["detection"][index] >= 0).tolist()
+    is_crowded = rows["crowded"][index].tolist()
     for place, row in enumerate(index.tolist()):
         model = table.models[row]
         assert model.template is not None
@@ -83,7 +91,7 @@ def _judge(
             informative=model.template.textured and informative[place],
             unseen=manual[place] and unseen[place],
         )
-        learns = verdict.learnt and (manual[place] or has_detection[place])
+        learns = verdict.learnt and (manual[place] or is_crowded[place])
         if verdict.seen:
             model.particles = found.particles[place]
         if learns:
@@ -155,10 +163,16 @@ def _expect_manual(
 
 
 def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
-    """Gathers the particles of targets that were not recognised; filters learn targets that were."""
+    """Gathers the particles of targets that were not recognised; templates and filters learn those that were.
+
+    A template learns every window that a detection of its own has set: what it is not shown it cannot find
+    in the next frame without one.
+    """
     rows, known = table.rows, table.followed
     for index in np.flatnonzero(known & ~rows["recognised"]).tolist():
         table.models[index].particles = Particles.at(rows["mean"][index])
+    for index in np.flatnonzero(has_own_detection(rows) & ~rows["whole"]).tolist():
+        _learn_detected(table, index, sampler)
     for index in np.flatnonzero(known & rows["manual"]).tolist():
         model, region, share = table.models[index], None, float(rows["filter_share"][index])
         memory = model.memory
@@ -172,3 +186,14 @@ def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
             rows["mean"][index, 2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
         memory.compare(region)
         rows["sure"][index] = memory.is_sure
+
+
+def _learn_detected(table: TargetTable, index: int, sampler: WindowSampler) -> None:
+    """Lets the template of the target in a row learn its window."""
+    target, model = table.rows[index], table.models[index]
+    assert model.template is not None
+    window = np.concatenate([target["mean"][:2], target["window"][LENGTH:]])
+    patch = sampler.sample(widened(window[None], table.settings.context), model.patch)[0]
+    model.template.update(patch)
+    model.particles = Particles.at(window)
+    target["learnt"] = True

@@ -3,7 +3,7 @@
 import numpy as np
 
 from streamkit_tracker import associate
-from streamkit_tracker.observation import Observation
+from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TARGET, TargetRows, TargetTable
 from streamkit_tracker.tracker import MultiTargetTracker
@@ -138,3 +138,24 @@ def test_a_score_that_is_no_number_is_not_weak():
     scores = np.array([0.9, np.nan, np.inf, -np.inf, -3.0])
     weak = associate.find_weak(TargetTable(TrackerSettings()), scores)
     np.testing.assert_array_equal(weak, [False, False, False, True, True])
+
+
+def test_an_object_that_moves_farther_than_its_size_is_found_near_its_prediction():
+    """20 px at 40 px a look: no box overlaps the last one, and the target is confirmed all the same."""
+    tracker, image = MultiTargetTracker(), np.full((200, 400), 90, np.uint8)
+    for look in range(6):
+        boxes = np.array([[20.0 + 40 * look, 80, 40 + 40 * look, 100]])
+        middles = (boxes[:, :2] + boxes[:, 2:]) / 2
+        reports = tracker.step(image, Observation(0.2, centroids=middles, boxes=boxes, are_objects=True))
+    assert [(report.id, str(report.state)) for report in reports] == [(1, "confirmed")]
+
+
+def test_a_frame_without_registration_is_no_look():
+    """A target is not missed where its detections could not be used."""
+    tracker, image = MultiTargetTracker(), np.full((200, 400), 90, np.uint8)
+    box = np.array([[20.0, 80, 60, 120]])
+    for _ in range(4):
+        tracker.step(image, Observation(0.04, centroids=box[:, :2] + 20, boxes=box, are_objects=True))
+    for _ in range(20):
+        reports = tracker.step(image, Observation(0.04, continuity=FrameContinuity.LOST, are_objects=True))
+    assert [(report.id, str(report.state)) for report in reports] == [(1, "coasting")]
