@@ -256,10 +256,10 @@ class KeyframeAnchor:
             found = placed(*next(iter(matches.values())))
         for _, match in matches.values():
             self.keyframes.learn(match)
-        # No more certain than the best of those that it is tied to.
-        std = min((placed(*pair).std for pair in matches.values()), default=found.std)
+        # Of its own registration only: ties and adjustments correct what earlier keyframes had.
+        own = min((match.corner_std for _, match in matches.values()), default=found.std)
         ties = [tie_of(keyframe, 0, match.on_plane()) for keyframe, match in matches.values()]
-        self.add(images, found.to_reference, ties, std if std > OK_STD else 0.0)
+        self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
         return replace(found, is_keyframe=True, change=change)
 
 

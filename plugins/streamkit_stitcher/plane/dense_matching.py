@@ -113,6 +113,7 @@ class DenseMatcher:
             std,
             std,
             share=found.agreement,
+            at_rest=found.at_rest,
         )
 
     def agreement(

@@ -40,10 +40,11 @@ _OK_STEP_STD: Final = 1.0
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
-# Smallest share of the contrast that must agree with the keyframe for the area to decide, alone and beside
-# the corners (other scenes: at most 0.028 in 132 pairs).
+# Smallest share of the contrast that must agree with the keyframe for the area to decide: alone, beside the
+# corners, and beside them at rest, where nothing is searched (other scenes: at most 0.028 in 132 pairs).
 _MIN_SHARE: Final = 0.2
-_MIN_SHARE_BESIDE_CORNERS: Final = 0.06
+_MIN_SHARE_BESIDE_CORNERS: Final = 0.12
+_MIN_SHARE_AT_REST: Final = 0.06
 # The corners decide where so many times more agrees with their motion.
 _MIN_SHARE_RATIO: Final = 2.0
 _ADOPT_AFTER: Final = 10
@@ -227,9 +228,10 @@ class FrameRegistrar:
     ) -> bool:
         """Whether a weak agreement of the area is believed rather than the motion of the corners, if known.
 
-        Movers may win among the corners; but the area is wrong where much more of it agrees with the corners.
+        Movers may win among the corners; but a camera at rest is the wrong explanation where much more agrees
+        with the corners.
         """
-        if near.share < _MIN_SHARE_BESIDE_CORNERS:
+        if near.share < (_MIN_SHARE_AT_REST if near.at_rest else _MIN_SHARE_BESIDE_CORNERS):
             return False
         if by_corners is None:
             return True

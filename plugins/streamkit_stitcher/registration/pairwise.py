@@ -90,13 +90,10 @@ class PairwiseMotion:
     rmse: float
 
     def corner_std(self, shape: tuple[int, int]) -> float:
-        """Predicted error at the worst corner, px.
-
-        The more corners disagree, the likelier those that agree are a mover's, before a camera at rest.
-        """
+        """Predicted error at the worst corner, px: the corners that agree may be a mover's."""
         agreeing = self.inliers / max(1, self.matches)
         shift = corner_shift(self.matrix, shape)
-        return self.rmse / max(agreeing, _LEAST_SHARE) + math.sqrt(1 - agreeing) * shift
+        return self.rmse / max(agreeing, _LEAST_SHARE) + (1 - agreeing) * shift
 
 
 def working_level(shape: tuple[int, int], working_width: int) -> int:

@@ -108,19 +108,6 @@ def test_a_keyframe_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
     assert not any(made)
 
 
-@pytest.mark.parametrize("first_std", [0.0, 20.0])
-def test_the_doubt_of_a_keyframe_stays_with_those_that_follow(ground, first_std):
-    """A chain of keyframes is no more certain than its first one, however well each fits the last."""
-    anchor = KeyframeAnchor(PlaneSettings(), 0)
-    try:
-        anchor.add(view(ground, 0), IDENTITY, corner_std=first_std)
-        made = [place(anchor, view(ground, left), shift(float(left))) for left in (260, 520, 780, 790)]
-    finally:
-        anchor.keyframes.close()
-    assert [one.is_keyframe for one in made] == [True, True, True, False]
-    assert all(first_std <= one.std < first_std + OK_STD for one in made)
-
-
 @pytest.fixture
 def matched_in_a_corner(ground):
     """An anchor, a frame that overlaps its keyframe in a corner, and the match."""

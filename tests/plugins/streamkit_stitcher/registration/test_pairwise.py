@@ -6,7 +6,6 @@ import pytest
 from streamkit.geometry.homography import IDENTITY, translation
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.pairwise import (
-    PairwiseMotion,
     register,
     thumbnail_correlation,
     working_image,
@@ -33,15 +32,6 @@ def test_pairs_with_moving_cars_are_registered_to_a_fraction_of_a_pixel(ground, 
         errors.append(flight.error(motion.matrix, index, index - 1))
     assert np.median(errors) <= 0.2
     assert np.percentile(errors, 90) <= 0.35
-
-
-@pytest.mark.parametrize(("agreeing", "expected"), [(100, 0.5), (80, 0.625 + 20 * 0.2**0.5), (0, 30.0)])
-def test_corners_that_disagree_make_the_whole_motion_doubtful(agreeing, expected):
-    """With two of ten corners against it, a motion of 20 px is a mover's with a probability of 0.2."""
-    motion = PairwiseMotion(
-        translation(np.array([20.0, 0.0])), MotionModel.HOMOGRAPHY, False, 100, agreeing, 0.5
-    )
-    assert motion.corner_std((240, 320)) == pytest.approx(expected)
 
 
 def test_a_step_of_the_gain_is_no_cut(ground, make_flight):
