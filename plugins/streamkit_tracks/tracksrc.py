@@ -34,7 +34,7 @@ class TrackSrc(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         """One frame for each line; raises `StreamError` where a line is no record."""
-        records = RecordFile(Path(self.location))
+        records = RecordFile(self.location)
         for run, record, line in records.lines():
             if self.run in (0, run):
                 yield Frame(

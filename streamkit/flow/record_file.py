@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,8 +43,8 @@ class RecordFile:
         StreamError: a line is no track record; names file and line.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
         self.is_cut_off = False
 
     def __iter__(self) -> Iterator[tuple[int, TrackRecord]]:
@@ -91,7 +92,7 @@ def read_tracks(path: str | Path) -> NDArray[Any]:
     """
     import numpy as np
 
-    rows = [_row(run, record, target) for run, record in RecordFile(Path(path)) for target in record.tracks]
+    rows = [_row(run, record, target) for run, record in RecordFile(path) for target in record.tracks]
     return np.array(rows, list(COLUMNS.items()))
 
 

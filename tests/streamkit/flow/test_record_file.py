@@ -53,7 +53,7 @@ def test_a_half_written_last_line_is_left_out(tmp_path: Path) -> None:
     assert records.is_cut_off
     path.write_bytes(record(0)[:-9] + b"\n" + record(1))
     with pytest.raises(StreamError, match=r"tracks\.jsonl:1: not a track record.*give a \.jsonl file"):
-        list(RecordFile(path))
+        list(RecordFile(str(path)))
 
 
 def test_the_table_has_a_row_for_each_target_and_frame(tmp_path: Path) -> None:
