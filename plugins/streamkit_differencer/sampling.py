@@ -10,15 +10,13 @@ import numpy as np
 from streamkit.geometry.homography import corners, project, translation
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above
 from streamkit_differencer.ground import CanvasFrame
+from streamkit_kernels import hidden_pixels
 
 # The outermost pixels of a warped frame mix with the border.
 BORDER_PX = 2
 _INWARDS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64)
 # A frame within this distance of whole canvas pixels is not interpolated.
 WHOLE_PIXEL_PX = 0.02
-# Hidden pixels get a mean of cells of this width, px, with Gaussian weights of this deviation, cells; that
-# of the whole image has the last weight.
-CELL_PX, REACH, LEAST_WEIGHT = 8, 2.0, 0.01
 
 
 def downsampled(image: ByteImage, scale: int) -> ByteImage:
@@ -37,20 +35,9 @@ def without_hidden(image: ByteImage, hidden: ByteImage) -> ByteImage:
     Args:
         image: uint8[h, w].
         hidden: uint8 of any size, 255 where hidden, else 0.
-
-    Source: Knutsson and Westin, "Normalized and differential convolution", CVPR 1993.
     """
-    height, width = image.shape
-    hidden = above(cast("ByteImage", cv2.resize(hidden, (width, height), interpolation=cv2.INTER_AREA)), 0)
-    cells, shown = (-(-width // CELL_PX), -(-height // CELL_PX)), cv2.bitwise_not(hidden)
-    reduced = (
-        cv2.resize(one, cells, interpolation=cv2.INTER_AREA) for one in (shown, cv2.bitwise_and(image, shown))
-    )
-    weight, total = (cv2.GaussianBlur(one.astype(np.float32), (0, 0), REACH) for one in reduced)
-    least = LEAST_WEIGHT * 255
-    mean = (255 * total + least * image.mean()) / (weight + least)
-    smooth = cv2.resize(np.clip(mean, 0, 255).astype(np.uint8), (width, height))
-    return cast("ByteImage", cv2.copyTo(smooth, hidden, image.copy()))
+    mask = cv2.resize(hidden, image.shape[::-1], interpolation=cv2.INTER_AREA)
+    return hidden_pixels.without_hidden(image, above(cast("ByteImage", mask), 0))
 
 
 def draw_on_canvas(

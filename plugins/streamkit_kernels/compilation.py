@@ -100,7 +100,7 @@ def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, 
     Returns:
         The compiled function, compiled once for each set of argument types.
     """
-    # A wrapper for callers in C would take a twentieth of the compiler's time, and nobody calls it.
+    # A wrapper for callers in C would take a twentieth of the compiler's time; there are none.
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
     dispatcher: Any = numba.njit(**options)(function)
     with contextlib.suppress(RuntimeError):  # no writable folder, as in a read-only container

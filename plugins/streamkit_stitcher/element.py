@@ -42,9 +42,9 @@ from streamkit.geometry.homography import centre, project
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.output.names import FileNames
 from streamkit_kernels import start_kernels
+from streamkit_kernels.hidden_pixels import without_hidden
 from streamkit_stitcher.flight_plan.plan import FlightPlan, parse_strip, plan_strip
 from streamkit_stitcher.ground_view import ground_view
-from streamkit_stitcher.hidden_pixels import without_hidden
 from streamkit_stitcher.live_ground import LiveGround
 from streamkit_stitcher.live_mosaic import PREVIEW_CAPS, LiveMosaic, linked_pad
 from streamkit_stitcher.mosaic.georeference import Georeference

@@ -17,7 +17,7 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
-from streamkit_stitcher.hidden_pixels import without_hidden
+from streamkit_kernels.hidden_pixels import without_hidden
 from streamkit_stitcher.mosaic.graphics import OverlaidGraphics
 from streamkit_video.hudmask import rectangles
 

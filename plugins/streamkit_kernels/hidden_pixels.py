@@ -1,4 +1,4 @@
-"""Frames without what hides the scene, for registration."""
+"""Frames without what hides the scene, for measuring motion."""
 
 from __future__ import annotations
 
