@@ -9,16 +9,19 @@ WHOLE = f"appsrc ! decode ! {TRACKING}"
 ONE_FRAME = f"videotestsrc num-buffers=1 ! video/x-raw, format=GRAY8, width=640, height=360 ! {TRACKING}"
 
 
+def late_imports(code: str) -> str:
+    """The modules of `LATE` that a process has imported after some code, as a list in Python."""
+    found = f"print([name for name in {LATE!r} if name in sys.modules])"
+    whole = f"import sys\nfrom streamkit import Pipeline\n{code}\n{found}\n"
+    done = subprocess.run(
+        [sys.executable, "-c", whole], capture_output=True, text=True, timeout=80, check=True
+    )
+    return done.stdout.strip()
+
+
 def test_scipy_is_imported_with_its_first_use() -> None:
     """It would be a third of what building the whole tracking pipeline takes."""
-    code = (
-        f"import sys\nfrom streamkit import Pipeline\nPipeline.parse({WHOLE!r})\n"
-        f"assert 'cv2' in sys.modules\nprint([name for name in {LATE!r} if name in sys.modules])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=80, check=True
-    )
-    assert done.stdout.strip() == "[]"
+    assert late_imports(f"Pipeline.parse({WHOLE!r})\nassert 'cv2' in sys.modules") == "[]"
 
 
 def test_the_first_frame_of_a_file_needs_no_scipy() -> None:
@@ -26,11 +29,5 @@ def test_the_first_frame_of_a_file_needs_no_scipy() -> None:
 
     Both together would be a fifth of the start of the whole pipeline.
     """
-    code = (
-        f"import sys\nfrom streamkit import Pipeline\nwith Pipeline.parse({ONE_FRAME!r}) as pipeline:\n"
-        f"    pipeline.run(timeout_s=60)\nprint([name for name in {LATE!r} if name in sys.modules])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=80, check=True
-    )
-    assert done.stdout.strip() == "[]"
+    code = f"with Pipeline.parse({ONE_FRAME!r}) as pipeline:\n    pipeline.run(timeout_s=60)"
+    assert late_imports(code) == "[]"

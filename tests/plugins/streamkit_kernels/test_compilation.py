@@ -60,6 +60,17 @@ def test_a_package_is_prepared_alone() -> None:
     assert not began
 
 
+def outputs(folder: Path, module: str) -> list[str]:
+    """What two processes print that import a module of a folder, one after the other."""
+    return [
+        subprocess.run(
+            [sys.executable, "-c", f"import {module}"],
+            cwd=folder, check=True, capture_output=True, text=True, timeout=60,
+        ).stdout
+        for _ in range(2)
+    ]  # fmt: skip
+
+
 def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
     """Once, by the process that compiles; those that find the machine code do not import the compiler."""
     (tmp_path / "loops_of_a_test.py").write_text(
@@ -80,13 +91,7 @@ def test_the_wait_is_reported_where_there_is_one(tmp_path: Path) -> None:
         print("compiler is", "loaded" if "numba.np.linalg" in sys.modules else "left out")
         """)
     )
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", "import loops_of_a_test"],
-            cwd=tmp_path, check=True, capture_output=True, text=True, timeout=60,
-        ).stdout
-        for _ in range(2)
-    ]  # fmt: skip
+    said = outputs(tmp_path, "loops_of_a_test")
     warning, loaded = said[0].splitlines()
     assert "`streamkit prepare` does it beforehand" in warning
     assert (loaded, said[1]) == ("compiler is loaded", "compiler is left out\n")
@@ -122,13 +127,7 @@ def test_kernels_of_a_file_are_loaded_with_their_first_call(tmp_path: Path) -> N
             print("refused")
         """)
     )
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", "import loops_of_a_file"],
-            cwd=tmp_path, check=True, capture_output=True, text=True, timeout=60,
-        ).stdout.split()
-        for _ in range(2)
-    ]  # fmt: skip
+    said = [output.split() for output in outputs(tmp_path, "loops_of_a_file")]
     assert said == [["warm", "compiles", "1", "refused"], ["1", "refused"]]
 
 
