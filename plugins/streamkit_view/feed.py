@@ -35,13 +35,13 @@ LOOK_S = 0.5
 SILENT_S = 2.0
 
 
-# Most bytes of a message, by stream.
+# Most bytes of a message, by stream; records are last, since a publisher waits for the receiver of these.
 LIMIT_BYTES = {
-    TRACKS: RECORD_LIMIT_BYTES,
-    STATUS: STATUS_LIMIT_BYTES,
     VIDEO: PACKET_LIMIT_BYTES,
     FRAME: IMAGE_LIMIT_BYTES,
     MOSAIC: IMAGE_LIMIT_BYTES,
+    STATUS: STATUS_LIMIT_BYTES,
+    TRACKS: RECORD_LIMIT_BYTES,
 }
 
 

@@ -65,7 +65,7 @@ class ZenohSink(SessionElement, Sink):
     wait_subscribers: int = Property(
         0,
         min=0,
-        doc="Receivers to wait for before the first record; for 2 and more only zenohsrc is counted.",
+        doc="Receivers to wait for before the first message; for 2 and more only zenohsrc is counted.",
     )
     wait_timeout_s: float = Property(30.0, min=0.0, unit="s", doc="How long to wait for them before failing.")
 
@@ -108,8 +108,7 @@ class ZenohSink(SessionElement, Sink):
     def render(self, frame: Frame) -> None:
         publication = self._publication
         assert publication is not None, "start() precedes frames"
-        if not self._has_waited:
-            self._wait_for_receivers(publication)
+        self._wait_for_receivers(publication)
         self._tally.note(frame)
         publication.records.submit(frame, self.settings.patience_s)
         if self._publishes_frames and frame.caps.name != TRACKS_CAPS.name:
@@ -131,10 +130,14 @@ class ZenohSink(SessionElement, Sink):
         self._close(STOP_LIMIT_S)
 
     def _publish_media(self, stream: str, frame: Frame) -> None:
-        if self._publication is not None:
-            self._publication.media[stream].submit(frame)
+        publication = self._publication
+        if publication is not None:
+            self._wait_for_receivers(publication)
+            publication.media[stream].submit(frame)
 
     def _wait_for_receivers(self, publication: Publication) -> None:
+        if self._has_waited:
+            return
         stream = publication.records.stream
         there = wait_for_receivers(
             stream.publisher, publication.receivers, self.wait_subscribers, self.wait_timeout_s, self.stopping

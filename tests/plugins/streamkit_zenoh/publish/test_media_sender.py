@@ -1,5 +1,6 @@
 """Coded packets at KEY/video."""
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -39,3 +40,27 @@ def test_packets_are_published_unchanged_with_the_times_of_their_frames(
     with av.open(str(video)) as container:
         expected = [bytes(packet) for packet in container.demux(video=0) if packet.size]
     assert [sample.payload.to_bytes() for sample in packets] == expected
+
+
+def test_the_first_packet_waits_for_a_receiver_that_comes_later(
+    key: str, tmp_path: Path, open_test_session: Callable[..., zenoh.Session]
+) -> None:
+    """With wait-subscribers the pad `video` waits as records do: its first packet is the only keyframe."""
+    video = tmp_path / "flight.mp4"
+    Pipeline.parse(f"videotestsrc num-buffers=30 ! videofilesink location={video}").run(timeout_s=30)
+    session = open_test_session()
+    appeared = threading.Event()
+    handler = zenoh.handlers.Callback(lambda _token: appeared.set(), indirect=False)
+    session.liveliness().declare_subscriber(f"{key}/**", handler, history=True)
+    packets: list[zenoh.Sample] = []
+    with Pipeline.parse(
+        f"videotestsrc num-buffers=1 ! zenohsink name=z key={key} wait-subscribers=1 "
+        f"filesrc location={video} ! z.video"
+    ) as pipeline:
+        pipeline.play()
+        assert appeared.wait(30), "the publisher has not appeared"
+        for stream, take in (("video", packets.append), ("tracks", lambda _record: None)):
+            session.declare_subscriber(f"{key}/{stream}", zenoh.handlers.Callback(take, indirect=False))
+        assert pipeline.wait(30)
+    stamps = [read_attachment(sample.attachment.to_bytes())[0] for sample in packets if sample.attachment]
+    assert [stamp.number for stamp in stamps if stamp] == list(range(30))
