@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -26,6 +27,7 @@ UNIVERSAL_SET_KEY = rb"\x02\x01\x01.\x0e\x01\x01\x02\x01..."
 SET_KEY = re.compile(
     re.escape(KEY_PREFIX) + b"(?:" + LOCAL_SET_KEY + b"|" + UNIVERSAL_SET_KEY + b")", re.DOTALL
 )
+CHUNK_BYTES = 1 << 16  # that a file is read in
 # A damaged length must not make the reader wait for a gigabyte.
 MAX_VALUE_BYTES = 1 << 16
 CHECKSUM_HEAD = b"\x01\x02"
@@ -35,6 +37,16 @@ MAX_UNIVERSAL_ELEMENTS = 64
 
 class BadKlv(ValueError):
     """The bytes violate the standard."""
+
+
+def holds_klv(path: Path) -> bool:
+    """Whether the first 64 KB of a file hold a key of a telemetry set.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with path.open("rb") as file:
+        return SET_KEY.search(file.read(CHUNK_BYTES)) is not None
 
 
 @dataclass(frozen=True, slots=True)

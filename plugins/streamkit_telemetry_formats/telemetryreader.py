@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from streamkit_telemetry_formats.dji import DjiTelemetry
-from streamkit_telemetry_formats.klv import SET_KEY
+from streamkit_telemetry_formats.klv import CHUNK_BYTES, holds_klv
 from streamkit_telemetry_formats.misb import MisbTelemetry
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.subrip import LONGEST_TEXT, subtitle_text
@@ -20,7 +20,6 @@ REFUSALS = {
     "broken_tags": "{} telemetry values left out so far: not of the length or range of their tag",
     "broken_subtitles": "{} subtitles left out so far: their times or position cannot be read",
 }
-CHUNK_BYTES = 1 << 16
 
 
 class TelemetryReader:
@@ -91,16 +90,6 @@ class TelemetryReader:
 
 class NoTelemetry(ValueError):
     """A file holds no position."""
-
-
-def holds_klv(path: Path) -> bool:
-    """Whether the first 64 KB of a file hold a key of a telemetry set.
-
-    Raises:
-        OSError: it cannot be read.
-    """
-    with path.open("rb") as file:
-        return SET_KEY.search(file.read(CHUNK_BYTES)) is not None
 
 
 class TelemetryFile:

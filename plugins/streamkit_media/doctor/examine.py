@@ -16,7 +16,8 @@ from streamkit_media.container import check_file
 from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_usable, stream_checks
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
-from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, connection_failure, port_of
+from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
+from streamkit_media.live.reachability import connection_failure
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"

@@ -36,7 +36,7 @@ from streamkit_media.container import (
     reason_of,
     video_stream,
 )
-from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, port_of
+from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import (
     AUDIO_CAPS,
@@ -52,7 +52,7 @@ from streamkit_media.streams import (
     stream_caps,
     streams_of,
 )
-from streamkit_telemetry_formats.telemetryreader import holds_klv
+from streamkit_telemetry_formats.klv import holds_klv
 
 PAD_CAPS = {
     StreamKind.VIDEO: CODED_CAPS,

@@ -9,7 +9,8 @@ from urllib.parse import SplitResult, urlsplit
 
 from streamkit import Element, Property, ResourceError, mask_secrets
 from streamkit_media.container import with_credentials
-from streamkit_media.live.reachability import PLAIN_OF, RTSP_SCHEMES, port_of, trusted_authorities
+from streamkit_media.live.addresses import PLAIN_OF, RTSP_SCHEMES, port_of
+from streamkit_media.live.reachability import trusted_authorities
 
 GROWTH = 2.0
 MIN_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment

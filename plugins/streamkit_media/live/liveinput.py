@@ -15,7 +15,8 @@ from typing_extensions import override
 
 from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit_media.container import AccessRefused, TimedOut, open_container
-from streamkit_media.live.reachability import port_of, unreachable
+from streamkit_media.live.addresses import port_of
+from streamkit_media.live.reachability import unreachable
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import read_packets
 

@@ -10,11 +10,11 @@ from typing_extensions import override
 
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
 from streamkit.output.names import is_network
+from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
 from streamkit_media.live.datagraminput import DatagramInput
 from streamkit_media.live.datagrams import datagram_address
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence, UrlInput
 from streamkit_media.live.livesource import LiveSource
-from streamkit_media.live.reachability import LIVE_SCHEMES, port_of
 from streamkit_media.streams import KLV_CAPS
 
 UDP = "udp"
