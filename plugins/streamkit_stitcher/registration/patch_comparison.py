@@ -37,7 +37,7 @@ def probe(
     last_x, last_y = (width - 1) * _ONE - 1, (height - 1) * _ONE - 1
     middle_x, middle_y = (width - 1) / 2, (height - 1) / 2
     inner_x, inner_y = middle_x + (0.5 - _MARGIN), middle_y + (0.5 - _MARGIN)
-    fraction = np.float32(1 / _ONE)
+    fraction, count = np.float32(1 / _ONE), 0
     for patch in range(len(centres)):
         products[0, patch] = products[1, patch] = products[2, patch] = 0.0
         x, y = centres[patch, 0], centres[patch, 1]
@@ -47,6 +47,7 @@ def probe(
         seen[patch] = usable[patch] and abs(to_x - middle_x) < inner_x and abs(to_y - middle_y) < inner_y
         if not seen[patch]:
             continue
+        count += 1
         xx, xy = (matrix[0, 0] - matrix[2, 0] * to_x) * weight, (matrix[0, 1] - matrix[2, 1] * to_x) * weight
         yx, yy = (matrix[1, 0] - matrix[2, 0] * to_y) * weight, (matrix[1, 1] - matrix[2, 1] * to_y) * weight
         step_x, step_y = np.int64(xx * _ONE), np.int64(yx * _ONE)
@@ -76,4 +77,4 @@ def probe(
         deviation = np.sqrt(max(squares / np.float32(_PIXELS) - mean * mean, np.float32(1e-6)))
         products[0, patch], products[1, patch] = across / deviation, down / deviation
         products[2, patch] = correlation / deviation
-    return int(np.count_nonzero(seen))
+    return count

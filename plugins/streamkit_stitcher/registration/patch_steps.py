@@ -2,7 +2,8 @@
 
 Common arguments: `centres` float64[n, 2], px of the keyframe; `scaling` float64[3], centre x y and size of
 normalised coordinates; `parameters` float64[8], of a step in these; `probes` float32[n, 3, 225], see
-`PatchLevel`; `usable` bool[n]. Results go into arrays of the caller.
+`PatchLevel`; `usable` bool[n]. Results go into arrays of the caller. Loops assign single elements: assigning
+an array to a slice takes the compiler seconds, for messages about shapes.
 """
 
 from typing import Final
@@ -61,7 +62,9 @@ def settle(
             parameters[:] = 0.0
             parameters[2], parameters[5] = x / scaling[2], y / scaling[2]
         else:
-            information[0] = information[2] = np.where(near, products[2], 0.0)
+            for patch in range(count):
+                weight = products[2, patch] if near[patch] else 0.0
+                information[0, patch] = information[2, patch] = weight
             if not solve(centres, scaling, products, information, normal, parameters):
                 return False
             far = displace(centres, scaling, parameters, seen, moves)
@@ -120,26 +123,36 @@ def improve(
         return np.inf, visible_count, 0.0
     _inform(products, inverse_hessian, information)
     _together(products, alike, near, squares)
-    xx, xy, yy = information[0], information[1], information[2]
-    squares[:] = (xx * yy - xy * xy) / (xx + yy)
+    for patch in range(count):
+        xx, xy, yy = information[0, patch], information[1, patch], information[2, patch]
+        squares[patch] = (xx * yy - xy * xy) / (xx + yy)
     most = _median(squares, alike)
-    counted[0] = counted[2] = np.where(near, np.minimum(squares, most), 0.0)
-    counted[1] = 0.0
+    for patch in range(count):
+        counted[0, patch] = counted[2, patch] = min(squares[patch], most) if near[patch] else 0.0
+        counted[1, patch] = 0.0
     if not solve(centres, scaling, products, counted, normal, parameters):
         return np.inf, visible_count, 0.0
     displace(centres, scaling, parameters, seen, moves)
     _weighted_squares(products, moves, information, squares)
     bound = OFF_PLANE * _median(squares, alike)
-    near[:] = alike & (squares < bound)
-    counted[:] = np.where(near, information, 0.0)
+    freedom = -8
+    for patch in range(count):
+        near[patch] = alike[patch] and squares[patch] < bound
+        freedom += 2 * near[patch]
+        for row in range(3):
+            counted[row, patch] = information[row, patch] if near[patch] else 0.0
     if not solve(centres, scaling, products, counted, normal, parameters):
         return np.inf, visible_count, 0.0
     far = displace(centres, scaling, parameters, seen, moves)
     compose(matrix, scaling, parameters)
     _weighted_squares(products, moves, information, squares)
-    products[:2] -= moves
-    freedom = 2 * np.count_nonzero(near) - 8
-    return far, visible_count, squares[near].sum() / max(1, freedom)
+    total = 0.0
+    for patch in range(count):
+        products[0, patch] -= moves[0, patch]
+        products[1, patch] -= moves[1, patch]
+        if near[patch]:
+            total += squares[patch]
+    return far, visible_count, total / max(1, freedom)
 
 
 @compiled
@@ -158,27 +171,33 @@ def _together(
     for patch in range(len(chosen)):
         squares[patch] = (shift[0, patch] - x) ** 2 + (shift[1, patch] - y) ** 2
     bound = max(OFF_PLANE * _median(squares, chosen), _CLOSE**2)
-    near[:] = chosen & (squares <= bound)
+    for patch in range(len(chosen)):
+        near[patch] = chosen[patch] and squares[patch] <= bound
     return x, y
 
 
 @compiled
 def _above(products: FloatArray, seen: MaskArray, least: float, chosen: MaskArray) -> int:
     """Chooses patches in view whose correlation is above `least`; returns their number."""
-    chosen[:] = seen & (products[2] > least)
-    return int(np.count_nonzero(chosen))
+    count = 0
+    for patch in range(len(seen)):
+        chosen[patch] = seen[patch] and products[2, patch] > least
+        count += chosen[patch]
+    return count
 
 
 @compiled
 def _inform(products: FloatArray, inverse_hessian: FloatArray, information: FloatArray) -> None:
     """The inverse covariance of each patch's position, see `improve`."""
-    # Images of unit deviation with correlation c differ by 2 - 2 c.
-    noise = 2 * np.maximum(1 - products[2], 1e-3)
-    xx = inverse_hessian[:, 0, 0] * noise + SMALLEST_STD**2
-    xy = inverse_hessian[:, 0, 1] * noise
-    yy = inverse_hessian[:, 1, 1] * noise + SMALLEST_STD**2
-    determinant = xx * yy - xy * xy
-    information[0], information[1], information[2] = yy / determinant, -xy / determinant, xx / determinant
+    for patch in range(products.shape[1]):
+        # Images of unit deviation with correlation c differ by 2 - 2 c.
+        noise = 2 * max(1 - products[2, patch], 1e-3)
+        xx = inverse_hessian[patch, 0, 0] * noise + SMALLEST_STD**2
+        xy = inverse_hessian[patch, 0, 1] * noise
+        yy = inverse_hessian[patch, 1, 1] * noise + SMALLEST_STD**2
+        determinant = xx * yy - xy * xy
+        information[0, patch], information[1, patch] = yy / determinant, -xy / determinant
+        information[2, patch] = xx / determinant
 
 
 @compiled
@@ -186,8 +205,10 @@ def _weighted_squares(
     shift: FloatArray, moves: FloatArray, information: FloatArray, squares: FloatArray
 ) -> None:
     """The squared residuals after a step, in units of their deviations."""
-    x, y = shift[0] - moves[0], shift[1] - moves[1]
-    squares[:] = (information[0] * x + 2 * information[1] * y) * x + information[2] * y * y
+    for patch in range(len(squares)):
+        x, y = shift[0, patch] - moves[0, patch], shift[1, patch] - moves[1, patch]
+        xx, xy, yy = information[0, patch], information[1, patch], information[2, patch]
+        squares[patch] = (xx * x + 2 * xy * y) * x + yy * y * y
 
 
 @compiled
@@ -218,9 +239,16 @@ def solve(
             for column in range(row + 1):
                 normal[row, column] += from_x * across[column] + from_y * down[column]
                 normal[column, row] = normal[row, column]
-    if not np.linalg.cond(normal) < _MAX_CONDITION:
+    values, vectors = np.linalg.eigh(normal)
+    if not values[0] * _MAX_CONDITION > values[7]:
         return False
-    parameters[:] = np.linalg.solve(normal, sides)
+    parameters[:] = 0.0
+    for vector in range(8):
+        length = 0.0
+        for row in range(8):
+            length += vectors[row, vector] * sides[row] / values[vector]
+        for row in range(8):
+            parameters[row] += length * vectors[row, vector]
     return True
 
 
@@ -260,6 +288,9 @@ def compose(matrix: FloatArray, scaling: FloatArray, parameters: FloatArray) -> 
     to_px = np.array([[size, 0.0, x], [0.0, size, y], [0.0, 0.0, 1.0]])
     from_px = np.array([[1 / size, 0.0, -x / size], [0.0, 1 / size, -y / size], [0.0, 0.0, 1.0]])
     step = np.eye(3)
-    step.ravel()[:8] += parameters
-    matrix[:] = matrix @ to_px @ step @ from_px
-    matrix /= matrix[2, 2]
+    for parameter in range(8):
+        step[parameter // 3, parameter % 3] += parameters[parameter]
+    moved = matrix @ to_px @ step @ from_px
+    for row in range(3):
+        for column in range(3):
+            matrix[row, column] = moved[row, column] / moved[2, 2]

@@ -92,16 +92,29 @@ def _histograms(patch: Float32Array, directions: Float32Array, cells: Float32Arr
 
 
 @compiled
-def _normalise(cells: Float32Array, channels: Float32Array) -> None:
-    """Fills in the channels of the inner cells."""
+def _block_scales(cells: Float32Array) -> Float32Array:
+    """One over the norm of the gradients, without sign, of each four cells that meet."""
     rows, columns = cells.shape[1:]
     energy = np.zeros((rows, columns), np.float32)
     for direction in range(HALF):
-        both = cells[direction] + cells[direction + HALF]
-        energy += both * both
-    blocks = energy[:-1, :-1] + energy[:-1, 1:] + energy[1:, :-1] + energy[1:, 1:] + FLOOR
-    scales = np.float32(1) / np.sqrt(blocks)
-    half = np.float32(0.5)
+        for row in range(rows):
+            for column in range(columns):
+                both = cells[direction, row, column] + cells[direction + HALF, row, column]
+                energy[row, column] += both * both
+    scales = np.empty((rows - 1, columns - 1), np.float32)
+    for row in range(rows - 1):
+        for column in range(columns - 1):
+            block = energy[row, column] + energy[row, column + 1]
+            block = block + energy[row + 1, column] + energy[row + 1, column + 1] + FLOOR
+            scales[row, column] = np.float32(1) / np.sqrt(block)
+    return scales
+
+
+@compiled
+def _normalise(cells: Float32Array, channels: Float32Array) -> None:
+    """Fills in the channels of the inner cells."""
+    rows, columns = cells.shape[1:]
+    scales, half = _block_scales(cells), np.float32(0.5)
     textures = channels[DIRECTIONS + HALF :]
     textures[:] = 0
     for row in range(rows - 2):
@@ -119,4 +132,7 @@ def _normalise(cells: Float32Array, channels: Float32Array) -> None:
                     textures[1, row, column] += second
                     textures[2, row, column] += third
                     textures[3, row, column] += fourth
-    textures *= TEXTURE_SHARE
+    for texture in range(4):
+        for row in range(rows - 2):
+            for column in range(columns - 2):
+                textures[texture, row, column] *= TEXTURE_SHARE

@@ -52,7 +52,8 @@ def template_distances(
                 window = windows[target, start + index]
                 sample_window(quads, places[target], factor, window, grid, near, between, patches[index])
             if start == 0:
-                first_patches[target] = patches[0]
+                for pixel in range(pixels):
+                    first_patches[target, pixel] = patches[0, pixel]
             np.dot(patches[:count], template, products[:count])
             for index in range(count):
                 powers[index] = np.dot(patches[index], patches[index])

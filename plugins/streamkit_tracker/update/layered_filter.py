@@ -196,7 +196,8 @@ def first_windows(
             if particle < 1 + at_seed:
                 spread = 0.0
             window = windows[target, particle]
-            window[:] = expected["window"]
+            for column in range(5):
+                window[column] = expected["window"][column]
             for axis in range(2):
                 if particle > 0:
                     window[axis] = positions[begin + chosen[particle], axis]
@@ -232,7 +233,8 @@ def propose(
     for target in range(len(proposals)):
         for copy in range(proposals.shape[1]):
             window, first = proposals[target, copy], begin + numbers * copy
-            window[:] = survivors[target, copy // copies]
+            for column in range(5):
+                window[column] = survivors[target, copy // copies, column]
             for axis in range(2):
                 window[axis] += noise[target, first + axis] * polish[target]
             if turned:
@@ -249,9 +251,11 @@ def hand_back(survivors: FloatArray, best: FloatArray, proposals: FloatArray, sc
     copies = proposals.shape[1] // survivors.shape[1]
     for target in range(len(proposals)):
         for copy in range(proposals.shape[1]):
-            if scores[target, copy] > best[target, copy // copies]:
-                best[target, copy // copies] = scores[target, copy]
-                survivors[target, copy // copies] = proposals[target, copy]
+            survivor = copy // copies
+            if scores[target, copy] > best[target, survivor]:
+                best[target, survivor] = scores[target, copy]
+                for column in range(5):
+                    survivors[target, survivor, column] = proposals[target, copy, column]
 
 
 @compiled
@@ -266,8 +270,14 @@ def estimate(survivors: FloatArray, best: FloatArray, windows: FloatArray, covar
     """
     for target in range(len(survivors)):
         weights, mean = best[target], windows[target]
-        weights[:] = np.exp(weights - weights.max())
-        weights /= weights.sum()
+        highest, total = -np.inf, 0.0
+        for rank in range(len(weights)):
+            highest = max(highest, weights[rank])
+        for rank in range(len(weights)):
+            weights[rank] = np.exp(weights[rank] - highest)
+            total += weights[rank]
+        for rank in range(len(weights)):
+            weights[rank] /= total
         mean[:], sine, cosine = 0.0, 0.0, 0.0
         for rank in range(len(weights)):
             for column in range(ANGLE):
