@@ -10,6 +10,7 @@ from typing_extensions import override
 from streamkit import Caps, Frame, OutputFileSink, ResourceError
 
 CONTAINERS = frozenset({".mp4", ".mov", ".mkv", ".webm", ".avi"})
+TRACK_FILES = frozenset({".jsonl", ".csv", ".geojson", ".kml", ".cot"})
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
 
@@ -26,22 +27,27 @@ class FileSink(OutputFileSink):
     @override
     def start(self) -> None:
         super().start()
-        self._check_container(self.pads["sink"].peer_caps())
+        self._check_suffix(self.pads["sink"].peer_caps())
 
     def configure(self, sink_caps: Caps) -> None:
         """Lines for text, bytes as they are for all else.
 
         Raises:
-            ResourceError: the file's name is that of a container, which the bytes of frames do not make.
+            ResourceError: the file's name is that of a container or of track records; the bytes of video make
+                neither.
         """
-        self._check_container(sink_caps)
+        self._check_suffix(sink_caps)
         self._is_lines = sink_caps.name.startswith(LINE_TYPES)
 
-    def _check_container(self, caps: Caps) -> None:
+    def _check_suffix(self, caps: Caps) -> None:
         suffix = Path(self.location).suffix.lower()
         media = {structure.name for structure in caps.structures}
-        if suffix in CONTAINERS and media and all(name.startswith("video/") for name in media):
-            sink = "videofilesink" if "video/x-raw" in media else "packetsink"
+        if not media or not all(name.startswith("video/") for name in media):
+            return
+        sink = "videofilesink" if "video/x-raw" in media else "packetsink"
+        if suffix in TRACK_FILES:
+            sink = "tracksink"
+        if suffix in CONTAINERS | TRACK_FILES:
             raise ResourceError(
                 f"location={self.location}: filesink writes the bytes of frames, which are no {suffix} file; "
                 f"write {sink} location={self.location}"

@@ -80,6 +80,15 @@ def test_a_container_is_no_file_of_bytes(tmp_path: Path, small_video: Path, sour
     assert not path.exists()
 
 
+@pytest.mark.parametrize("suffix", [".jsonl", ".csv", ".geojson", ".kml", ".cot"])
+def test_track_records_are_no_bytes_of_video(tmp_path: Path, suffix: str) -> None:
+    """Tracks travel with frames: the sink that writes them as records is named."""
+    path = tmp_path / f"tracks{suffix}"
+    with pytest.raises(ElementFailure, match=rf"no {suffix} file; write tracksink location={path}"):
+        Pipeline.parse(f"videotestsrc num-buffers=2 ! filesink location={path}").run(timeout_s=30)
+    assert not path.exists()
+
+
 def test_a_container_is_refused_before_the_source_starts(tmp_path: Path) -> None:
     """Where any stream of the neighbour is video: a live source is not asked to connect."""
     with pytest.raises(ElementFailure, match=r"filesink0: .* write videofilesink"):
