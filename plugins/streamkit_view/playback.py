@@ -6,14 +6,23 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import NamedTuple
 
 from streamkit import ANY, STREAMKIT_COMMAND, ElementFailure, Pipeline, choose_source, mask_secrets
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
 PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
+
+
+class Said(NamedTuple):
+    """A line that a pipeline printed, and when, on the monotonic clock; "" and 0 before the first."""
+
+    line: str = ""
+    at_s: float = 0.0
 
 
 def is_source(text: str) -> bool:
@@ -91,6 +100,7 @@ class PlayedPipeline:
             self._variables["source"] = source
         self._process: subprocess.Popen[bytes] | None = None
         self._last_line = self._error = ""
+        self._last_line_s = 0.0
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -132,6 +142,11 @@ class PlayedPipeline:
         """What the starting pipeline waits for: its last warning, for example of an element that compiles."""
         return f"The pipeline is starting. {self._last_line}".rstrip()
 
+    @property
+    def said(self) -> Said:
+        """What the pipeline printed last, for example that a camera is away."""
+        return Said(self._last_line, self._last_line_s)
+
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         """Shows what the pipeline prints in this terminal, too; ends with the pipeline."""
         assert process.stderr is not None
@@ -139,6 +154,7 @@ class PlayedPipeline:
             while line := lines.readline(LINE_LIMIT_BYTES):
                 text = mask_secrets(line.decode(errors="replace").strip())
                 self._last_line = text.removeprefix("warning: ") or self._last_line
+                self._last_line_s = time.monotonic()
                 if text.startswith("error: "):
                     self._error = self._error or text
                 print(text, file=sys.stderr, flush=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 import zenoh
 
@@ -12,6 +14,7 @@ from streamkit import Pipeline
 from streamkit_view import feed as feed_module
 from streamkit_view.feed import Feed
 from streamkit_view.messages import PageMessage
+from streamkit_view.playback import Said
 
 
 @pytest.fixture
@@ -53,3 +56,19 @@ def test_a_publisher_without_frames_is_waited_for(
         pipeline.play()
         wait_for(lambda: feed.state(0.0).reason == "The publisher is there; no frame has come yet.")
         assert feed.state(0.0).state == "waiting"
+
+
+def test_a_silent_feed_tells_what_its_pipeline_said_since_the_last_frame(
+    feed: Feed, key: str, wait_for: Callable[..., Any]
+) -> None:
+    """A camera that is away, and not the loops that were compiled before the first frame."""
+    text = f"appsrc name=in caps=video/x-raw,format=GRAY8,width=64,height=48 ! zenohsink key={key}"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        wait_for(lambda: feed.state(0.0).state == "waiting")
+        began_s = time.monotonic()
+        pipeline["in"].push(np.zeros((48, 64), np.uint8))
+        wait_for(lambda: feed.state(0.0).state == "silent")
+        early, late = Said("loops are compiled", began_s - 60), Said("refused; retrying", time.monotonic())
+        assert feed.state(0.0, said=early).reason.endswith("the pipeline stands still.")
+        assert feed.state(0.0, said=late).reason.endswith(" s: refused; retrying")

@@ -1,6 +1,7 @@
 """The pipeline of a file or camera: what it prints while it starts, and why it failed."""
 
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,8 @@ def test_the_element_that_compiles_is_named(
         found.start()
         wait_for(lambda: found.progress == "The pipeline is starting. ground: loops are being compiled")
         assert found.failure == ""
+        assert found.said.line == "ground: loops are being compiled"
+        assert 0 < found.said.at_s <= time.monotonic()
     finally:
         found.close()
     assert "warning: ground: loops are being compiled" in capfd.readouterr().err
