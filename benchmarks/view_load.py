@@ -156,19 +156,34 @@ def family(process: int) -> list[int]:
     return [process, *itertools.chain.from_iterable(map(family, children))]
 
 
-def measure_page(server: int, url: str, seconds: float) -> None:
-    """Prints the memory of the page and of the server over time, and what grows per hour."""
+@contextmanager
+def headless_browser(*arguments: str) -> Iterator[Any]:
+    """Debian's chromium without a window and without a GPU."""
     from selenium import webdriver
     from selenium.webdriver.chrome.options import Options
     from selenium.webdriver.chrome.service import Service
 
     options = Options()
     options.binary_location = shutil.which("chromium") or ""
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-dev-shm-usage",
+        *arguments,
+    ):
         options.add_argument(argument)
     browser = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
-    rows = []
     try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+def measure_page(server: int, url: str, seconds: float) -> None:
+    """Prints the memory of the page and of the server over time, and what grows per hour."""
+    rows = []
+    with headless_browser() as browser:
         browser.get(url)
         began = time.monotonic()
         while time.monotonic() - began < seconds:
@@ -190,8 +205,6 @@ def measure_page(server: int, url: str, seconds: float) -> None:
         status = browser.execute_script("return streamkit.page.states[0].status") or {}
         of_elements = [{one["name"]: one["drops"]} for one in status.get("elements", ()) if one["drops"]]
         print("dropped:", [*status.get("drops", ()), *of_elements])
-    finally:
-        browser.quit()
     table = np.array(rows)[len(rows) // 4 :]
     for name, column in (("heap", 1), ("browser", 3), ("server", 4)):
         slope = np.polyfit(table[:, 0], table[:, column], 1)[0]
