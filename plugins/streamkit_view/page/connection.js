@@ -1,5 +1,6 @@
 // The websocket to the server: takes messages, confirms them, and connects again when it is lost.
 
+const CONFIRM_MS = 50; // one answer confirms all messages of this time
 const RETRY_MS = [250, 500, 1000, 2000];
 
 export class Connection {
@@ -18,6 +19,8 @@ export class Connection {
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     this.taken = 0;
+    clearTimeout(this.confirming);
+    this.confirming = null;
     let order = Promise.resolve();
     socket.onopen = () => {
       this.tries = 0;
@@ -43,9 +46,16 @@ export class Connection {
         await this.receive(JSON.parse(header), new Uint8Array(data, 4 + length));
       }
     } finally {
-      this.taken += 1;
-      this.send({ taken: this.taken });
+      if (socket === this.socket) this.confirm();
     }
+  }
+
+  confirm() {
+    this.taken += 1;
+    this.confirming ??= setTimeout(() => {
+      this.confirming = null;
+      this.send({ taken: this.taken });
+    }, CONFIRM_MS);
   }
 
   // One of the answers that the server reads: `PageAnswer`.
@@ -56,6 +66,8 @@ export class Connection {
 
 // The JSON value in a payload that zlib compressed.
 export async function decompressed(payload) {
-  const stream = new Blob([payload]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Response(stream).json();
+  const { readable, writable } = new DecompressionStream("deflate");
+  const writer = writable.getWriter();
+  const [found] = await Promise.all([new Response(readable).json(), writer.write(payload), writer.close()]);
+  return found;
 }
