@@ -22,7 +22,8 @@ export class Followed {
   }
 
   // Called with each frame on the screen and its own record.
-  show(picture, record, id, place) {
+  // `width` is that of the picture.
+  show(picture, width, record, id, place) {
     const track = record?.tracks.find((other) => other.id === id);
     if (id !== this.id) {
       this.clear();
@@ -32,7 +33,7 @@ export class Followed {
     byId("followed").hidden = false;
     const text = track ? sentences(track, place).join(" ") : `Track ${id} is not in this frame.`;
     if (byId("explain").textContent !== text) byId("explain").textContent = text;
-    if (track && performance.now() - this.cropped >= EVERY_MS) this.crop(picture, track, picture.width / record.width);
+    if (track && performance.now() - this.cropped >= EVERY_MS) this.crop(picture, track, width / record.width);
   }
 
   // The newest crop stands on the right.

@@ -13,6 +13,7 @@ import { drawBox, drawTracks, fitCanvas } from "./overlay.js";
 import { place, showFeeds, showFigures, showNote, showState, showTracks } from "./panel.js";
 import { Player } from "./player.js";
 import { carried, Pointer } from "./pointer.js";
+import { Screen } from "./screen.js";
 import { Series } from "./series.js";
 import { Timeline } from "./timeline.js";
 import { Trails } from "./trails.js";
@@ -22,7 +23,7 @@ const STALE_NS = 250e6;
 const ROUNDING_NS = 6e5; // half of Matroska's millisecond, and the ticks of other containers
 const PLAUSIBLE_AGE_MS = 600_000;
 
-const picture = document.getElementById("video");
+const screen = new Screen(document.getElementById("video"), document.getElementById("stream"));
 const overlay = document.getElementById("overlay");
 const geo = new GeoFit();
 const series = new Series(document.getElementById("series"));
@@ -72,7 +73,7 @@ function resetVideo() {
   });
   page.needsDrawing = true;
   document.getElementById("empty").hidden = false;
-  picture.getContext("2d").clearRect(0, 0, picture.width, picture.height);
+  screen.clear();
 }
 
 const nameOf = (header) => `${header.epoch}:${header.pts_ns ?? header.seq}`;
@@ -211,9 +212,7 @@ function draw() {
   // The frame on which a box is being drawn stays.
   if (page.next && !pointer.box) {
     const { image, header, width, height } = page.next;
-    if (picture.width !== width || picture.height !== height) [picture.width, picture.height] = [width, height];
-    picture.getContext("2d").drawImage(image, 0, 0, width, height);
-    image.close();
+    screen.show(image, width, height);
     page.next = null;
     page.frames += 1;
     page.shown = { header, width, height, ...recordFor(header) };
@@ -225,7 +224,7 @@ function draw() {
     drawTracks(overlay, page.shown, record, page.trails, page.followed, isExact);
     page.lastDrawn = record;
     const track = record?.tracks.find(({ id }) => id === page.followed);
-    followed.show(picture, record, page.followed, place(track?.geo));
+    followed.show(screen.picture, page.shown.width, record, page.followed, place(track?.geo));
   } else fitCanvas(overlay);
   if (pointer.box) drawBox(overlay, shownSize().size, pointer.box.from, pointer.box.to);
   map.draw(page.shown?.record ?? page.newest, page.trails, page.followed);
@@ -341,4 +340,4 @@ setInterval(refresh, 250);
 requestAnimationFrame(draw);
 
 // For tests and for the console: what is on the screen.
-window.streamkit = { page, player, map, mosaic, earth, medianDelay };
+window.streamkit = { page, player, screen, map, mosaic, earth, medianDelay };
