@@ -16,6 +16,7 @@ import argparse
 import ctypes
 import json
 import os
+import re
 import signal
 import statistics
 import subprocess
@@ -23,7 +24,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from view_load import STREAMKIT, family, headless_browser
 CAMERA = Path(__file__).parents[1] / "plugins" / "streamkit_view" / "pipelines" / "camera.pipe"
 KEY = f"bench/view_live/{os.getpid()}"
 SETTLE_S = 10.0  # first keyframes, first RTCP report
+START_LIMIT_S = 300.0  # machine code may be compiled first
 WINDOW = "--window-size=1280,800"
 Times = Counter[tuple[str, str]]
 
@@ -75,10 +77,10 @@ def give_up_priorities() -> None:
 
 
 def kind_of(process: int) -> str:
-    """What a process of chromium does."""
-    words = Path(f"/proc/{process}/cmdline").read_bytes().decode(errors="replace").split("\0")
-    types = [word.partition("=")[2] for word in words if word.startswith(("--type=", "--utility-sub-type="))]
-    return "chromedriver" if "chromedriver" in words[0] else types[-1] if types else "browser"
+    """What a process of chromium does; of another the name of its program."""
+    command = Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+    kinds = re.findall(r" --(?:type|utility-sub-type)=(\S+)", command)
+    return kinds[-1] if kinds else Path(command.split(" ")[0]).name
 
 
 def thread_times(root: int) -> Times:
@@ -86,21 +88,25 @@ def thread_times(root: int) -> Times:
     found: Times = Counter()
     for process in family(root):
         for thread in Path(f"/proc/{process}/task").iterdir():
-            name, _, rest = (thread / "stat").read_text().partition("(")[2].rpartition(")")
-            fields = rest.split()
-            ticks = int(fields[11]) + int(fields[12])
-            found[kind_of(process), name.rstrip("0123456789/")] += ticks / os.sysconf("SC_CLK_TCK")
+            with suppress(OSError):  # it may end meanwhile
+                name, _, rest = (thread / "stat").read_text().partition("(")[2].rpartition(")")
+                ticks = sum(int(field) for field in rest.split()[11:13])
+                found[kind_of(process), name.rstrip("0123456789/")] += ticks / os.sysconf("SC_CLK_TCK")
     return found
 
 
 def describe_times(spent: Times, seconds: float, frames: float) -> str:
-    """Share of a core, and time per frame shown; of the busiest threads, too."""
+    """Share of a core, and ms per frame shown: in all, by process, and of the busiest threads."""
+    processes: Counter[str] = Counter()
+    for (kind, _), used in spent.items():
+        processes[kind] += used
     whole = sum(spent.values())
-    threads = [
-        f"{kind} {name} {1e3 * used / frames:.1f}" for (kind, name), used in spent.most_common(8) if used > 0
-    ]
-    share = f"{100 * whole / seconds:5.1f} % of a core, {1e3 * whole / frames:5.1f} ms a frame"
-    return f"{share}: {', '.join(threads)}"
+    by_process = [f"{kind} {1e3 * used / frames:.1f}" for kind, used in processes.most_common(4)]
+    by_thread = [f"{kind}/{name} {1e3 * used / frames:.1f}" for (kind, name), used in spent.most_common(8)]
+    return (
+        f"{100 * whole / seconds:5.1f} % of a core, {1e3 * whole / frames:5.1f} ms a frame: "
+        f"{', '.join(by_process)}; threads: {', '.join(by_thread)}"
+    )
 
 
 def watch(records: Records, publisher: int, seconds: float) -> None:
@@ -146,8 +152,9 @@ def main(video: Path | None, seconds: float) -> None:
         settings = [f"--set={name}={value}" for name, value in values.items()]
         launch = [STREAMKIT, "launch", "-e", "--stats=json", "-f", str(CAMERA), *settings]
         with subprocess.Popen(launch, stdout=subprocess.PIPE, text=True) as publisher:
-            while not records.count and publisher.poll() is None:
-                time.sleep(0.2)  # machine code may be compiled first
+            deadline_s = time.monotonic() + START_LIMIT_S
+            while not records.count and publisher.poll() is None and time.monotonic() < deadline_s:
+                time.sleep(0.2)
             time.sleep(SETTLE_S)
             first, before = records.count, thread_times(publisher.pid)
             time.sleep(seconds)
