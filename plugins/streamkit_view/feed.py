@@ -20,7 +20,7 @@ from streamkit_view.messages import (
     compressed_message,
 )
 from streamkit_view.mosaic_tiles import MosaicTiles
-from streamkit_view.playback import Said
+from streamkit_view.playback import PrintedLine
 from streamkit_zenoh.keys import STATUS, publication_root, stream_key
 from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, Counts, MessageReceiver, ReceivedMessage
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, decode_json, decode_message
@@ -34,7 +34,7 @@ PACKET_LIMIT_BYTES = 8 << 20
 QUEUE_MESSAGES, QUEUE_BYTES = 256, 64 << 20
 LOOK_S = 0.5
 SILENT_S = 2.0
-NOTHING = Said()
+NOTHING_PRINTED = PrintedLine()
 
 
 # Most bytes of a message, by stream; records are last, since a publisher waits for the receiver of these.
@@ -124,7 +124,7 @@ class Feed:
             thread.start()
 
     def state(
-        self, history_s: float, failure: str = "", waiting: str = "", said: Said = NOTHING
+        self, history_s: float, failure: str = "", waiting: str = "", printed: PrintedLine = NOTHING_PRINTED
     ) -> FeedState:
         """The state now.
 
@@ -132,10 +132,10 @@ class Feed:
             history_s: how far back a page can go, s.
             failure: why the pipeline of this feed failed, if it did.
             waiting: what is waited for, if known.
-            said: what its pipeline printed last, if known; since the last frame, it is why no other comes.
+            printed: what its pipeline printed last, if known; since the last frame, it is why no other comes.
         """
         counts = {name: receiver.counts() for name, receiver in self._receivers.items()}
-        state, reason = self._activity(counts, failure, waiting, said)
+        state, reason = self._activity(counts, failure, waiting, printed)
         return FeedState(
             key=self._title,
             state=state,
@@ -148,7 +148,9 @@ class Feed:
             history_s=round(history_s, 1),
         )
 
-    def _activity(self, counts: dict[str, Counts], failure: str, waiting: str, said: Said) -> tuple[str, str]:
+    def _activity(
+        self, counts: dict[str, Counts], failure: str, waiting: str, printed: PrintedLine
+    ) -> tuple[str, str]:
         """The word for the state, and the reason."""
         silent_s = time.monotonic() - self._last_frame_s
         if not counts[TRACKS].publishers:
@@ -163,8 +165,8 @@ class Feed:
         if is_starting or not self._last_frame_s:
             return "waiting", waiting or "The publisher is there; no frame has come yet."
         if silent_s > SILENT_S:
-            is_reason = said.at_s > self._last_frame_s - SILENT_S  # a frame may still be under way
-            why = said.line if is_reason else "the feed is lost, or the pipeline stands still."
+            is_reason = printed.at_s > self._last_frame_s - SILENT_S  # a frame may still be under way
+            why = printed.text if is_reason else "the feed is lost, or the pipeline stands still."
             return "silent", f"No frame for {silent_s:.0f} s: {why}"
         return "playing", ""
 

@@ -18,10 +18,10 @@ LINE_LIMIT_BYTES = 2000
 PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
 
 
-class Said(NamedTuple):
+class PrintedLine(NamedTuple):
     """A line that a pipeline printed, and when, on the monotonic clock; "" and 0 before the first."""
 
-    line: str = ""
+    text: str = ""
     at_s: float = 0.0
 
 
@@ -143,9 +143,9 @@ class PlayedPipeline:
         return f"The pipeline is starting. {self._last_line}".rstrip()
 
     @property
-    def said(self) -> Said:
+    def printed(self) -> PrintedLine:
         """What the pipeline printed last, for example that a camera is away."""
-        return Said(self._last_line, self._last_line_s)
+        return PrintedLine(self._last_line, self._last_line_s)
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         """Shows what the pipeline prints in this terminal, too; ends with the pipeline."""

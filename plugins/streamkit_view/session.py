@@ -16,7 +16,7 @@ from streamkit_view.basemap import Basemap
 from streamkit_view.feed import Feed
 from streamkit_view.hub import Hub
 from streamkit_view.messages import STATE, PageMessage, text_message
-from streamkit_view.playback import PlayedPipeline, Said
+from streamkit_view.playback import PlayedPipeline, PrintedLine
 from streamkit_view.server import ViewServer
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.keys import CONTROL
@@ -51,13 +51,13 @@ def run_server(
 
     def states() -> list[PageMessage]:
         failure, waiting = (playback.failure, playback.progress) if playback else ("", "")
-        said = playback.said if playback else Said()
+        printed = playback.printed if playback else PrintedLine()
         if connect is not None and not list(zenoh_session.info.transports()):
             failure = f"No connection to {mask_secrets(connect)}; retrying."
         now_s = time.monotonic()
         spans = [history.span_s(now_s) for history in hub.history]
         found = [
-            feed.state(span_s, failure, waiting, said) for feed, span_s in zip(feeds, spans, strict=True)
+            feed.state(span_s, failure, waiting, printed) for feed, span_s in zip(feeds, spans, strict=True)
         ]
         return [text_message(STATE, at, msgspec.json.encode(state)) for at, state in enumerate(found)]
 

@@ -14,7 +14,7 @@ from streamkit import Pipeline
 from streamkit_view import feed as feed_module
 from streamkit_view.feed import Feed
 from streamkit_view.messages import PageMessage
-from streamkit_view.playback import Said
+from streamkit_view.playback import PrintedLine
 
 
 @pytest.fixture
@@ -69,6 +69,9 @@ def test_a_silent_feed_tells_what_its_pipeline_said_since_the_last_frame(
         began_s = time.monotonic()
         pipeline["in"].push(np.zeros((48, 64), np.uint8))
         wait_for(lambda: feed.state(0.0).state == "silent")
-        early, late = Said("loops are compiled", began_s - 60), Said("refused; retrying", time.monotonic())
-        assert feed.state(0.0, said=early).reason.endswith("the pipeline stands still.")
-        assert feed.state(0.0, said=late).reason.endswith(" s: refused; retrying")
+        early, late = (
+            PrintedLine("loops are compiled", began_s - 60),
+            PrintedLine("refused; retrying", time.monotonic()),
+        )
+        assert feed.state(0.0, printed=early).reason.endswith("the pipeline stands still.")
+        assert feed.state(0.0, printed=late).reason.endswith(" s: refused; retrying")

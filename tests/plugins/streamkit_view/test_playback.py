@@ -36,8 +36,8 @@ def test_the_element_that_compiles_is_named(
         found.start()
         wait_for(lambda: found.progress == "The pipeline is starting. ground: loops are being compiled")
         assert found.failure == ""
-        assert found.said.line == "ground: loops are being compiled"
-        assert 0 < found.said.at_s <= time.monotonic()
+        assert found.printed.text == "ground: loops are being compiled"
+        assert 0 < found.printed.at_s <= time.monotonic()
     finally:
         found.close()
     assert "warning: ground: loops are being compiled" in capfd.readouterr().err
