@@ -139,8 +139,8 @@ class KeyframeMap:
         `features` are those of the frame, if they were computed before.
         """
         self._shape = shape = images[0].shape[0], images[0].shape[1]
-        # Copies: the buffer behind the frame may be reused.
-        self._newest = tuple(image.copy() for image in images)
+        # A copy: the buffer behind the frame may be reused, those of its halvings are not.
+        self._newest = (images[0].copy(), *images[1:])
         # Waiting for results, not polling, gives the same homographies however the threads run.
         content = self._executor.submit(partial(keyframe_content, self._newest, level, features))
         index, self._count = self._count, self._count + 1
