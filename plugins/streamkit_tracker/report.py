@@ -63,11 +63,14 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     A detector misses an object for a frame or two; it is reported until it is dormant.
     """
     rows, are_objects = table.rows, table.are_objects
-    doubt, coasts = position_doubt(rows), rows["state"] == COASTING
-    hidden = coasts & table.dormant & (doubt >= OBJECT_DOUBT)
-    if not are_objects:
+    hidden = rows["state"] == COASTING
+    if hidden.any():
+        hidden[hidden] = position_doubt(rows[hidden]) >= (OBJECT_DOUBT if are_objects else MAX_DOUBT)
+    if are_objects:
+        hidden &= table.dormant
+    else:
         absent = (rows["frames_undetected"] > 0) | rows["crowded"] | rows["shared"]
-        hidden = coasts & (doubt >= MAX_DOUBT) | absent & (rows["credit_s"] < SETTLED_S)
+        hidden |= absent & (rows["credit_s"] < SETTLED_S)
         hidden &= table.followed & ~rows["manual"]
     index = np.flatnonzero(~hidden)
     rows, models = rows[index], [table.models[row] for row in index.tolist()]
