@@ -14,7 +14,14 @@ import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray
 from streamkit_differencer.canvas import working_to_frame
-from streamkit_differencer.image_motion import HOMOGRAPHY, SIMILARITY, Patches, corner_distance, pyramid
+from streamkit_differencer.image_motion import (
+    HOMOGRAPHY,
+    SIMILARITY,
+    TURN_AND_SHIFT,
+    Patches,
+    corner_distance,
+    pyramid,
+)
 
 # Largest step between two frames, as a share of the width.
 LARGEST_STEP = 0.3
@@ -28,11 +35,12 @@ STILL_PX, SETTLED_PX = 0.5, 0.1
 QUICK_STILL_PX, ENOUGH_SHARE = 0.2, 0.5
 # A step of a camera that rested may be that of traffic, a small one is of noise: it must explain this many
 # times what rest explains.
-LARGE_STEP_PX, LEAST_GAIN, LARGE_STEP_GAIN = 2.0, 1.05, 1.25
+LARGE_STEP_PX, LEAST_GAIN, LARGE_STEP_GAIN = 1.8, 1.05, 1.25
 # Smallest share that a place must explain: edges of another scene that happen to lie alike explain a seventh.
 LEAST_EXPLAINED = 0.18
-# A homography is taken only where it explains this many times as much as a similarity.
-HOMOGRAPHY_GAIN = 1.1
+# A zoom is taken only where it explains this many times as much as turn and shift, and so is a homography:
+# foam and birds that spread over the view zoom like a camera.
+FREEDOM_GAIN = 1.1
 STEPS = 6
 MOST_MISSED_FRAMES = 12
 # Missed frames in a row that a pan explains, after which a camera that rested is lost; leaves that cover the
@@ -174,16 +182,19 @@ class CameraMotion:
         for level in range(coarsest, -1, -1):
             patches, image = self._keyframe[level], levels[level]
             fits = [
-                patches.aligned(image, self._to_level(level, place), SIMILARITY, STEPS) for place in places
+                patches.aligned(image, self._to_level(level, place), TURN_AND_SHIFT, STEPS)
+                for place in places
             ]
             best = max(fits, key=lambda fit: patches.explained(image, fit)[1])
             placed = self._place_of(best, level)
             places = [placed, *starts] if level == coarsest else [placed]
-        free = patches.aligned(image, best, HOMOGRAPHY, STEPS)
-        similar, bent = patches.explained(image, best), patches.explained(image, free)
-        if bent[1] > HOMOGRAPHY_GAIN * similar[1]:
-            return self._place_of(free), *bent
-        return placed, *similar
+        explained = patches.explained(image, best)
+        for basis in (SIMILARITY, HOMOGRAPHY):
+            free = patches.aligned(image, best, basis, STEPS)
+            more = patches.explained(image, free)
+            if more[1] > FREEDOM_GAIN * explained[1]:
+                best, explained = free, more
+        return self._place_of(best), *explained
 
     def _to_level(self, level: int, placed: FloatArray) -> FloatArray:
         """The keyframe's pixels to those of a frame at a place, on a level of the pyramids."""

@@ -45,6 +45,7 @@ SIMILARITY = np.array(
     [[0, -1, 0, 1, 0, 0, 0, 0], [1, 0, 0, 0, 1, 0, 0, 0], [0, 0, 1, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1, 0, 0]],
     np.float64,
 ).T
+TURN_AND_SHIFT = SIMILARITY[:, [0, 2, 3]]
 HOMOGRAPHY = np.eye(8)
 
 
@@ -120,7 +121,7 @@ class Patches:
         Args:
             image: uint8[h, w], smoothed.
             to_image: float64[3, 3], where to begin: the patches' pixels to those of the image.
-            basis: `SIMILARITY` or `HOMOGRAPHY`, the parameters to fit.
+            basis: `TURN_AND_SHIFT`, `SIMILARITY` or `HOMOGRAPHY`, the parameters to fit.
             steps: largest number of iterations.
         """
         for _ in range(steps):
