@@ -116,7 +116,7 @@ class Identity(Transform):
             raise StreamError(f"error-after={self.error_after}: the frame at which to fail has come")
         if self._is_dropped(frame):
             return None
-        if self._count == self.eos_after:
+        if 0 < self.eos_after <= self._count:  # upstream may have more, as a decoder has at the end
             raise EndOfStream(self.name)
         report_frame(self, "chain", self.pads["sink"], frame, frame)
         frame = self._timestamped(frame)

@@ -98,16 +98,17 @@ class Chain:
         before = clock()
         self.upstream_ns += before - self._left_ns if self._left_ns else 0
         stage: Stage | None = None
+        called: Stage | None = None
         try:
             for stage in self._called:
-                element = stage.element
+                called, element = stage, stage.element
                 # Element.enter and leave, and isinstance, written out: this runs for every element and frame.
                 element.activity = ("frame", before, frame)
                 element.at_work[0] = AT_WORK
                 if stage.is_terminal and frame.pts.__class__ not in PLAIN_TIMES:
                     check_time(frame)
                 result = stage.call(frame)
-                element.activity = None
+                called = element.activity = None
                 element.at_work[0] = IDLE
                 now = clock()
                 stage.busy_ns += now - before
@@ -125,7 +126,7 @@ class Chain:
             if stage is None or not stage.is_terminal:
                 self._end.not_linked(frame)
         except (Exception, SystemExit) as cause:
-            self._raise(cause, stage.element if stage else self.src.element, frame)
+            self._raise(cause, stage.element if stage else self.src.element, frame, called)
         finally:
             if stage is not None and stage.element.activity is not None:
                 stage.element.leave()
@@ -152,8 +153,13 @@ class Chain:
         """Time spent in all stages, ns."""
         return sum(stage.busy_ns for stage in self.stages)
 
-    def _raise(self, cause: BaseException, element: Element, frame: Frame) -> NoReturn:
-        """Raises an exception of a call with a frame: as it is, or as a failure of the element called."""
+    def _raise(self, cause: BaseException, element: Element, frame: Frame, called: Stage | None) -> NoReturn:
+        """Raises an exception of a call with a frame: as it is, or as a failure of the element called.
+
+        `called` is the stage whose call raised it, and so passed nothing on.
+        """
+        if called is not None:
+            called.not_passed_on += 1
         if isinstance(cause, FlowStop):
             raise cause
         self._has_failed = True

@@ -46,6 +46,18 @@ def test_an_end_on_purpose() -> None:
     assert pipeline["fakesink0"].count == 2
 
 
+def test_an_end_on_purpose_behind_a_decoder() -> None:
+    """The frames that a decoder still holds at the end are refused, too, and none counts as passed on."""
+    text = (
+        "videotestsrc num-buffers=30 ! encode ! decode ! identity name=last eos-after=10 ! fakesink name=out"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.run(timeout_s=30)
+        passed = {row.element: row.frames_in for row in pipeline.statistics()}
+    assert passed["last"] > 10  # else nothing was held
+    assert passed["out"] == pipeline["out"].count == 9
+
+
 def test_an_error_on_purpose() -> None:
     """id-after: with error-after=3 two frames pass, then the element fails."""
     pipeline = Pipeline.parse("fakesrc num-buffers=10 ! identity error-after=3 ! fakesink")
