@@ -66,7 +66,7 @@ def posed_camera(
     if view is None and field_of_view > 0:
         view = field_of_view, 2 * math.atan(math.tan(field_of_view / 2) * shape[0] / shape[1])
     if view is None:
-        return "the camera's field of view is unknown; set field-of-view"
+        return "the camera's field of view is unknown; set field-of-view= or drone= of stitch"
     if not has_heading(pose):
         return "the camera's heading is unknown; put stitch before it, which measures how the camera moves"
     return _camera(pose, shape, height, view)

@@ -37,7 +37,11 @@ SEEN = EMPTY.attach(Tracks((TARGET,)))
         ([SEEN], True, "none of 1 frames carried a pose; pair telemetry with posesync"),
         ([SEEN.attach(Pose(48.0, 11.0, 600.0))], True, "set ground-altitude"),
         ([Frame(b"{}", TRACKS_CAPS, seq=0)], False, ""),
-        ([Frame(b"{}", TRACKS_CAPS, seq=0)], True, "no target in 1 records has a position"),
+        (
+            [Frame(b"{}", TRACKS_CAPS, seq=0)],
+            True,
+            "no target in 1 records has a position; pair telemetry with posesync",
+        ),
     ],
 )
 def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
