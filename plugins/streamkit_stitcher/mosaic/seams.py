@@ -110,9 +110,6 @@ def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gai
     part comes from a frame taken from nearly above, and only neighbours are compared. `gains` float64[n, 3]
     equalise the exposure.
 
-    The cost is the difference of colours alone: COST_COLOR_GRAD divides it by the gradient, so that seams
-    prefer edges, and cut leaves and pipes.
-
     Source: Kwatra et al., Graphcut textures, SIGGRAPH 2003, as in cv2.detail.
     """
     labels = voronoi_labels(footprints, grid)
@@ -130,7 +127,7 @@ def graph_cut_labels(footprints: Sequence[Footprint], grid: tuple[int, int], gai
         origins.append((own.left + columns.start, own.top + rows.start))
     on_device: Any = cv2.UMat  # the stubs lack arrays
     masks = [on_device(mask) for _, _, mask in candidates]
-    finder: Any = cv2.detail.GraphCutSeamFinder("COST_COLOR")
+    finder: Any = cv2.detail.GraphCutSeamFinder("COST_COLOR_GRAD")
     found = finder.find(images, origins, masks)
     for (number, _, _), (left, top), cut in zip(
         candidates, origins, masks if found is None else found, strict=True
