@@ -99,8 +99,7 @@ class PlayedPipeline:
         if self._pipeline == "camera.pipe":
             self._variables["source"] = source
         self._process: subprocess.Popen[bytes] | None = None
-        self._last_line = self._error = ""
-        self._last_line_s = 0.0
+        self._error, self._printed = "", PrintedLine()
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -109,7 +108,7 @@ class PlayedPipeline:
         with self._lock, as_file(files("streamkit_view") / "pipelines") as folder:
             if self._is_closed or (self._process is not None and self._process.poll() is None):
                 return
-            self._last_line = self._error = ""
+            self._error, self._printed = "", PrintedLine()
             arguments = ["launch", "-f", str(folder / self._pipeline)]
             for name, value in self._variables.items():
                 arguments += ["--set", f"{name}={value}"]
@@ -135,17 +134,17 @@ class PlayedPipeline:
                 return ""
             if self._error or not self._process.poll():
                 return self._error
-            return self._last_line or f"the pipeline ended with {self._process.returncode}"
+            return self._printed.text or f"the pipeline ended with {self._process.returncode}"
 
     @property
     def progress(self) -> str:
         """What the starting pipeline waits for: its last warning, for example of an element that compiles."""
-        return f"The pipeline is starting. {self._last_line}".rstrip()
+        return f"The pipeline is starting. {self._printed.text}".rstrip()
 
     @property
     def printed(self) -> PrintedLine:
         """What the pipeline printed last, for example that a camera is away."""
-        return PrintedLine(self._last_line, self._last_line_s)
+        return self._printed
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         """Shows what the pipeline prints in this terminal, too; ends with the pipeline."""
@@ -153,8 +152,8 @@ class PlayedPipeline:
         with process.stderr as lines:
             while line := lines.readline(LINE_LIMIT_BYTES):
                 text = mask_secrets(line.decode(errors="replace").strip())
-                self._last_line = text.removeprefix("warning: ") or self._last_line
-                self._last_line_s = time.monotonic()
+                if shown := text.removeprefix("warning: "):
+                    self._printed = PrintedLine(shown, time.monotonic())
                 if text.startswith("error: "):
                     self._error = self._error or text
                 print(text, file=sys.stderr, flush=True)

@@ -58,7 +58,7 @@ def test_a_publisher_without_frames_is_waited_for(
         assert feed.state(0.0).state == "waiting"
 
 
-def test_a_silent_feed_tells_what_its_pipeline_said_since_the_last_frame(
+def test_the_reason_of_a_silent_feed_is_what_its_pipeline_printed_since_the_last_frame(
     feed: Feed, key: str, wait_for: Callable[..., Any]
 ) -> None:
     """A camera that is away, and not the loops that were compiled before the first frame."""
