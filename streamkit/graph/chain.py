@@ -34,7 +34,8 @@ class Stage:
         src_pad: the pad `src` of a transform, else None.
         call: called with each frame; returns the output of a transform.
         is_terminal: whether the chain ends here.
-        not_passed_on: frames for which a transform returned none or several; its own src pads push several.
+        not_passed_on: frames for which a transform raised, or returned none or several; its own src pads push
+            several.
         busy_ns: time spent in `call`, and in iterating over its result, ns.
         newest_ns: arrival time of the newest frame, or 0.
     """
