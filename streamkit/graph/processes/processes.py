@@ -101,11 +101,14 @@ class Processes:
                 self._let_stream(part)
 
     def _let_stream(self, part: Part) -> None:
-        """Brings a child into the state of the pipeline, and supervises it from now on."""
+        """Brings a child into the state of the pipeline, and supervises it from now on.
+
+        An element may hang before the order is answered.
+        """
         assert part.child is not None
         times = (self._timing.base_ns, self._timing.latency_ns) if self._order == "play" else ()
-        part.child.ask(self._order, *times)
         part.child.silence_limit_s = part.limit_s
+        part.child.ask(self._order, *times)
 
     def finish(self) -> None:
         """Makes the sources in every child end their streams."""

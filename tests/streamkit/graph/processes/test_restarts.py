@@ -73,6 +73,13 @@ def test_a_process_that_hangs_is_started_again(how: str) -> None:
     assert frames[-1].seq == 59
 
 
+def test_a_process_that_hangs_as_it_starts_to_stream_is_ended() -> None:
+    """Its answer to the order to play never comes; the limit of silence holds from that order on."""
+    text = "( process=true watchdog-s=1 fakesrc ! doomed how=hold at=0 ) ! appsink name=out"
+    with pytest.raises(ElementFailure, match="has not answered for 1 s"):
+        play(text)
+
+
 def test_no_more_often_than_allowed() -> None:
     """The error is that of the last death."""
     text = (
