@@ -22,7 +22,7 @@ from streamkit_differencer.equations import (
     quiet_mask,
     update_background,
 )
-from streamkit_differencer.filters.components import components_of, remove_components
+from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.flicker import update_flicker
 from streamkit_differencer.filters.ghost import find_ghosts
 from streamkit_differencer.filters.parallax import find_parallax
@@ -172,18 +172,17 @@ class BackgroundModel:
         if not finds_ghosts and (parallax is None or earlier is None):
             return
         blocks, count = components_of(found.mask)
-        ghosts = shifted = np.zeros(count, np.bool_)
+        ghosts = shifted = np.zeros(len(blocks), np.bool_)
         images = found.image, found.background, ground.valid
         if finds_ghosts:
-            ghosts = find_ghosts(*images, ground.waiting, found.mask, blocks, count)
+            ghosts = find_ghosts(*images, ground.waiting, found.mask, blocks, count)[blocks[:, 2]]
         if parallax is not None and earlier is not None:
             radius, (x, y) = max(self.tolerance, 1), parallax.tolist()
-            shifted = find_parallax(
-                *images, *earlier, found.thresholds, found.mask, blocks, count, radius, x, y
-            )
+            frames = *images, *earlier, found.thresholds
+            shifted = find_parallax(frames, found.mask, blocks, count, radius, (x, y))
         if ghosts.any() or shifted.any():
             masks = found.mask, found.quiet
-            remove_components(blocks, ghosts, shifted, *masks, found.image, ground.background)
+            remove_blocks(blocks, ghosts, shifted, *masks, found.image, ground.background)
 
     def _learn(self, ground: Ground, frame: CanvasFrame, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""

@@ -43,7 +43,7 @@ def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[NDArray[np.int32], .
     return rows[is_set], columns[is_set], numbers[is_set]
 
 
-def remove_components(
+def remove_blocks(
     blocks: LabelImage,
     ghosts: Flags,
     shifted: Flags,
@@ -52,19 +52,20 @@ def remove_components(
     image: ByteImage,
     background: FloatImage,
 ) -> None:
-    """Removes components from the foreground, and learns them as background.
+    """Removes blocks from the foreground, and learns them as background.
 
     Args:
         blocks: int32[n, 3], see `components_of`.
-        ghosts: bool[components], those to learn at once.
-        shifted: bool[components], those to learn where they are quiet, so that the background keeps up.
+        ghosts: bool[n], those to learn at once.
+        shifted: bool[n], those to learn where they are quiet, so that the background keeps up.
         mask: uint8[h, w], foreground.
         quiet: uint8[h, w], mask of D = 0.
         image: uint8[h, w], f(t).
         background: float32[h, w], B.
     """
-    rows, columns, numbers = pixels_of(blocks[(ghosts | shifted)[blocks[:, 2]]], mask)
+    removed = ghosts | shifted
+    rows, columns, is_ghost = pixels_of(np.column_stack([blocks[removed, :2], ghosts[removed]]), mask)
     mask[rows, columns] = 0
-    is_learnt = ghosts[numbers] | (quiet[rows, columns] > 0)
+    is_learnt = (is_ghost > 0) | (quiet[rows, columns] > 0)
     learnt = rows[is_learnt], columns[is_learnt]
     background[learnt] = image[learnt]

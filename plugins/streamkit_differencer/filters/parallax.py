@@ -9,25 +9,90 @@ is the cost of the filter.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
 from streamkit_kernels import INT32, UINT8_STRIDED, compiled, kernel
+
+IntegerArray = NDArray[np.int64]
+Images = tuple[ByteImage, ByteImage, ByteImage, ByteImage, ByteImage, ByteImage]
+Places = tuple[NDArray[np.int32], NDArray[np.int32]]  # rows and columns of blocks
 
 # Smallest camera step with parallax, px.
 MIN_STEP_PX = 2.0
 # The background lags: it shows edges where they were some multiples of tau before; the earlier frame shows
 # them where they were one tau before, with a margin in px.
 LAG, EARLY_PX = 5.0, 0.5
-# Share of a component that the shift must explain.
+# Share of a component, or of a block's neighbourhood, that the shift must explain.
 EXPLAINED = 0.8
+# Width of that neighbourhood, blocks: that of the edges that a roof covers and uncovers in `LAG` steps.
+NEIGHBOURHOOD = (5, 5)
 # More blocks are sampled.
 MAX_BLOCKS = 1000
+# What is known of a block.
+NOT_SAMPLED, NOT_EXPLAINED, IS_EXPLAINED = 0, 1, 2
 
 
-@kernel(*[UINT8_STRIDED] * 7, INT32, types.int64, types.int64, types.float64, types.float64)
 def find_parallax(
+    images: Images,
+    mask: ByteImage,
+    blocks: LabelImage,
+    count: int,
+    radius: int,
+    shift: tuple[float, float],
+) -> Flags:
+    """The blocks of foreground that the shift explains: whole components, and parts of others.
+
+    A roof's edge joins the foreground of a vehicle that drives along it. What would fall into pieces without
+    its explained parts is no such vehicle, and stays whole.
+
+    Args:
+        images: see `explained_blocks`, up to `thresholds`.
+        mask: uint8[h, w], foreground.
+        blocks: int32[n, 3], its components, see `components_of`.
+        count: number of components.
+        radius: registration error to tolerate, px.
+        shift: see `explained_blocks`.
+
+    Returns:
+        bool[n].
+    """
+    states = explained_blocks(*images, mask, blocks, radius, *shift)
+    votes = states > NOT_SAMPLED, states == IS_EXPLAINED
+    places, components = (blocks[:, 0] // 2, blocks[:, 1] // 2), blocks[:, 2]
+    shape = mask.shape[0] // 2, mask.shape[1] // 2
+    all_votes, agreeing = (np.bincount(components, vote, count) for vote in votes)
+    is_whole = agreeing >= EXPLAINED * np.maximum(all_votes, 1.0)
+    near_votes, near_agreeing = (_sums_around(places, vote, shape) for vote in votes)
+    is_part = near_agreeing >= EXPLAINED * np.maximum(near_votes, 1.0)
+    if is_part.any():
+        is_part &= _pieces(places, components, ~is_part, shape)[components] <= 1
+    return is_whole[components] | is_part
+
+
+def _sums_around(places: Places, votes: Flags, shape: tuple[int, int]) -> IntegerArray:
+    """The number of votes in the neighbourhood of each block, int64[n]."""
+    image = np.zeros(shape, np.uint8)
+    image[places] = votes
+    sums = cv2.boxFilter(image, -1, NEIGHBOURHOOD, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return sums[places].astype(np.int64)
+
+
+def _pieces(places: Places, components: LabelImage, stays: Flags, shape: tuple[int, int]) -> IntegerArray:
+    """The number of connected pieces into which each component falls, int64[components]."""
+    image = np.zeros(shape, np.uint8)
+    image[places] = stays
+    count, labels = cv2.connectedComponents(image, connectivity=8)
+    owners = np.zeros(count, np.int64)
+    owners[labels[places]] = components
+    return np.bincount(owners[1:], minlength=components.max() + 1)
+
+
+@kernel(*[UINT8_STRIDED] * 7, INT32, types.int64, types.float64, types.float64)
+def explained_blocks(
     image: ByteImage,
     background: ByteImage,
     valid: ByteImage,
@@ -36,12 +101,11 @@ def find_parallax(
     thresholds: ByteImage,
     mask: ByteImage,
     blocks: LabelImage,
-    count: int,
     radius: int,
     shift_x: float,
     shift_y: float,
-) -> Flags:
-    """The components of foreground that the shift explains, both by the background and by the earlier frame.
+) -> ByteImage:
+    """Whether the shift explains blocks of foreground, both by the background and by the earlier frame.
 
     The background alone may explain a vehicle that was learnt, the frame alone a slow one.
 
@@ -53,38 +117,34 @@ def find_parallax(
         earlier_seen: uint8[h, w], mask of what it covers.
         thresholds: uint8[h, w], T_F of each pixel, grey levels.
         mask: uint8[h, w], foreground.
-        blocks: int32[n, 3], its components, see `components_of`.
-        count: number of components.
+        blocks: int32[n, 3], see `components_of`.
         radius: registration error to tolerate, px.
         shift_x: vector to where tall objects may have shifted from: the motion of the view over the canvas in
             the last tau frames, times the largest h / (H - h); px.
         shift_y: the same, downwards.
 
     Returns:
-        bool[count].
+        uint8[n], `NOT_SAMPLED`, `NOT_EXPLAINED` or `IS_EXPLAINED`.
     """
-    pixels, explained = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    states = np.zeros(len(blocks), np.uint8)
     beyond = 1.0 + EARLY_PX / np.sqrt(shift_x * shift_x + shift_y * shift_y)
     for index in range(0, len(blocks), max(1, -(-len(blocks) // MAX_BLOCKS))):
-        row, column, component = blocks[index, 0], blocks[index, 1], blocks[index, 2]
+        row, column = blocks[index, 0], blocks[index, 1]
         # The diagonal corner where this one is not in the mask; blocks with neither are skipped.
         other = int(mask[row, column] == 0)
         row, column = row + other, column + other
         if mask[row, column] == 0:
             continue
-        pixels[component] += 1
         # Signed, as bounds may be below zero.
         value, most = np.int64(image[row, column]), np.int64(thresholds[row, column])
         low, high = value - most, value + most
         path = LAG * shift_x, LAG * shift_y
+        states[index] = NOT_EXPLAINED
         if _explains(background, valid, 1, radius, row, column, path, low, high):
             path = beyond * shift_x, beyond * shift_y
-            is_seen = _explains(earlier, earlier_seen, 0, 1, row, column, path, low, high)
-            explained[component] += int(is_seen)
-    shifted = np.zeros(count, np.bool_)
-    for component in range(count):
-        shifted[component] = explained[component] >= EXPLAINED * max(pixels[component], 1)
-    return shifted
+            if _explains(earlier, earlier_seen, 0, 1, row, column, path, low, high):
+                states[index] = IS_EXPLAINED
+    return states
 
 
 @compiled

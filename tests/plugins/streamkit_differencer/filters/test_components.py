@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.filters.components import components_of, remove_components
+from streamkit_differencer.filters.components import components_of, remove_blocks
 
 SHAPE = (61, 83)
 
@@ -31,16 +31,16 @@ def test_pieces_are_connected_components_of_blocks(seed, share):
     assert 0 not in {label for label, _ in pairs}
 
 
-def test_pieces_that_are_taken_away_are_learnt():
-    """Ghosts at once, what slides where it is quiet; other pieces stay foreground and teach nothing."""
+def test_blocks_that_are_removed_are_learnt():
+    """Ghosts at once, what shifts where it is quiet; other components stay foreground and teach nothing."""
     mask, quiet = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8)
     mask[10:14, 12:16] = mask[30:34, 12:16] = mask[30:34, 52:56] = 255
     quiet[:, 14:] = 255
     image, background = np.full(SHAPE, 9, np.uint8), np.full(SHAPE, 1.0, np.float32)
     blocks, count = components_of(mask)
     assert count == 3
-    ghosts, slides = np.array([True, False, False]), np.array([False, True, False])
-    remove_components(blocks, ghosts, slides, mask, quiet, image, background)
+    ghosts, shifted = blocks[:, 2] == 0, blocks[:, 2] == 1
+    remove_blocks(blocks, ghosts, shifted, mask, quiet, image, background)
     assert not mask[:, :40].any()
     assert mask[30:34, 52:56].all()
     assert (background[10:14, 12:16] == 9).all()
