@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import sys
+import textwrap
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 SIZE_LIMIT = 50_000_000
 SVG_LIMIT_S = 30
+NARROWEST_CAPS = 20  # columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,16 +139,22 @@ def as_mermaid(built: Graph, counters: Counters) -> str:
 
 
 def as_text(built: Graph, counters: Counters) -> str:
-    """The graph for a terminal: each element with its settings, then its links with their caps."""
+    """Each element with its settings, then its links with their caps, shortened to fit a terminal."""
     ids, lines = _ids(built), list[str]()
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for element in built.elements:
         _, *more = _label(element, counters).splitlines()
         kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
         lines.append("  ".join([ids[id(element)] + kind, *more]))
         for src, sink in built.links():
             if src.element is element:
-                label = _link_label(src, sink, counters).replace("\n", ", ")
-                lines.append(f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  {label}")
+                caps, *more = _link_label(src, sink, counters).splitlines()
+                head = f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  "
+                end = "".join(f", {text}" for text in more)
+                if columns is not None:
+                    room = max(columns - len(head) - len(end), NARROWEST_CAPS)
+                    caps = textwrap.shorten(caps, room, placeholder=" ...")
+                lines.append(head + caps + end)
     return "\n".join(lines)
 
 

@@ -3,13 +3,16 @@
 import json
 import shutil
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from streamkit import Element, Property, Sink, Source, Transform
+from streamkit.cli.drawing import Counters, as_text
 from streamkit.cli.main import make_app
+from streamkit.graph.build import build
 
 Register = Callable[..., None]
 
@@ -209,3 +212,14 @@ def test_text_for_a_terminal() -> None:
         "capsfilter0  caps=a/b, x=(int)1\n"
         "  src -> end.sink  a/b, x=(int)1\n"
     )
+
+
+def test_caps_fit_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are shortened at a space to the width of a terminal, a file has all of them."""
+    media = "; ".join(f"video/x-kind{number}" for number in range(20))
+    built = build(f"fakesrc ! {media} ! fakesink", {})
+    assert max(map(len, as_text(built, Counters()).splitlines())) > 300
+    monkeypatch.setattr("sys.stdout", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setenv("COLUMNS", "80")
+    links = [line for line in as_text(built, Counters()).splitlines() if "->" in line]
+    assert links[0] == "  src -> capsfilter0.sink  video/x-kind0; video/x-kind1; video/x-kind2; ..."
