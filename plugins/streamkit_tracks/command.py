@@ -137,18 +137,19 @@ def list_targets(records: RecordFile) -> list[TargetSummary]:
 
 
 def table_lines(found: list[TargetSummary]) -> list[str]:
-    """Lines of the table, at most 80 columns wide; with the run where there are several."""
+    """Lines of the table, 80 columns wide; with the run where there are several."""
     several = any(target.run > 1 for target in found)
-    head = f"{'id':>6} {'from s':>9} {'to s':>9} {'frames':>7}  {'size px':>13}  states"
-    lines = [f"{'run':>4} {head}" if several else head]
+    states = [state.value for state in TrackState]
+    head = f"{'id':>5} {'from s':>8} {'to s':>8} {'frames':>6} {'size px':>11} {' '.join(states)}"
+    lines = [f"run {head}" if several else head]
     for target in found:
         first, last = (
             "-" if seconds is None else f"{seconds:.2f}" for seconds in (target.first_s, target.last_s)
         )
-        states = ", ".join(f"{count} {state}" for state, count in target.states.items())
-        size = f"{target.length_px:.1f} x {target.width_px:.1f}"
-        line = f"{target.id:>6} {first:>9} {last:>9} {target.states.total():>7}  {size:>13}  {states}"
-        lines.append(f"{target.run:>4} {line}" if several else line)
+        size = f"{target.length_px:.1f}x{target.width_px:.1f}"
+        counts = " ".join(f"{target.states[state]:>{len(state)}}" for state in states)
+        line = f"{target.id:>5} {first:>8} {last:>8} {target.states.total():>6} {size:>11} {counts}"
+        lines.append(f"{target.run:>3} {line}" if several else line)
     return lines
 
 

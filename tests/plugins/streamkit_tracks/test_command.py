@@ -3,11 +3,13 @@
 import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from streamkit import Pipeline
+from streamkit import Pipeline, TrackState
+from streamkit_tracks.command import TargetSummary, table_lines
 from tests.slowness import patience
 
 BINARY = str(Path(sys.executable).with_name("streamkit"))
@@ -38,11 +40,22 @@ def test_targets_are_listed(records: Path) -> None:
     done = run("tracks", str(records))
     assert (done.returncode, done.stderr) == (0, "1 target, 1 confirmed\n")
     head, line = done.stdout.splitlines()
-    assert head.split() == ["id", "from", "s", "to", "s", "frames", "size", "px", "states"]
+    states = ["tentative", "confirmed", "coasting", "lost"]
+    assert head.split() == ["id", "from", "s", "to", "s", "frames", "size", "px", *states]
     assert line.split()[:4] == ["1", "0.00", "0.76", "20"]
+    assert sum(map(int, line.split()[5:])) == 20
     (row,) = [json.loads(line) for line in run("tracks", "--json", str(records)).stdout.splitlines()]
     assert (row["run"], row["id"], row["first_s"], row["last_s"]) == (1, 1, 0.0, 0.76)
     assert sum(row["states"].values()) == 20
+
+
+def test_the_table_fits_80_columns() -> None:
+    """With several runs, hours of frames in every state, and a large target."""
+    states = Counter({state.value: 1234 for state in TrackState})
+    target = TargetSummary(12, 1234, 0.0, 86400.0, states, length_px=131.2, width_px=114.8)
+    head, line = table_lines([target])
+    assert len(head) == len(line) == 80
+    assert line.split() == ["12", "1234", "0.00", "86400.00", "4936", "131.2x114.8", *4 * ["1234"]]
 
 
 @pytest.mark.timeout(200)
