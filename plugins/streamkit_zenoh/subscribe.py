@@ -44,7 +44,8 @@ def subscribe(
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
     form: Annotated[
-        PrintFormat, typer.Option("--format", help="text: a live table, or lines when piped; jsonl.")
+        PrintFormat,
+        typer.Option("--format", help="text: a live table, or lines when piped; jsonl: a line per record."),
     ] = PrintFormat.TEXT,
     count: Annotated[int | None, typer.Option(min=1, help="Records to print before the end.")] = None,
     timeout: Annotated[
@@ -84,7 +85,7 @@ def subscribe(
         _fail(str(error), 1)
     code, message = 0, ""
     try:
-        with printer_for(form.value, subscriber, gaps, age) as printer:
+        with printer_for(form.value, subscriber, gaps, age, count is not None) as printer:
             code, message = _print_all(subscriber, printer, count, timeout, lambda: bool(stopped))
     except BrokenPipeError:
         # The reader of the pipe is gone. Python would report an error when it flushes stdout at exit.

@@ -14,7 +14,7 @@ from streamkit import TrackRecord, TrackState, encode_record
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rich.table import Table
+    from rich.console import Group
 
     from streamkit_zenoh.subscriber import TrackSubscriber
 
@@ -84,19 +84,23 @@ class Printer:
 
 
 class TablePrinter(Printer):
-    """A live table with a row per target."""
+    """A table with a row per target: the newest record's, live, or with `each` that of every record."""
 
-    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool) -> None:
+    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool, each: bool = False) -> None:
         from rich.live import Live
 
         super().__init__(subscriber, as_text, gaps, age)
-        self._live = Live(auto_refresh=False)
+        self._live = Live(auto_refresh=False, transient=each)
+        self._each = each
         self._shown: tuple[TrackRecord, float | None] | None = None
         self._drawn_s = 0.0
 
     @override
     def show(self, record: TrackRecord) -> None:
         self._shown = record, self._note_age(record)
+        if self._each:
+            self._live.update("")
+            self._live.console.print(self._table(*self._shown))
 
     @override
     def refresh(self) -> None:
@@ -110,9 +114,11 @@ class TablePrinter(Printer):
                 "a publisher is there" if self._subscriber.counts.publishers else "no publisher is there yet"
             )
             self._live.update(f"waiting for a record: {there}", refresh=True)
-        else:
-            lost = missed(self._subscriber) if self._gaps else None
-            self._live.update(as_table(*self._shown, lost), refresh=True)
+        elif not self._each:
+            self._live.update(self._table(*self._shown), refresh=True)
+
+    def _table(self, record: TrackRecord, age_ms: float | None) -> Group:
+        return as_table(record, age_ms, missed(self._subscriber) if self._gaps else None)
 
     @override
     def __enter__(self) -> Self:
@@ -128,12 +134,12 @@ class TablePrinter(Printer):
         self._report_totals()
 
 
-def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool) -> Printer:
-    """The printer of a format: `jsonl`, or `text`, which is the table on a terminal."""
+def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool, each: bool) -> Printer:
+    """The printer of a format: `jsonl`, or `text`, which on a terminal is a table, see `TablePrinter`."""
     if form == "jsonl":
         return Printer(subscriber, as_json, gaps, age)
     if sys.stdout.isatty():
-        return TablePrinter(subscriber, gaps, age)
+        return TablePrinter(subscriber, gaps, age, each)
     return Printer(subscriber, as_text, gaps, age)
 
 
@@ -160,20 +166,22 @@ def as_json(record: TrackRecord, age_ms: float | None = None) -> str:
 
 
 def as_text(record: TrackRecord, age_ms: float | None = None) -> str:
-    """A record as a line of text, without tentative targets."""
+    """A line for the record and an indented one for each target, without tentative targets."""
     time_s = f"{record.pts_ns / 1e9:8.3f} s" if record.pts_ns is not None else "       ? s"
     rows = [
-        f"#{track.id} {track.state} ({track.x:.1f}, {track.y:.1f}) {track.length:.0f}x{track.width:.0f} px"
+        f"  #{track.id} {track.state} ({track.x:.1f}, {track.y:.1f}) {track.length:.0f}x{track.width:.0f} px"
         for track in record.tracks
         if track.state is not TrackState.TENTATIVE
     ]
     age = "" if age_ms is None else f"  age {age_ms:.1f} ms"
-    return f"{record.source} seq {record.seq} {time_s}{age}  {len(rows)} tracks  {'  '.join(rows)}".rstrip()
+    return "\n".join([f"{record.source} seq {record.seq} {time_s}{age}  {len(rows)} tracks", *rows])
 
 
-def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | None = None) -> Table:
-    """A record as a table of 80 columns with a row per target, without tentative targets: px, px/s, s."""
+def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | None = None) -> Group:
+    """A title and a table of 80 columns, a row per target, without tentative ones: px, px/s, s."""
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
     shown = [track for track in record.tracks if track.state is not TrackState.TENTATIVE]
     title = f"{record.source}  seq {record.seq}"
@@ -181,7 +189,7 @@ def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | Non
     title += "" if age_ms is None else f"  age {age_ms:.1f} ms"
     title += "" if missed is None else f"  missed {missed}"
     title += f"  {len(shown)} tracks"
-    table = Table(box=None, title=title, title_justify="left", pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("id", "state", "x", "y", "size", "vx", "vy", "score", "age", "place"):
         table.add_column(name, justify="left" if name == "state" else "right", no_wrap=True)
     for track in shown:
@@ -191,4 +199,4 @@ def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | Non
         table.add_row(
             str(track.id), str(track.state), *place, f"{track.score:.2f}", f"{track.age_ns / 1e9:.0f}", geo
         )
-    return table
+    return Group(Text(title, "italic", no_wrap=True, overflow="ellipsis"), table)

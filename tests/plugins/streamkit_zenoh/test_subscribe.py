@@ -1,5 +1,6 @@
 """streamkit subscribe: records as lines or a table, the right exit code, and an end within three seconds."""
 
+import contextlib
 import json
 import os
 import pty
@@ -75,15 +76,33 @@ def test_jsonl_is_the_record_whatever_its_encoding(subscribe: Starter, key: str,
     assert "age on arrival: median" in err
 
 
-def test_text_is_a_line_per_record_when_piped(subscribe: Starter, key: str, endpoint: str) -> None:
+def test_text_is_a_line_per_record_and_target_when_piped(subscribe: Starter, key: str, endpoint: str) -> None:
     """Source, number, time and confirmed targets; the count ends it."""
     process = subscribe("--count", "2", "--timeout", "30")
     _publish(key, endpoint, 3)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 0, err
-    lines = out.splitlines()
-    assert len(lines) == 2
-    assert lines[1] == f"{key} seq 1    0.040 s  1 tracks  #7 confirmed (1.5, 2.5) 30x14 px"
+    target = "  #7 confirmed (1.5, 2.5) 30x14 px"
+    heads = [f"{key} seq 0    0.000 s  1 tracks", f"{key} seq 1    0.040 s  1 tracks"]
+    assert out.splitlines() == [heads[0], target, heads[1], target]
+
+
+def test_each_counted_record_stays_on_a_terminal(subscribe: Starter, key: str, endpoint: str) -> None:
+    """The table of every record is printed, not only that of the last; the waiting line goes."""
+    ours, theirs = pty.openpty()
+    try:
+        process = subscribe("--count", "3", "--timeout", "30", stdout=theirs)
+        os.close(theirs)
+        _publish(key, endpoint, 3)
+        shown = b""
+        with contextlib.suppress(OSError):  # the other side has been closed
+            while read := os.read(ours, 4096):
+                shown += read
+        assert process.wait(20) == 0
+    finally:
+        os.close(ours)
+    assert [f"{key}  seq {seq} ".encode() in shown for seq in range(4)] == [True, True, True, False]
+    assert shown.count(b"confirmed") == 3
 
 
 def test_a_killed_publisher_is_an_error_within_three_seconds(
