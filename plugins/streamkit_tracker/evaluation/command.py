@@ -21,6 +21,7 @@ from streamkit_tracker.evaluation.readers import (
     read_tracks,
     read_truth,
     sides,
+    swap_sign,
     tracks_by_frame,
 )
 from streamkit_tracker.evaluation.scores import (
@@ -73,9 +74,12 @@ def trackeval(
         raise typer.Exit(2) from error
     try:
         scores = score_files(tracks, truth, overlap, first_pixel, limits, run)
+        sign = swap_sign(tracks, truth)
     except (ValueError, StreamError) as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(1) from error
+    if sign:
+        typer.echo(f"warning: {sign}; tracks come first, ground truth second", err=True)
     if as_json:
         typer.echo(json.dumps(scores))
         return

@@ -95,6 +95,22 @@ def is_one_target(path: Path) -> bool:
     raise ValueError(f"{path}: no line of numbers in it")
 
 
+def swap_sign(tracks: Path, truth: Path) -> str:
+    """What in their columns shows that tracks and ground truth are swapped; "" if nothing does.
+
+    Raises:
+        ValueError: a line has not the numbers of its layout.
+    """
+    if tracks.suffix == ".txt" and any(
+        len(numbers) == MOT_CLASS_COLUMNS for _, numbers in _numbers(tracks, MOT_COLUMNS)
+    ):
+        return f"{tracks} has nine columns, the layout of ground truth from MOT16 on"
+    for place, numbers in _numbers(truth, ONE_TARGET_COLUMNS):
+        if len(numbers) > MOT_USED and not numbers[MOT_USED].is_integer():
+            return f"{place} has the score {numbers[MOT_USED]:g} in column 7, which is 0 or 1 in ground truth"
+    return ""
+
+
 def longest_lived(tracks: list[Labelled], frames: int) -> FloatArray:
     """Boxes float64[frames, 4] of the id that is there most often; NaN where it is not."""
     boxes = np.full((frames, 4), np.nan)
@@ -175,5 +191,8 @@ def _numbers(path: Path, least: int) -> Iterator[tuple[str, list[float]]]:
             except ValueError:
                 numbers = []
             if len(numbers) < least:
-                raise ValueError(f"{place}: needs {least} numbers or more, got {line.strip()[:60]!r}")
+                raise ValueError(
+                    f"{place}: needs {least} numbers or more, got {line.strip()[:60]!r}; "
+                    "tracks come first, ground truth second"
+                )
             yield place, numbers

@@ -38,6 +38,30 @@ def test_tracks_of_many_are_scored(tmp_path: Path):
     assert (scores["mota"], scores["idf1"], scores["truths"], scores["overlap"]) == (1.0, 1.0, 2, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "code", "words"),
+    [
+        ("1,1,1,1,10,10,1,-1,-1,-1", "1,1,1,1,10,10,0.87,-1,-1,-1", 0, "has the score 0.87 in column 7"),
+        ("1,1,1,1,10,10,1,1,0.5", "1,1,1,1,10,10,1,-1,-1,-1", 0, "has nine columns"),
+        ("1,1,10,10", "1,1,1,1,10,10,1,-1,-1,-1", 1, "needs 6 numbers or more"),
+        ("1,1,1,1,10,10,1,-1,-1,-1", '{"schema":', 1, "needs 4 numbers or more"),
+    ],
+)
+def test_truth_in_the_place_of_tracks_is_noticed(
+    tmp_path: Path, first: str, second: str, code: int, words: str
+):
+    """By what only one of them holds; the files are scored as they are given, where they can be."""
+    tracks, truth = tmp_path / "tracks.txt", tmp_path / "gt.txt"
+    tracks.write_text(first + "\n")
+    truth.write_text(second + "\n")
+    result = run(tracks, truth)
+    assert (result.exit_code, words in result.stderr) == (code, True)
+    assert result.stderr.endswith("tracks come first, ground truth second\n")
+    truth.write_text("1,1,1,1,10,10,1,-1,-1,-1\n")
+    tracks.write_text("1,1,1,1,10,10,0.87,-1,-1,-1\n")
+    assert run(tracks, truth).stderr == ""
+
+
 def test_one_run_of_several_is_scored(tmp_path: Path):
     """The last without --run, and the command says so; a half-written last line is left out."""
     hit, miss = [-0.5, -0.5, 9.5, 9.5], [40.0, 40.0, 50.0, 50.0]
