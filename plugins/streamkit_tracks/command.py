@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
+import tempfile
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Annotated, NoReturn
@@ -14,6 +17,7 @@ import typer
 from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState, read_tracks
 from streamkit.output.file import write_whole
 from streamkit_tracks.file_formats import KINDS
+from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.record_sink import require_library
 
 SINKS = {**dict.fromkeys(KINDS, "tracksink"), ".mcap": "mcapsink"}
@@ -72,7 +76,15 @@ def tracks(
 
 
 def convert(
-    file: RecordsArgument,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="JSON lines from tracksink; or its CSV, or MOT text, which hold less.",
+            exists=True,
+            dir_okay=False,
+            readable=True,
+        ),
+    ],
     output: Annotated[Path, typer.Argument(help=f"File to write: {ENDINGS}; .txt is MOT.")],
     run: RunOption = None,
     points: Annotated[
@@ -83,22 +95,53 @@ def convert(
     ending = output.suffix.lower()
     if ending not in SINKS and ending != PARQUET:
         fail(f"{output}: the name must end in {ENDINGS}, it ends in {output.suffix!r}")
-    warnings: list[str] = []
+    sink = SINKS.get(ending, "") + (" points=true" if points and SINKS.get(ending) == "tracksink" else "")
     try:
-        number = check_run(file, max((number for number, _ in RecordFile(file)), default=1), run)
-        if ending == PARQUET:
-            write_parquet(file, number, output)
-            return
-        sink = SINKS[ending] + (" points=true" if points and SINKS[ending] == "tracksink" else "")
-        with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
-            pipeline["records"].location, pipeline["records"].run = str(file), number
-            pipeline["output"].location = str(output)
-            pipeline.bus.watch(
-                lambda message: warnings.append(message.text) if message.kind is MessageKind.WARNING else None
-            )
-            pipeline.run()
+        with json_lines(file) as records:
+            number = check_run(file, max((number for number, _ in RecordFile(records)), default=1), run)
+            if ending == PARQUET:
+                write_parquet(records, number, output)
+            else:
+                write_records(records, number, sink, output)
     except (OSError, StreamkitError) as error:
         fail(str(error))
+
+
+@contextlib.contextmanager
+def json_lines(file: Path) -> Iterator[Path]:
+    """The records of a file as JSON lines: the file itself, or a temporary one; notes what the file lacks.
+
+    Raises:
+        OSError: a file cannot be read or written.
+        StreamError: it is not what its suffix says; only where that is CSV or MOT text.
+    """
+    suffix = file.suffix.lower()
+    if suffix not in READERS:
+        if suffix in (*SINKS, PARQUET) and suffix != ".jsonl":
+            fail(f"{file}: {suffix} cannot be read; give one of .jsonl, {', '.join(READERS)}")
+        yield file
+        return
+    typer.echo(f"note: {file}: {MISSING[suffix]}", err=True)
+    with tempfile.TemporaryDirectory() as folder:
+        lines = Path(folder, file.with_suffix(".jsonl").name)
+        write_lines(file, lines)
+        yield lines
+
+
+def write_records(file: Path, run: int, sink: str, output: Path) -> None:
+    """Writes a run of JSON lines by a sink, and prints its warnings.
+
+    Raises:
+        StreamkitError: a file cannot be read or written.
+    """
+    warnings: list[str] = []
+    with Pipeline.parse(f"tracksrc name=records ! {sink} name=output") as pipeline:
+        pipeline["records"].location, pipeline["records"].run = str(file), run
+        pipeline["output"].location = str(output)
+        pipeline.bus.watch(
+            lambda message: warnings.append(message.text) if message.kind is MessageKind.WARNING else None
+        )
+        pipeline.run()
     for text in warnings:
         typer.echo(f"warning: {text}", err=True)
 

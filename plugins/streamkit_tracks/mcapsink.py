@@ -9,9 +9,9 @@ import msgspec
 from typing_extensions import override
 
 from streamkit import Frame, Property, TrackRecord, encode_record
+from streamkit_tracks.file_formats import SCHEMA
 from streamkit_tracks.record_sink import RecordFileSink, require_library
 
-SCHEMA = "streamkit.tracks/1"
 FLUSH_S = 1.0
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from streamkit import Pipeline, TrackState
 from streamkit_tracks.command import TargetSummary, table_lines
+from streamkit_tracks.file_readers import MISSING
 from tests.slowness import patience
 
 BINARY = str(Path(sys.executable).with_name("streamkit"))
@@ -110,3 +111,18 @@ def test_what_a_format_lacks_is_said(records: Path, tmp_path: Path) -> None:
         assert refused.returncode == 1
         assert "not a track record" in refused.stderr
         assert len(refused.stderr.splitlines()) == 1
+
+
+@pytest.mark.timeout(200)
+def test_csv_and_mot_text_are_converted_back(records: Path, tmp_path: Path) -> None:
+    """With a note of what they lack; a format that cannot be read is an error that names those that can."""
+    table, lines = tmp_path / "out.csv", tmp_path / "out.jsonl"
+    assert run("convert", str(records), str(table)).returncode == 0
+    done = run("convert", str(table), str(lines))
+    assert (done.returncode, done.stderr) == (0, f"note: {table}: {MISSING['.csv']}\n")
+    found, wanted = (json.loads(file.read_text().splitlines()[5]) for file in (lines, records))
+    assert [target["x"] for target in found["tracks"]] == [target["x"] for target in wanted["tracks"]]
+    (tmp_path / "out.kml").touch()
+    done = run("convert", str(tmp_path / "out.kml"), str(lines))
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.endswith("out.kml: .kml cannot be read; give one of .jsonl, .csv, .txt\n")
