@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from streamkit import Frame, IfExists, OutputFileSink, Property
+from streamkit import Frame, IfExists, OutputFileSink, Property, PropertyError
 from streamkit.output.file import OutputFile
 from streamkit_differencer.arrays import above
 from streamkit_differencer.foreground import HIGHEST_BACKGROUND
@@ -28,6 +28,14 @@ class ChangeMaskSink(OutputFileSink):
     def pattern(self) -> str:
         """A numbered file of the folder for each frame."""
         return f"{self.location}/{self.prefix}%06d.png"
+
+    def check_properties(self) -> None:
+        """Refuses the name of a file: a folder of that name would be made."""
+        if self.location.endswith(".png"):
+            raise PropertyError(
+                f"{self.name}: location={self.location}: names a folder, in which the masks are "
+                f"{self.prefix}%06d.png; write for example location={self.example}, and prefix=NAME"
+            )
 
     def start(self) -> None:
         """Numbers begin."""

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit import Frame, Pipeline, ResourceError, raw_video_caps
+from streamkit import Frame, Pipeline, PropertyError, ResourceError, raw_video_caps
 from streamkit.testing import Harness
 
 
@@ -35,6 +35,12 @@ def test_the_mask_pad_gives_a_mask_for_every_frame(tmp_path):
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [f"bin{number:06d}.png" for number in range(10, 15)]
     assert cv2.imread(str(tmp_path / names[0]), cv2.IMREAD_UNCHANGED).shape == (121, 161)
+
+
+def test_the_name_of_a_file_is_refused():
+    """It would become a folder."""
+    with pytest.raises(PropertyError, match="names a folder, in which the masks are in%06d"):
+        Harness("changemasksink", location="masks/%06d.png", prefix="in")
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):
