@@ -1,7 +1,6 @@
 """waveleteigen: appearance features of targets, in an eigenspace learnt from the stream or from a file."""
 
 import dataclasses
-import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from streamkit import (
     luma,
     write_remedy,
 )
+from streamkit.output.file import check_writable
 from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings
 from streamkit_wavelet_eigen.feature_space import learn_space
 from streamkit_wavelet_eigen.gallery import empty_gallery, read_gallery
@@ -92,7 +92,9 @@ class WaveletEigen(Transform):
         doc="File of a saved space and gallery to start from; decides preset, patch, mode .. metric.",
     )
     save: str | None = Property(
-        None, file="write", doc="File to write the space and the gallery to at the end, .npz."
+        None,
+        file="write",
+        doc="File to write the space and the gallery to at the end, .npz; missing folders are made.",
     )
     gallery: str | None = Property(
         None, doc="Folder of labelled windows, LABEL/IMAGE; without a model the space is learnt from them."
@@ -128,10 +130,9 @@ class WaveletEigen(Transform):
             )
         if not self.learn and space is None:
             self.post_warning("learn is off and no model is given: frames pass without features")
-        if self.save and not os.access(Path(self.save).absolute().parent, os.W_OK):
-            raise ResourceError(
-                f"save: the folder of {self.save} must exist and be writable; make it or name another file"
-            )
+        if self.save:
+            with _resource("save"):
+                check_writable(Path(self.save))
         with _resource("gallery"):
             self._appearance = AppearanceModel(settings, space, gallery)
 

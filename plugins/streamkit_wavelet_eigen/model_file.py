@@ -1,7 +1,7 @@
 """The file of a feature space and its gallery: npz with a schema, never a pickle."""
 
 import dataclasses
-import os
+import io
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.output.file import write_whole
 from streamkit_wavelet_eigen.eigenspace import Eigenspace
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace
 from streamkit_wavelet_eigen.gallery import Gallery, empty_gallery
@@ -44,18 +45,14 @@ class Model:
 
 
 def save_model(model: Model, path: Path) -> None:
-    """Writes a model as an npz file; an existing file is replaced when the new one is complete.
+    """Writes a model as an npz file, in place of an existing one when complete; folders are made.
 
     Raises:
         OSError: the file cannot be written.
     """
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        with temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **_fields_of(model))
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    content = io.BytesIO()
+    np.savez_compressed(content, allow_pickle=False, **_fields_of(model))
+    write_whole(path, content.getvalue())
 
 
 def load_model(path: Path) -> Model:

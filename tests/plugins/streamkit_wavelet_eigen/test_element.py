@@ -169,8 +169,8 @@ def test_one_pixel_frames() -> None:
 
 
 def test_a_saved_space_is_a_model(tmp_path: Path) -> None:
-    """`save` writes at EOS what `model` starts from: same vectors, without learning."""
-    path = tmp_path / "space.npz"
+    """`save` writes at EOS what `model` starts from: same vectors, without learning. Its folder is made."""
+    path = tmp_path / "made" / "space.npz"
     with Harness("waveleteigen", save=str(path), patch=16, mode="denoise") as harness:
         (frame,) = harness.push(_frame(12))
         harness.drain()
@@ -190,13 +190,13 @@ def test_a_stopped_stream_is_saved_too(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_used_are_errors_at_start(tmp_path: Path) -> None:
-    """A missing or foreign model and an unwritable folder are refused before the first frame."""
+    """A missing or foreign model and a folder that is a file are refused before the first frame."""
     foreign = tmp_path / "foreign.npz"
     foreign.write_bytes(b"not a space")
     for properties in (
         {"model": str(tmp_path / "missing.npz")},
         {"model": str(foreign)},
-        {"save": str(tmp_path / "missing" / "space.npz")},
+        {"save": str(foreign / "space.npz")},
     ):
         with pytest.raises(ResourceError, match=next(iter(properties))):
             Harness("waveleteigen", **properties)
