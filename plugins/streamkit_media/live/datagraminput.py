@@ -32,6 +32,7 @@ from streamkit_media.live.liveinput import LIVE_OPTIONS, ConnectionLost, LiveInp
 from streamkit_media.streams import nanoseconds, read_packets
 
 LOOK_S = 0.1
+NOTICE_S = 2.0  # how long a first connection waits before it reports what for
 PARSING = ~cast("int", Flags.no_parse.value)
 DATAGRAM_BYTES = 1 << 16
 RESTART_NS = 500_000_000  # decoding times that fall by more are of a sender that has begun again
@@ -46,6 +47,8 @@ class DatagramInput(LiveInput):
         location, timeout_s: see `LiveInput` and `datagram_address`.
         counts: datagrams lost, overflowed (dropped by the kernel) and refused, over all connections.
         warn: called with a text when the kernel first drops datagrams.
+        is_first: whether no connection was made before: it warns when nothing comes, a later one is reported
+            as a retry.
         low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
     """
 
@@ -56,16 +59,17 @@ class DatagramInput(LiveInput):
         counts: Counter[str],
         warn: Callable[[str], object],
         *,
+        is_first: bool,
         low_latency: bool,
     ) -> None:
         super().__init__(location, timeout_s)
         self._counts, self._warn = counts, warn
-        self._low_latency = low_latency
+        self._is_first, self._low_latency = is_first, low_latency
         self._packets = TransportPackets(counts)
         self._receiver: socket.socket | None = None
         self._held = b""
         self._failure: Silence | None = None
-        self._overflowed = 0
+        self._overflowed = self._datagrams = 0
         self._has_come = False
 
     @override
@@ -97,16 +101,24 @@ class DatagramInput(LiveInput):
     def _next(self) -> bytes:
         """The transport packets of the next datagram that has some."""
         assert self._receiver is not None
-        deadline = time.monotonic() + self.timeout_s
+        now_s = time.monotonic()
+        deadline, notice_s = now_s + self.timeout_s, now_s + NOTICE_S
         while not self.ended.is_set():
-            if time.monotonic() > deadline:
+            now_s = time.monotonic()
+            if now_s > deadline:
                 raise self._silence()
+            if self._is_first and not self._has_come and now_s > notice_s:
+                self._is_first = False
+                self._warn(
+                    f"{self.where}: {self._absence()} yet; waiting up to {self.timeout_s:g} s (timeout-s)"
+                )
             try:
                 datagram, ancillary, _, _ = self._receiver.recvmsg(
                     DATAGRAM_BYTES, socket.CMSG_SPACE(OVERFLOWS.size)
                 )
             except TimeoutError:
                 continue
+            self._datagrams += 1
             self._count_overflows(overflows(ancillary))
             if payload := self._packets.payload(datagram):
                 self._has_come = True
@@ -129,10 +141,18 @@ class DatagramInput(LiveInput):
                 f"{self.where}: nothing has come for {limit} (timeout-s); check the sender, or "
                 "allow more time"
             )
-        return Silence(
-            f"{self.where}: no video within {limit}: no MPEG-TS comes to this port; check the "
-            "sender's address and the firewall, or allow more time"
+        remedy = (
+            "the sender must send MPEG-TS (GStreamer: mpegtsmux ! udpsink, FFmpeg: -f mpegts)"
+            if self._datagrams
+            else "check the sender's address and the firewall, or allow more time"
         )
+        return Silence(f"{self.where}: no video within {limit}: {self._absence()}; {remedy}")
+
+    def _absence(self) -> str:
+        """What has come in place of a transport stream."""
+        if self._datagrams:
+            return f"{self._datagrams} datagrams have come to this port, none of them MPEG-TS"
+        return "nothing has come to this port"
 
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:

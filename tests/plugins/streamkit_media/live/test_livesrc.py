@@ -1,6 +1,7 @@
 """livesrc over UDP: senders of several kinds, which fall silent, come back, and send what they should not."""
 
 import random
+import re
 import socket
 import subprocess
 import threading
@@ -124,8 +125,33 @@ def test_a_silent_port_is_left_at_once(port: int, way: str) -> None:
 
 def test_a_port_without_a_sender_is_reported(port: int) -> None:
     """A first connection that nothing comes to ends the pipeline, with what to check."""
-    with pytest.raises(ElementFailure, match=r"no video within 0\.3 s: no MPEG-TS comes to this port"):
+    with pytest.raises(ElementFailure, match=r"no video within 0\.3 s: nothing has come to this port"):
         Pipeline.parse(f"livesrc uri=udp://@:{port} timeout-s=0.3 ! fakesink").run(timeout_s=20)
+
+
+@pytest.mark.parametrize("is_foreign", [False, True])
+def test_a_wait_is_reported(monkeypatch: pytest.MonkeyPatch, port: int, is_foreign: bool) -> None:
+    """Long before the time limit, once: where, what for, and whether anything has come."""
+    monkeypatch.setattr("streamkit_media.live.datagraminput.NOTICE_S", 0.5)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        Pipeline.parse(f"livesrc uri=udp://127.0.0.1:{port} timeout-s=60 ! fakesink") as pipeline,
+    ):
+        pipeline.play()
+        message, deadline = None, time.monotonic() + 20
+        while message is None and time.monotonic() < deadline:
+            if is_foreign:
+                sender.sendto(b"\x80\x60" + bytes(40), ("127.0.0.1", port))  # RTP, as of rtph264pay
+            message = pipeline.bus.pop(0.1, (MessageKind.WARNING,))
+        assert message is not None
+        what = (
+            r"\d+ datagrams have come to this port, none of them MPEG-TS"
+            if is_foreign
+            else ("nothing has come to this port")
+        )
+        wait = r"yet; waiting up to 60 s \(timeout-s\)"
+        assert re.search(rf"udp://127\.0\.0\.1:{port}: {what} {wait}", message.text)
+        assert pipeline.bus.pop(0.7, (MessageKind.WARNING,)) is None
 
 
 def test_a_port_in_use_is_reported(port: int) -> None:
