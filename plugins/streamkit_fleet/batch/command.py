@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import glob
+import re
 import signal
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from streamkit_fleet.batch.driver import FileResult
     from streamkit_fleet.batch.plan import BatchRecipe
 
+SET_BY_BATCH = ("input", "output")
+VARIABLE = re.compile(r"\$\{([A-Za-z_][A-Za-z0-9_-]*)")
 RECORDS = ".jsonl"  # the results whose parts can be joined
 
 
@@ -106,15 +110,27 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
     variables = dict(setting.split("=", 1) for setting in settings)
     try:
         text = file.read_text("utf-8")
+        if missing := missing_variable(text, variables):
+            _fail(f"{file} {missing}", 2)
         Pipeline.parse(text, {**variables, "input": "input", "output": f"output{suffix}"})
     except DescriptionError as error:
         _fail(f"{file}: {error}", 2)
     except (OSError, UnicodeDecodeError) as error:
         _fail(f"cannot read the description {file}: {error}", 2)
-    missing = [name for name in ("input", "output") if f"${{{name}}}" not in text]
-    if missing:
-        _fail(f"{file} has no ${{{missing[0]}}}: batch sets ${{input}} and ${{output}} for each file", 2)
     return BatchRecipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
+
+
+def missing_variable(text: str, given: Mapping[str, str]) -> str:
+    """Which of `${input}` and `${output}` a description lacks, and what it may have instead; "" if none."""
+    found = list(dict.fromkeys(VARIABLE.findall(text)))
+    missing = [name for name in SET_BY_BATCH if name not in found]
+    if not missing:
+        return ""
+    others = [f"${{{name}}}" for name in found if name not in given and name not in SET_BY_BATCH]
+    hint = f"; it has {', '.join(others)}" if others else ""
+    if re.search(rf"\${missing[0]}\b", text):
+        hint = f"; write ${{{missing[0]}}} for ${missing[0]}"
+    return f"has no ${{{missing[0]}}}: batch sets ${{input}} and ${{output}} for each file{hint}"
 
 
 def _results(pattern: str, suffix: str) -> dict[str, str]:

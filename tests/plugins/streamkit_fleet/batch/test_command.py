@@ -1,0 +1,24 @@
+"""What `streamkit batch` expects of a description."""
+
+import pytest
+
+from streamkit_fleet.batch.command import missing_variable
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a=${input} b=${output}", ""),
+        ("a=${input:-x.mp4} b=${output:-x.jsonl} c=${other}", ""),
+        ("a=${input} b=x.jsonl", "has no ${output}: batch sets ${input} and ${output} for each file"),
+        ("a=$input b=${output}", "has no ${input}: .*; write ${input} for $input"),
+        ("a=${INPUT} b=${output} c=${gain} d=${k:-1}", "has no ${input}: .*; it has ${INPUT}, ${k}"),
+    ],
+)
+def test_a_variable_that_is_missing_is_named(text: str, expected: str) -> None:
+    """With how it may be spelt in the description; a default is no fault."""
+    begin, _, end = expected.partition(".*")
+    found = missing_variable(text, {"gain": "2"})
+    assert found.startswith(begin)
+    assert found.endswith(end)
+    assert bool(found) is bool(expected)
