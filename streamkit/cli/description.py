@@ -60,7 +60,8 @@ class Description:
         used = variable_names(self.text)
         known = f"it has {', '.join(used)}" if used else "it has no variables"
         return [
-            f"--set {name} is not used: the description has no ${{{name}}}; {known}"
+            f"--set {name} is not used: the description has no ${{{name}}}; "
+            + (f"write it for ${name}" if re.search(rf"\${re.escape(name)}\b", self.text) else known)
             for name in self.variables
             if name not in used
         ]

@@ -407,6 +407,10 @@ def test_a_setting_for_no_variable_is_reported(launch: Callable[..., Result]) ->
     assert (
         done.stderr == "note: --set count is not used: the description has no ${count}; it has no variables\n"
     )
+    done = launch("--set", "name=b", "fakesrc num-buffers=1 ! fakesink name=$name")
+    assert done.stderr == (
+        "note: --set name is not used: the description has no ${name}; write it for $name\n"
+    )
     assert launch("-q", "--set", "cuont=7", text).stderr == ""
 
 
