@@ -39,6 +39,7 @@ class PoseSink(OutputFileSink):
     @override
     def begin(self) -> None:
         self._points: list[PathPoint] = []
+        self._stale = 0
         self._views, self._next_length = HEAD, 1
         self._last = -1, 0  # epoch and pts of the last position
         self.file = self.open_file(is_whole=True)
@@ -46,6 +47,7 @@ class PoseSink(OutputFileSink):
     @override
     def write(self, frame: Frame) -> None:
         pose = frame.get(Pose)
+        self._stale += pose is not None and pose.is_stale
         if pose is None or pose.is_stale or not self._is_due(frame):
             return
         time = utc_time({"capture_ns": frame.capture.utc_ns} if frame.capture else {})
@@ -67,7 +69,14 @@ class PoseSink(OutputFileSink):
 
     @override
     def shortfall(self) -> str:
-        return "" if self._points else "no frame has a current pose; pair telemetry with posesync"
+        if self._points:
+            return ""
+        if self._stale:
+            return (
+                f"the poses of all {self._stale} frames that have one are stale, too far from any telemetry; "
+                "check offset-s and max-gap-s of posesync"
+            )
+        return "no frame has a pose; pair telemetry with posesync"
 
     def _is_due(self, frame: Frame) -> bool:
         """Whether the interval is over, or another epoch begins."""

@@ -147,7 +147,17 @@ def test_without_poses_the_run_tells_why(tmp_path: Path) -> None:
         pipeline.play()
         message = pipeline.bus.pop(20, (MessageKind.WARNING,))
     assert message is not None
-    assert "no frame has a current pose; pair telemetry with posesync" in message.text
+    assert "no frame has a pose; pair telemetry with posesync" in message.text
+
+
+def test_stale_poses_are_the_reason(tmp_path: Path) -> None:
+    """Telemetry is there, but of another time: its offset is what to look at."""
+    with Harness("posesink", location=str(tmp_path / "a.kml")) as harness:
+        harness.push(frame(0, replace(POSE, is_stale=True)))
+        harness.drain()
+    (message,) = (message for message in harness.messages if message.kind is MessageKind.WARNING)
+    assert "the poses of all 1 frames that have one are stale" in message.text
+    assert "offset-s" in message.text
 
 
 def test_a_run_without_poses_leaves_the_older_file(tmp_path: Path) -> None:
