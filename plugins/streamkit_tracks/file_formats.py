@@ -15,6 +15,7 @@ from xml.sax.saxutils import escape
 from typing_extensions import override
 
 from streamkit import SHOWN_STATES
+from streamkit.output.names import TRACK_SUFFIXES
 from streamkit.output.text import TextFormat
 
 Record = Mapping[str, Any]
@@ -32,14 +33,8 @@ MOT_CORNER = 1.5  # a box starts half a pixel before the centre of its first pix
 FileKind = enum.StrEnum("FileKind", "AUTO JSONL MOT CSV GEOJSON KML COT")
 
 
-KINDS = {
-    ".jsonl": FileKind.JSONL,
-    ".txt": FileKind.MOT,
-    ".csv": FileKind.CSV,
-    ".geojson": FileKind.GEOJSON,
-    ".kml": FileKind.KML,
-    ".cot": FileKind.COT,
-}
+# In the order of the kinds.
+KINDS = dict(zip(TRACK_SUFFIXES, tuple(FileKind)[1:], strict=True))
 
 
 class RecordFormat(TextFormat):

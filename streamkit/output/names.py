@@ -13,6 +13,8 @@ URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
 NUMBER = re.compile(r"%0?\d*d")
 NUMBER_BESIDE_TIME = re.compile(r"%0\d+d")  # `%d` is the day there
 TIME = re.compile(r"%[YHM]")
+# Endings of files of track records; the bytes of video make none of them.
+TRACK_SUFFIXES = (".jsonl", ".txt", ".csv", ".geojson", ".kml", ".cot")
 FIELD = re.compile(r"(%0\d+d|%[A-Za-z%])")
 
 

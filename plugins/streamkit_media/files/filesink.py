@@ -8,9 +8,9 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit import Caps, Frame, OutputFileSink, ResourceError
+from streamkit.output.names import TRACK_SUFFIXES
 
 CONTAINERS = frozenset({".mp4", ".mov", ".mkv", ".webm", ".avi"})
-TRACK_FILES = frozenset({".jsonl", ".csv", ".geojson", ".kml", ".cot"})
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
 
@@ -45,9 +45,9 @@ class FileSink(OutputFileSink):
         if not media or not all(name.startswith("video/") for name in media):
             return
         sink = "videofilesink" if "video/x-raw" in media else "packetsink"
-        if suffix in TRACK_FILES:
+        if suffix in TRACK_SUFFIXES:
             sink = "tracksink"
-        if suffix in CONTAINERS | TRACK_FILES:
+        if suffix in (*CONTAINERS, *TRACK_SUFFIXES):
             raise ResourceError(
                 f"location={self.location}: filesink writes the bytes of frames, which are no {suffix} file; "
                 f"write {sink} location={self.location}"

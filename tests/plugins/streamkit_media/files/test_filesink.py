@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit import Caps, ElementFailure, Frame, Pipeline, raw_video_caps
+from streamkit.output.names import TRACK_SUFFIXES
 from streamkit.testing import Harness
 
 
@@ -80,7 +81,7 @@ def test_a_container_is_no_file_of_bytes(tmp_path: Path, small_video: Path, sour
     assert not path.exists()
 
 
-@pytest.mark.parametrize("suffix", [".jsonl", ".csv", ".geojson", ".kml", ".cot"])
+@pytest.mark.parametrize("suffix", TRACK_SUFFIXES)
 def test_track_records_are_no_bytes_of_video(tmp_path: Path, suffix: str) -> None:
     """Tracks travel with frames: the sink that writes them as records is named."""
     path = tmp_path / f"tracks{suffix}"
