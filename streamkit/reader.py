@@ -72,6 +72,7 @@ class VideoReader:
         self._sink = pipeline[SINK]
         self._sink.drop = pipeline.is_live
         pipeline.bus.watch(_log_warning)
+        pipeline.ends_with_program = True  # a loop may be left at any frame
         # Stops a reader that the program forgets to close, at the latest when it exits.
         self._stop = weakref.finalize(self, pipeline.stop)
         try:

@@ -40,7 +40,10 @@ class Pipeline:
         timing: the running time.
         watchdog_s: time limit of an element's calls: for a frame the element fails; for `start`, `drain` and
             `stop` a warning is posted, and `stop` is abandoned. 0 is no limit.
+        ends_with_program: whether the program may end before the pipeline; else that is logged.
     """
+
+    ends_with_program = False
 
     def __init__(self, graph: Graph, clock: Clock | None = None, watchdog_s: float = WATCHDOG_S) -> None:
         if not isinstance(graph, Graph):
@@ -159,7 +162,7 @@ class Pipeline:
                 self.timing.latency_ns = self.latency().minimum_ns
                 self.timing.begin()
             if begins:
-                self._playback.begin(self.watchdog_s, self.stop)
+                self._playback.begin(self.watchdog_s, self.stop, self.ends_with_program)
             else:
                 self._playback.resume()
             self._processes.stream("play")
@@ -180,7 +183,7 @@ class Pipeline:
                 self.timing.pause()
                 self._set_playing(True)
                 self._change_state(State.PAUSED)
-                self._playback.begin(self.watchdog_s, self.stop)
+                self._playback.begin(self.watchdog_s, self.stop, self.ends_with_program)
                 self._processes.stream("pause")
             elif self.state is State.PLAYING:
                 self._playback.pause()
@@ -314,8 +317,6 @@ class Pipeline:
             stuck += stop_elements([e for e in self._started if e in branch.elements], self._limits())
             self._started = [element for element in self._started if element not in branch.elements]
         check_ended(stuck, STOP_LIMIT_S)
-
-    # Internal.
 
     def _own_statistics(self) -> list[ElementStatistics]:
         return self._playback.statistics(self.clock.monotonic_ns())

@@ -63,12 +63,13 @@ class Playback:
         """Whether any source is live, in any process."""
         return any(isinstance(element, Source) and element.is_live for element in self._graph.elements)
 
-    def begin(self, watchdog_s: float, stop: Callable[[], None]) -> None:
+    def begin(self, watchdog_s: float, stop: Callable[[], None], ends_with_program: bool) -> None:
         """Makes the chains; starts the watchdog and a thread for every source and queue.
 
         Args:
             watchdog_s: time limit of an element's call, s; 0 is none.
             stop: stops the pipeline; called if the program ends and leaves it playing.
+            ends_with_program: whether that is no fault, and not logged.
         """
         graph = self._graph
         local = graph.local()
@@ -93,7 +94,7 @@ class Playback:
         self.cpu_began_ns = time.process_time_ns()
 
         def abandoned() -> None:
-            if not self.end.ended.is_set():
+            if not (ends_with_program or self.end.ended.is_set()):
                 log.warning("the program has ended, its pipeline had not: use `with` or stop()")
             stop()
 

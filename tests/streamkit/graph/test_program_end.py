@@ -20,6 +20,15 @@ pipeline = Pipeline.parse(text, watchdog_s={watchdog_s})
 pipeline.play()
 print(pipeline.wait().kind)
 """
+READ = """
+import numpy, streamkit
+images = (numpy.zeros((48, 64), numpy.uint8) for _ in range(1000))
+text = "tee name=t t. ! queue ! filesink location={location} t. ! queue"
+video = streamkit.open(images, text, framerate=25)
+for frame in video:
+    break
+print("done")
+"""
 IN_A_THREAD = """
 import threading
 from streamkit import Pipeline
@@ -54,3 +63,10 @@ def test_a_pipeline_goes_on_with_the_thread_that_runs_it() -> None:
     """The main thread may end before it."""
     done = run(IN_A_THREAD)
     assert (done.returncode, done.stdout, done.stderr) == (0, "None\n", "")
+
+
+def test_a_loop_that_is_left_ends_quietly(tmp_path: Path) -> None:
+    """Without `with`, and with the reader still at hand; what is written is complete."""
+    done = run(READ.format(location=tmp_path / "frames.raw"))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
+    assert (tmp_path / "frames.raw").stat().st_size > 0
