@@ -25,6 +25,8 @@ BOX_RATE, OBJECT_RATE = 0.15, 0.4
 # Side of a region, px, from which its outline places a target no worse than a template of 32 px does; below
 # the second one the target follows its template again.
 LARGE_SIDE, SMALL_SIDE = 32.0, 26.0
+# Share of the centre of mass in the position of a smaller one; the rest is the filter's, which errs more.
+CENTROID_SHARE = 0.75
 KNOWN_SPEED = 3.0  # standard deviations of the speed from which its direction is known
 MIN_SPEED = 0.3  # sides per second, likewise
 MIN_HEADING_STD = 0.08  # rad
@@ -72,7 +74,7 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
         headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
         middles = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
         # the errors of the centre of mass and of the filter, which follows appearance, are independent
-        both = (seen[:, :LEFT] + rows["mean"][:, :2]) / 2
+        both = CENTROID_SHARE * seen[:, :LEFT] + (1 - CENTROID_SHARE) * rows["mean"][:, :2]
         centres = np.where(rows["whole"][:, None], middles, both)
         targets["window"][index] = turned_windows(centres, detected_sides(seen), headings)
     targets["recognised"][index] = True

@@ -111,6 +111,6 @@ def test_a_window_is_the_box_turned_into_the_motion():
     assert target["window"][0].tolist() == [100.0, 50.0, 40.0, 40.0, 0.0]
     assert target["recognised"][0]
     follow_boxes(target, seen, are_objects=False)
-    assert target["window"][0, :2].tolist() == [102.0, 51.0]
+    assert target["window"][0, :2].tolist() == [103.0, 51.5]
     np.testing.assert_allclose(upright_sides(target["window"]), [[44.0, 44.0]])
     assert target["window"][0, 4] == pytest.approx(np.pi / 4)
