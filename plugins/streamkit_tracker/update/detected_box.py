@@ -25,8 +25,8 @@ BOX_RATE, OBJECT_RATE = 0.15, 0.4
 # Side of a region, px, from which its outline places a target no worse than a template of 32 px does; below
 # the second one the target follows its template again.
 LARGE_SIDE, SMALL_SIDE = 32.0, 26.0
-# Share of the centre of mass in the position of a smaller one; the rest is the filter's, which errs more.
-CENTROID_SHARE = 0.75
+# Share of a detection in the position of the window; the rest is the filter's, which errs more.
+DETECTED_SHARE = 0.75
 KNOWN_SPEED = 3.0  # standard deviations of the speed from which its direction is known
 MIN_SPEED = 0.3  # sides per second, likewise
 MIN_HEADING_STD = 0.08  # rad
@@ -60,8 +60,9 @@ def follow_detections(
 def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -> None:
     """Sets the windows of targets that have one of the detections float64[d, 6] of their own.
 
-    Boxes of a detector are smoothed and stay upright. A region of motion is the window itself, turned into
-    the motion where that is known; a small one lies between its centre of mass and the filter's position.
+    Boxes of a detector are smoothed and stay upright. A window has the size of its region of motion, turned
+    into the motion where that is known. It lies between the filter's position and the middle of the region,
+    or the centre of mass of a small one.
     """
     index = np.flatnonzero(has_own_detection(targets))
     if not len(index):
@@ -73,9 +74,9 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
         seen = detected[rows["detection"]]
         headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
         middles = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
-        # the errors of the centre of mass and of the filter, which follows appearance, are independent
-        both = CENTROID_SHARE * seen[:, :LEFT] + (1 - CENTROID_SHARE) * rows["mean"][:, :2]
-        centres = np.where(rows["whole"][:, None], middles, both)
+        places = np.where(rows["whole"][:, None], middles, seen[:, :LEFT])
+        # the errors of a detection and of the filter, which follows appearance, are independent
+        centres = DETECTED_SHARE * places + (1 - DETECTED_SHARE) * rows["mean"][:, :2]
         targets["window"][index] = turned_windows(centres, detected_sides(seen), headings)
     targets["recognised"][index] = True
 
