@@ -67,7 +67,10 @@ class Channel:
             raise ValueError(f"a message has at most {MAX_MESSAGE} bytes, got {len(message)}")
         data = memoryview(LENGTH.pack(len(message)) + message)
         has_begun = False
-        with self._lock:
+        while not self._lock.acquire(timeout=POLL_S):  # another thread may wait for a full socket
+            if is_cancelled():
+                return False
+        try:
             while data:
                 try:
                     sent = socket.send_fds(self._socket, [data], [] if has_begun else descriptors)
@@ -82,6 +85,8 @@ class Channel:
                 else:
                     has_begun = True
                     data = data[sent:]
+        finally:
+            self._lock.release()
         return True
 
     def receive(self, wait_s: float) -> list[bytes]:

@@ -72,3 +72,15 @@ def test_a_send_to_a_side_that_does_not_read_can_be_cancelled(ends: tuple[Channe
     with pytest.raises(ChannelClosed):
         ours.send(b"more")
     del theirs
+
+
+def test_a_message_that_must_not_wait(ends: tuple[Channel, Channel]) -> None:
+    """Not even for another thread, whose message waits for the reader."""
+    ours, theirs = ends
+    is_cancelled = threading.Event()
+    sender = threading.Thread(target=lambda: ours.send(bytes(1 << 22), (), is_cancelled.is_set))
+    sender.start()
+    assert theirs._readable.poll(5000)
+    assert not ours.send(b"now", (), lambda: True)
+    is_cancelled.set()
+    sender.join()
