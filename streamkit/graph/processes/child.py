@@ -97,6 +97,7 @@ class Child:
 
     def listen(self, messages: list[bytes]) -> None:
         """Takes orders until the channel closes, first those that have been received already."""
+        self._send(ENCODER.encode(OrderResult(0)))  # it is set up: from now on its silence is limited
         while True:
             for message in messages:
                 order = ORDERS.decode(message)

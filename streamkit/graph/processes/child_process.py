@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from typing import Any
@@ -41,7 +42,8 @@ class ChildProcess(threading.Thread):
     The thread that starts a child has to live as long, because the kernel ends the child with it.
 
     Attributes:
-        silence_limit_s: after which the process is killed, if it does not answer; 0 is never.
+        silence_limit_s: after which the process is killed, if it does not answer; 0 is never. Holds once it
+            is set up: importing may hold the interpreter for long.
         reason: why the process has ended, in words; "" while it runs.
 
     Args:
@@ -64,7 +66,7 @@ class ChildProcess(threading.Thread):
     ) -> None:
         super().__init__(name=f"streamkit:process:{home}")
         self.reason = ""
-        self.silence_limit_s = 0.0
+        self.silence_limit_s = setup.watchdog_s
         self._home = home
         self._setup, self._marks, self._processes = setup, marks, processes
         self._reported, self._ended = reported, ended
@@ -76,27 +78,36 @@ class ChildProcess(threading.Thread):
         self._process: subprocess.Popen[bytes] | None = None
         ours, self._theirs = Channel.pair()
         self._control = Channel(ours)
-        self._silent_polls = 0
+        self._silent_polls: int | None = None  # since the newest report; None before the first
 
     # Called from other threads.
 
-    def order(self, name: str, *arguments: Any, descriptors: tuple[int, ...] = ()) -> Future[Any]:
-        """Sends an order; the future gets its answer, or the exception that ended the order or the process.
+    def order(
+        self,
+        name: str,
+        *arguments: Any,
+        descriptors: tuple[int, ...] = (),
+        limit_s: float = ANSWER_LIMIT_S,
+    ) -> Future[Any]:
+        """Sends an order, within a time limit.
 
-        Raises:
-            ProcessDied: the process has ended.
+        Returns:
+            A future that gets the answer, or the exception that ended the order or the process.
         """
-        self._is_set_up.wait()
+        deadline = time.monotonic() + limit_s
         number, answer = next(self._numbers), Future[Any]()
+        is_sent = self._is_set_up.wait(limit_s)
         with self._lock:
             if self._is_over:
-                raise self.death()
+                answer.set_exception(self.death())
+                return answer
             self._answers[number] = answer
-        message = ENCODER.encode(Order(number, name, list(arguments)))
-        try:
-            self._control.send(message, descriptors, lambda: self._is_over)
-        except ChannelClosed:
-            raise self.death() from None
+        if is_sent:
+            message = ENCODER.encode(Order(number, name, list(arguments)))
+            with contextlib.suppress(ChannelClosed):  # the thread then ends the answer
+                is_sent = self._control.send(message, descriptors, lambda: time.monotonic() > deadline)
+        if not is_sent and self._take_answer(number) is not None:
+            answer.set_exception(self._silence(limit_s))
         return answer
 
     def ask(self, name: str, *arguments: Any, limit_s: float = ANSWER_LIMIT_S) -> Any:
@@ -106,9 +117,9 @@ class ChildProcess(threading.Thread):
             ProcessDied: the process has ended, or does not answer in time.
             Exception: the order failed.
         """
-        answer = self.order(name, *arguments)
+        answer = self.order(name, *arguments, limit_s=limit_s)
         if not wait([answer], limit_s).done:
-            raise ProcessDied(f"the process of {self._home} has not answered for {limit_s:g} s")
+            raise self._silence(limit_s)
         return answer.result()
 
     def kill(self, reason: str = "") -> None:
@@ -121,6 +132,9 @@ class ChildProcess(threading.Thread):
     def death(self) -> ProcessDied:
         """The error for the end of the process."""
         return ProcessDied(f"the process of {self._home} {self.reason or 'has ended'}")
+
+    def _silence(self, limit_s: float) -> ProcessDied:
+        return ProcessDied(f"the process of {self._home} has not answered for {limit_s:g} s")
 
     # The thread.
 
@@ -149,8 +163,9 @@ class ChildProcess(threading.Thread):
             with self._lock:
                 self._is_over = True
             self._is_set_up.set()
-            for answer in self._answers.values():
-                answer.set_exception(self.death())
+            for number in list(self._answers):
+                if (answer := self._take_answer(number)) is not None:
+                    answer.set_exception(self.death())
             self._ended(self)
 
     def _spawn(self) -> subprocess.Popen[bytes]:
@@ -174,26 +189,30 @@ class ChildProcess(threading.Thread):
 
         Time is counted in polls, because a suspended process does not hang.
         """
-        self._silent_polls = 0 if has_spoken else self._silent_polls + 1
-        if not self.silence_limit_s or has_spoken:
-            return
-        if self._silent_polls * POLL_S >= self.silence_limit_s:
-            self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
-        elif self._silent_polls % PING_POLLS == 1:
-            self._control.send(ENCODER.encode(Order(0, "ping")), (), lambda: True)
+        if has_spoken:
+            self._silent_polls = 0
+        elif self.silence_limit_s and self._silent_polls is not None:
+            self._silent_polls += 1
+            if self._silent_polls % PING_POLLS == 1:
+                self._control.send(ENCODER.encode(Order(0, "ping")), (), lambda: True)
+            elif self._silent_polls * POLL_S >= self.silence_limit_s:
+                self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
 
     def _handle(self, report: Report) -> None:
         if not isinstance(report, OrderResult):
             self._reported(report)
             return
-        with self._lock:
-            answer = self._answers.pop(report.number, None)
+        answer = self._take_answer(report.number)
         if answer is None:
             return
         if report.failure is None:
             answer.set_result(report.value)
         else:
             answer.set_exception(decode_failure(report.failure))
+
+    def _take_answer(self, number: int) -> Future[Any] | None:
+        with self._lock:
+            return self._answers.pop(number, None)
 
     def _reap(self) -> None:
         """Waits for the end of the process, and notes what has ended it."""

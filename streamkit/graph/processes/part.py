@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any
 
 import msgspec
@@ -115,23 +116,28 @@ class Part:
 
         The last known if it does not answer; empty before it first did.
         """
+        child = self.child
         with contextlib.suppress(ProcessDied):
-            if self.child is not None:
-                found = self.child.ask("statistics", limit_s=STATISTICS_LIMIT_S)
+            if child is not None:
+                found = child.ask("statistics", limit_s=STATISTICS_LIMIT_S)
                 self._counters = msgspec.convert(found, Counters)
         return self._counters
 
-    def try_order(self, name: str) -> None:
-        """Sends an order without waiting; nothing happens if the process has ended."""
-        with contextlib.suppress(ProcessDied):
-            if self.child is not None:
-                self.child.order(name)
+    def order(self, name: str, *arguments: Any, **options: Any) -> Future[Any]:
+        """Sends an order to the newest child; without one, the future has the exception `ProcessDied`."""
+        child = self.child
+        if child is not None:
+            return child.order(name, *arguments, **options)
+        answer = Future[Any]()
+        answer.set_exception(ProcessDied(f"the process of {self.home.name} does not run"))
+        return answer
 
     def try_ask(self, name: str, *arguments: Any) -> None:
         """Sends an order and waits for its end, or that of the process."""
+        child = self.child
         with contextlib.suppress(ProcessDied):
-            if self.child is not None:
-                self.child.ask(name, *arguments)
+            if child is not None:
+                child.ask(name, *arguments)
 
     def _make_proxy(self, element: Element, number: int) -> None:
         """Sends changes of properties to the process of an element, and answers queries from there."""
@@ -143,9 +149,10 @@ class Part:
             self.try_ask("set", number, name, ValueEncoder().encode(getattr(element, name)))
 
         def ask(method: str) -> Any:
-            if self.child is None:
+            child = self.child
+            if child is None:
                 return getattr(type(element), method)(element)
-            return self._values.decode(self.child.ask("query", number, method))
+            return self._values.decode(child.ask("query", number, method))
 
         vars(element)["property_changed"] = forward
         for method in QUERIES:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import os
 import threading
 import time
@@ -19,7 +20,7 @@ from streamkit.errors import ElementFailure, HangDetected, ProcessDied, StartCan
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
-from streamkit.graph.processes.child_process import ChildProcess
+from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
 from streamkit.graph.processes.process_link import SENT, TAKEN, ProcessLink
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.2
 STOP_LIMIT_S = 5.0
+SEND_LIMIT_S = 1.0  # of the order to stop, to a child that reads none
 FIRST_BACK_OFF_S, MAX_BACK_OFF_S = 0.1, 5.0
 
 
@@ -48,13 +50,16 @@ class Processes:
         self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
         self._links = list(graph.process_links)
         self._connecting = threading.Lock()
-        self._counts: dict[ProcessLink, list[memoryview]] = {}  # of each connection of this run
+        # Of each connection of this run.
+        self._counts: dict[ProcessLink, list[memoryview]] = {link: [] for link in self._links}
         self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
         self._playback: Playback | None = None
         self._stopping = threading.Event()
         self._watchdog_s = 0.0
         self._timing = Timing(lambda: graph.elements[0].clock)
         self._order: Literal["", "play", "pause"] = ""  # the last order to every child; "" before streaming
+        self._is_finishing = False
+        self._ordering = threading.Lock()  # the last order that a child gets is the newest
 
     # Called by the pipeline.
 
@@ -67,7 +72,7 @@ class Processes:
             ElementFailure: an element could not start, or that was cancelled; the children are ended.
         """
         self._playback, self._timing, self._watchdog_s = playback, timing, watchdog_s
-        self._order = ""
+        self._order, self._is_finishing = "", False
         self._counts = {link: [] for link in self._links}
         self._stopping.clear()
         parts = list(self._parts.values())
@@ -83,15 +88,23 @@ class Processes:
                 writer = self._graph.process_links[link][0]
                 if writer is not None:
                     link.before_end = functools.partial(self._await_messages, [self._parts[writer]])
-            for answer in [part.child.order("ready") for part in parts if part.child is not None]:
-                _await(answer, cancelled)
+            answers = {part: part.order("ready") for part in parts}
+            for part, answer in answers.items():
+                self._await_ready(part, answer, cancelled)
+        except BaseException:
+            self.stop(is_cancelled=cancelled.is_set())
+            raise
+
+    def _await_ready(self, part: Part, answer: Future[Any], cancelled: threading.Event) -> None:
+        """Waits for the start of a child's elements; any failure is that of an element."""
+        try:
+            _await(answer, cancelled)
             if cancelled.is_set():
                 raise StartCancelled("the start of the processes was interrupted")
-        except BaseException as error:
-            self.stop(is_cancelled=cancelled.is_set())
-            if isinstance(error, ElementFailure) or not isinstance(error, StreamkitError):
-                raise
-            raise parts[0].failure(error, -1) from error
+        except ElementFailure:
+            raise
+        except StreamkitError as error:
+            raise part.failure(error, -1) from error
 
     def stream(self, order: Literal["play", "pause"]) -> None:
         """Makes every child stream, or pause, or preroll its sinks."""
@@ -101,20 +114,19 @@ class Processes:
                 self._let_stream(part)
 
     def _let_stream(self, part: Part) -> None:
-        """Brings a child into the state of the pipeline, and supervises it from now on.
-
-        An element may hang before the order is answered.
-        """
-        assert part.child is not None
-        times = (self._timing.base_ns, self._timing.latency_ns) if self._order == "play" else ()
-        part.child.silence_limit_s = part.limit_s
-        part.child.ask(self._order, *times)
+        """Brings a child into the state of the pipeline."""
+        with self._ordering:
+            times = (self._timing.base_ns, self._timing.latency_ns) if self._order == "play" else ()
+            answer = part.order(self._order, *times)
+        _await(answer, self._stopping, ANSWER_LIMIT_S)
+        if self._is_finishing:
+            part.order("finish")
 
     def finish(self) -> None:
-        """Makes the sources in every child end their streams."""
+        """Makes the sources in every child end their streams, also in one that is started again later."""
+        self._is_finishing = bool(self._order)
         for part in self._parts.values():
-            if part.child is not None:
-                part.child.ask("finish")
+            part.try_ask("finish")
 
     def merge(self, rows: list[ElementStatistics]) -> list[ElementStatistics]:
         """The counters of the main process with those of the others."""
@@ -137,7 +149,7 @@ class Processes:
         for part in self._parts.values():
             if part.child is not None:
                 part.child.silence_limit_s = 0.0
-            part.try_order("stop")
+            part.order("stop", limit_s=SEND_LIMIT_S)
 
     def stop(self, *, is_cancelled: bool = False) -> None:
         """Ends every child: kills those that do not end in time, soon if their start was cancelled."""
@@ -169,11 +181,9 @@ class Processes:
                 if home is None:
                     link.connect(end, counts)
                     continue
-                child = self._parts[home].child
-                assert child is not None
-                with end, contextlib.suppress(ProcessDied):
-                    number, descriptors = self._links.index(link), (end.fileno(), descriptor)
-                    child.order("connect", number, descriptors=descriptors)
+                with end:
+                    descriptors = end.fileno(), descriptor
+                    self._parts[home].order("connect", self._links.index(link), descriptors=descriptors)
         os.close(descriptor)
 
     # Reports and the end of a child, in its thread.
@@ -207,11 +217,14 @@ class Processes:
     def _await_messages(self, parts: Iterable[Part]) -> None:
         """Waits until what some processes have posted so far is on the bus: answers come after it."""
         for part in parts:
-            part.try_ask("ping")
+            with contextlib.suppress(ProcessDied):
+                _await(part.order("ping"), self._stopping, ANSWER_LIMIT_S)
 
     def _ended(self, part: Part, child: ChildProcess) -> None:
-        """A child has ended; unless the pipeline stops, that is a failure."""
-        if self._stopping.is_set() or not self._order:
+        """A child has ended; unless the pipeline stops, that is a failure once it streams."""
+        while not (self._order or self._stopping.wait(POLL_S)):
+            continue
+        if self._stopping.is_set():
             return
         # Number of the newest frame that has come to this process.
         last_received = max((link.last_frame[0] for link in self._links if link.reads), default=-1)
@@ -236,7 +249,7 @@ class Processes:
             for link, ends in self._graph.process_links.items():
                 if part.home in ends:
                     self._connect(link)
-            _await(child.order("ready"), self._stopping)
+            _await(part.order("ready"), self._stopping)
             if not self._stopping.is_set():
                 self._let_stream(part)
         except ProcessDied:
@@ -244,7 +257,7 @@ class Processes:
         except StreamkitError as error:
             child.kill(f"could not start again: {error}")
         if self._stopping.is_set():
-            part.try_order("stop")  # it may have been started after the others were stopped
+            part.order("stop")  # it may have been started after the others were stopped
 
     def _element_failed(self, part: Part, error: Exception) -> None:
         """An element in a process has failed; one that hangs may be started again, with its process."""
@@ -264,9 +277,10 @@ class Processes:
         self._playback.fail(error)
 
 
-def _await(answer: Future[Any], cancelled: threading.Event) -> None:
-    """Waits for the answer to an order, without a limit, until cancelled; raises its exception."""
-    while not cancelled.is_set():
+def _await(answer: Future[Any], cancelled: threading.Event, limit_s: float = math.inf) -> None:
+    """Waits for the answer to an order, until the limit or cancelled; raises its exception."""
+    deadline = time.monotonic() + limit_s
+    while not cancelled.is_set() and time.monotonic() < deadline:
         if wait([answer], POLL_S).done:
             answer.result()
             return

@@ -30,11 +30,16 @@ class Plain:
 
 
 class Doomed(Transform):
-    """Dies in a chosen way at a chosen frame."""
+    """Dies in a chosen way at a chosen frame, or at the start (-2)."""
 
     sink = src = "ANY"
     how: str = Property("", live=True)
     at: int = Property(-1, live=True)
+    note: str = Property("", live=True)
+
+    def start(self):
+        if self.at == -2:
+            self.die()
 
     def transform(self, frame):
         if frame.seq == self.at:

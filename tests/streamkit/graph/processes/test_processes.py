@@ -1,0 +1,134 @@
+"""Processes: orders to children that die, hang or are started again at the worst moment."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from streamkit import ElementFailure
+from streamkit.flow.messages import MessageKind
+from streamkit.graph.pipeline import Pipeline
+from streamkit.graph.processes import processes
+
+LIMIT_S = 80.0  # a busy machine takes long to start a process
+POLL_S = 0.01
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Waits for a condition."""
+    deadline = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(POLL_S)
+
+
+def child_of(pipeline: Pipeline, number: int = 0) -> int:
+    """The process of a bin."""
+    return pipeline.process_statistics()[1 + number].pid
+
+
+def kill(pid: int) -> None:
+    """Kills a process and waits until nothing answers for it."""
+    os.kill(pid, signal.SIGKILL)
+    until(lambda: not os.path.exists(f"/proc/{pid}"))
+
+
+def test_a_start_that_holds_the_interpreter_is_ended() -> None:
+    """The limit of silence holds as soon as the process is set up."""
+    text = "( process=true watchdog-s=1 fakesrc ! doomed name=d how=hold at=-2 ) ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        with pytest.raises(ElementFailure, match="has not answered for 1 s") as error:
+            pipeline.ready()
+        assert error.value.element == "d"
+
+
+def test_a_death_before_the_pipeline_streams_is_an_error_when_it_does() -> None:
+    """Nothing else would end the run."""
+    with Pipeline.parse("fakesrc ! ( process=true identity ) ! fakesink") as pipeline:
+        pipeline.ready()
+        kill(child_of(pipeline))
+        pipeline.play()
+        with pytest.raises(ElementFailure, match="SIGKILL"):
+            raise_error(pipeline)
+
+
+def raise_error(pipeline: Pipeline) -> None:
+    """Raises the failure that ends a pipeline."""
+    message = pipeline.wait(LIMIT_S)
+    assert message is not None
+    assert message.error is not None
+    raise message.error
+
+
+def test_the_error_of_a_start_names_the_process_that_died() -> None:
+    """Not the first one of the description."""
+    text = "fakesrc ! ( process=true identity ) ! ( process=true doomed name=d how=kill at=-2 ) ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        with pytest.raises(ElementFailure, match="SIGKILL") as error:
+            pipeline.ready()
+        assert error.value.element == "d"
+
+
+def test_finish_reaches_a_process_that_is_started_again() -> None:
+    """Its new sources end, too; else there would be no EOS."""
+    with Pipeline.parse("( process=true restart=1 fakesrc is-live=true ) ! fakesink") as pipeline:
+        pipeline.play()
+        kill(child_of(pipeline))
+        assert pipeline.bus.pop(LIMIT_S, (MessageKind.WARNING,)) is not None
+        pipeline.finish()
+        message = pipeline.wait(LIMIT_S)
+    assert message is not None
+    assert message.kind is MessageKind.EOS
+
+
+def test_counters_before_the_start() -> None:
+    """All are zero."""
+    pipeline = Pipeline.parse("fakesrc ! ( process=true identity ) ! fakesink")
+    assert {row.frames_in for row in pipeline.statistics()} == {0}
+
+
+def test_counters_while_the_process_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stop in another thread may end the child between two looks at it."""
+    with Pipeline.parse("fakesrc num-buffers=3 ! ( process=true identity ) ! fakesink") as pipeline:
+        pipeline.ready()
+        part = pipeline._processes._parts[pipeline.graph.processes[0]]
+        looks = iter([part.child])
+        monkeypatch.setattr(type(part), "child", property(lambda _: next(looks, None)), raising=False)
+        assert len(part.statistics()[1]) == 1
+        monkeypatch.undo()
+
+
+def test_a_stop_does_not_wait_for_the_messages_of_a_process_that_hangs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The reader of its EOS waits for what it has posted before."""
+    monkeypatch.setattr(processes, "STOP_LIMIT_S", 0.2)
+    text = "( process=true fakesrc num-buffers=3 ) ! fakesink"
+    with Pipeline.parse(text, watchdog_s=0.0) as pipeline:
+        pipeline.ready()
+        pid, link, waits = child_of(pipeline), pipeline["processlink0"], threading.Event()
+        await_messages = link.before_end
+
+        def before_end() -> None:
+            os.kill(pid, signal.SIGSTOP)
+            waits.set()
+            await_messages()
+
+        link.before_end = before_end
+        pipeline.play()
+        assert waits.wait(LIMIT_S)
+        pipeline.stop()  # raises where a thread has not ended
+
+
+def test_a_property_too_long_for_a_process_that_hangs() -> None:
+    """It fills the socket; the process is ended for its silence all the same."""
+    text = "fakesrc is-live=true ! ( process=true watchdog-s=1 doomed name=d ) ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        os.kill(child_of(pipeline), signal.SIGSTOP)
+        pipeline["d"].note = "long" * 2**18
+        with pytest.raises(ElementFailure, match="has not answered for 1 s"):
+            raise_error(pipeline)
