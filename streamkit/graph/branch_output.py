@@ -146,7 +146,8 @@ class BranchOutputs:
         """Drops the branch of a failed element; False if the pipeline fails."""
         if not isinstance(error, ElementFailure):
             return False
-        failed = next((e for e in self._graph.elements if e.name == error.element), None)
+        # A process that dies while none of its elements is at work has the name of its bin.
+        failed = next((e for e in self._graph.elements if error.element in (e.name, e.parent)), None)
         branch = None if failed is None else expendable_branch_of(failed)
         return branch is not None and self._drop(branch, error)
 

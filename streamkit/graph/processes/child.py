@@ -75,6 +75,7 @@ class Child:
             "finish": self._pipeline.finish,
             "ping": lambda: None,  # the answer shows that the interpreter runs
             "connect": self._connect,
+            "give-up": lambda number: list(graph.process_links)[number].give_up(),
             "set": self._set,
             "statistics": lambda: (self._pipeline.statistics(), self._pipeline.process_statistics()),
             "query": self._query,

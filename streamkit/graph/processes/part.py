@@ -49,7 +49,6 @@ class Part:
         members = [element for element, found in graph.homes.items() if found is home]
         self.sinks = [element for element in members if isinstance(element, Sink)]
         self.child: ChildProcess | None = None
-        self.ending: threading.Thread | None = None
         self._marks: memoryview | None = None  # number of the newest frame, then `at_work` of each element
         self.reset(0.0)
         for element in members:
@@ -59,6 +58,7 @@ class Part:
         """Resets the state of an earlier run; without a limit of its own the bin has the pipeline's."""
         self.limit_s = self.home.watchdog_s or watchdog_s
         self.has_ended = False
+        self.ending: threading.Thread | None = None
         self.restarts: deque[float] = deque()
         self._counters: Counters = ([], [])
 

@@ -109,8 +109,9 @@ class ProcessLink(Element):
             self._newest = Connection(Channel(end), counts)
             self._channels.append(self._newest.channel)
             self.changed.notify_all()
-        if self._has_sent_eos:  # no thread is left to do it
-            self.receive_event(self.pads["sink"], EOS)
+        if self._has_sent_eos:  # no thread may be left to do it
+            with contextlib.suppress(FlowStop):
+                self.receive_event(self.pads["sink"], EOS)
 
     def give_up(self) -> None:
         """The other process has died and is not started again: ends the stream on both sides."""
@@ -162,11 +163,12 @@ class ProcessLink(Element):
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Sends an event in order with the frames."""
         with self.waiting():
+            # Set before: a reader that connects between the sending and this would never get it.
+            self._has_sent_eos = isinstance(event, EosEvent)
             while self.writes and not self._is_refused:
                 with contextlib.suppress(ChannelClosed):
                     channel = self._reader_connection().channel
-                    if channel.send(self._encoder.event(event), (), self.stopping.is_set):
-                        self._has_sent_eos = isinstance(event, EosEvent)
+                    channel.send(self._encoder.event(event), (), self.stopping.is_set)
                     return  # it is sent, or the pipeline stops
 
     def _put(self, frame: Frame) -> None:

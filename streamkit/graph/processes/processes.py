@@ -16,7 +16,14 @@ from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
 from streamkit.crossing.values import ValueDecoder, packages_of
 from streamkit.element.timing import Timing
-from streamkit.errors import ElementFailure, HangDetected, ProcessDied, StartCancelled, StreamkitError
+from streamkit.errors import (
+    ElementFailure,
+    HangDetected,
+    ProcessDied,
+    ResourceError,
+    StartCancelled,
+    StreamkitError,
+)
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
@@ -229,7 +236,7 @@ class Processes:
         # Number of the newest frame that has come to this process.
         last_received = max((link.last_frame[0] for link in self._links if link.reads), default=-1)
         failure = part.failure(child.death(), last_received)
-        if part.has_ended:
+        if part.has_ended or part.ending is not None:
             self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
         elif not part.may_restart():
             self._fail(part, failure)
@@ -244,8 +251,8 @@ class Processes:
         self._post(Message(MessageKind.WARNING, failure.element, text, {"code": "process-restart"}))
         if self._stopping.wait(back_off_s):
             return
-        child = part.spawn(self._reported, self._ended)
         try:
+            child = part.spawn(self._reported, self._ended)
             for link, ends in self._graph.process_links.items():
                 if part.home in ends:
                     self._connect(link)
@@ -256,6 +263,8 @@ class Processes:
             pass  # its own thread restarts it, or fails
         except StreamkitError as error:
             child.kill(f"could not start again: {error}")
+        except OSError as error:  # no descriptor is left in this process
+            self._fail(part, part.failure(ResourceError(f"cannot be started again: {error}"), -1))
         if self._stopping.is_set():
             part.order("stop")  # it may have been started after the others were stopped
 
@@ -270,9 +279,12 @@ class Processes:
     def _fail(self, part: Part, error: Exception) -> None:
         """An element of a child has failed, or the child has died."""
         assert self._playback is not None
-        for link, ends in self._graph.process_links.items():
+        for number, (link, ends) in enumerate(self._graph.process_links.items()):
             if part.home in ends:
                 link.give_up()
+                for home in ends:
+                    if home is not None and home is not part.home:
+                        self._parts[home].order("give-up", number)
         part.has_ended = True
         self._playback.fail(error)
 

@@ -3,6 +3,9 @@
 import os
 import queue
 import threading
+from typing import Any
+
+import pytest
 
 from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
@@ -17,11 +20,16 @@ def writer_to(reader: ProcessLink) -> ProcessLink:
     """A writing half, connected to a reading one in this process."""
     writer = ProcessLink("writer")
     writer.writes = True
+    connect(writer, reader)
+    return writer
+
+
+def connect(*links: ProcessLink) -> None:
+    """Gives a new connection to two links."""
     counts, descriptor = make_numbers(2)
     os.close(descriptor)
-    for link, end in zip((reader, writer), Channel.pair(), strict=True):
+    for link, end in zip(links, Channel.pair(), strict=True):
         link.connect(end, counts)
-    return writer
 
 
 def test_an_epoch_after_a_restart_is_higher_than_all_before() -> None:
@@ -46,3 +54,27 @@ def test_an_epoch_after_a_restart_is_higher_than_all_before() -> None:
     assert found == [3, 1, 4]
     assert not thread.is_alive()
     reader.disconnect()
+
+
+def test_a_reader_that_connects_while_eos_is_sent_gets_it_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The reader before it may have died without reading it."""
+    readers = [ProcessLink("old"), ProcessLink("new")]
+    writer = writer_to(readers[0])
+    send, ended = Channel.send, threading.Event()
+    monkeypatch.setattr(readers[1].pads["src"], "send_event", lambda event: event == EOS and ended.set())
+    readers[1].reads = True
+
+    def send_and_connect(channel: Channel, *arguments: Any) -> bool:
+        monkeypatch.setattr(Channel, "send", send)
+        is_sent = channel.send(*arguments)
+        connect(writer, readers[1])
+        return is_sent
+
+    monkeypatch.setattr(Channel, "send", send_and_connect)
+    writer.receive_event(writer.pads["sink"], EOS)
+    thread = threading.Thread(target=readers[1].stream)
+    thread.start()
+    assert ended.wait(LIMIT_S)
+    thread.join(LIMIT_S)
+    for link in (writer, *readers):
+        link.disconnect()

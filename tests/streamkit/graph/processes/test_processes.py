@@ -9,6 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from streamkit import ElementFailure
+from streamkit.crossing.channel import Channel
 from streamkit.flow.messages import MessageKind
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.processes import processes
@@ -132,3 +133,51 @@ def test_a_property_too_long_for_a_process_that_hangs() -> None:
         pipeline["d"].note = "long" * 2**18
         with pytest.raises(ElementFailure, match="has not answered for 1 s"):
             raise_error(pipeline)
+
+
+def test_a_death_after_the_end_of_everything_in_a_process_is_a_warning() -> None:
+    """Also while the end is not known yet, because another process has to report its failures first."""
+    source = "( process=true name={} fakesrc is-live=true ! fakesink )"
+    with Pipeline.parse(source.format("a") + source.format("b")) as pipeline:
+        pipeline.play()
+        ended, other = child_of(pipeline), child_of(pipeline, 1)
+        os.kill(other, signal.SIGSTOP)
+        pipeline._processes._parts[pipeline.graph.processes[0]].try_ask("finish")
+        until(lambda: any(thread.name == "a:end" for thread in threading.enumerate()))
+        kill(ended)
+        message = pipeline.bus.pop(LIMIT_S, (MessageKind.WARNING, MessageKind.ERROR))
+        os.kill(other, signal.SIGCONT)
+    assert message is not None
+    assert message.text.startswith("after its end: ")
+
+
+def test_a_process_that_cannot_be_started_again_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where this process has no descriptor left."""
+
+    def refuse() -> None:
+        raise OSError(24, "too many open files")
+
+    with Pipeline.parse("fakesrc is-live=true ! ( process=true restart=1 identity ) ! fakesink") as pipeline:
+        pipeline.play()
+        monkeypatch.setattr(Channel, "pair", refuse)
+        kill(child_of(pipeline))
+        with pytest.raises(ElementFailure, match=r"cannot be started again: .*too many open files"):
+            raise_error(pipeline)
+
+
+def test_a_dead_process_of_a_branch_does_not_hold_up_the_others() -> None:
+    """The branch is dropped, also where its last process was idle; the one before no longer waits."""
+    text = (
+        "fakesrc num-buffers=100 ! tee name=t  t. ! ( process=true name=a identity ) "
+        "! ( process=true name=b shm-frames=1 identity sleep-time=1000000 ! fakesink on-error=drop-branch ) "
+        "t. ! queue ! fakesink name=s"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        until(lambda: pipeline["processlink0"].is_waiting)
+        kill(child_of(pipeline, 1))
+        message = pipeline.wait(LIMIT_S)
+        counts = {row.element: row.frames_in for row in pipeline.statistics()}
+    assert message is not None
+    assert message.kind is MessageKind.EOS
+    assert counts["s"] == 100
