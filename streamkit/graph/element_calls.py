@@ -211,7 +211,7 @@ class Watchdog:
         """Stops the thread."""
         self._stopping.set()
         if self._thread is not threading.current_thread():
-            self._thread.join()
+            self._thread.join(MAX_INTERVAL_S)  # it may wait for the caller, as `abandon` does
 
     def _run(self) -> None:
         while not self._stopping.wait(self._interval_s):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from streamkit import ElementFailure, Frame, Message, MessageKind, Pipeline, Property, Sink, Transform
+from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.pipeline import State
 
 Register = Callable[..., None]
@@ -177,3 +178,20 @@ def test_active_elements_are_marked_during_calls() -> None:
         Stuck.release.set()
         pipeline.wait(20)
         assert {bytes(element.at_work) for element in pipeline.graph.elements} == {b"0"}
+
+
+def test_the_watchdog_may_wait_for_the_one_that_stops_it() -> None:
+    """As where the program has ended, and another thread stops the pipeline at the same time."""
+    element, inside, release = Stuck(), threading.Event(), threading.Event()
+    element.enter("frame", 0)
+
+    def fail(_: Exception) -> None:
+        inside.set()
+        release.wait(60)
+
+    watchdog = Watchdog(lambda: [element], 0.01, lambda _: None, fail, lambda: None)
+    watchdog.start()
+    assert inside.wait(20)
+    watchdog.stop()
+    assert not release.is_set()
+    release.set()
