@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -33,6 +34,7 @@ class Source(Element):
         is_live: whether frames arrive at their own pace and are lost if nothing takes them.
         over: set when the stream is to end or the pipeline stops; waits between two frames check it.
         position_ns: timestamp of the newest frame, or None.
+        has_left: whether its thread has sent EOS and ended; `stream` then only sends EOS again.
     """
 
     is_live: bool = False
@@ -45,7 +47,7 @@ class Source(Element):
 
     def begin_run(self) -> None:
         """Resets the state of an earlier run."""
-        self._finishing = self._renegotiates = False
+        self._finishing = self._renegotiates = self.has_left = False
         self.over.clear()
         self._resumed.set()
         self._flush_over.set()
@@ -111,7 +113,8 @@ class Source(Element):
 
     def flush(self, *, begins: bool) -> None:
         """Pauses the source for the duration of a flush; the frame in flight is dropped."""
-        super().flush(begins=begins)
+        with self.lock:  # see `_send_eos`
+            super().flush(begins=begins)
         if begins:
             self._flush_over.clear()
         else:
@@ -119,17 +122,29 @@ class Source(Element):
 
     def stream(self) -> None:
         """Body of the source's thread: negotiates, pushes every frame, then EOS."""
-        try:
-            with self.guarded():
+        if not self.has_left:
+            with contextlib.suppress(EndOfStream), self.guarded():
                 self._negotiate_first()
                 self._push_all()
-        except EndOfStream:
-            pass
-        if self.stopping.is_set():
-            raise Flushing(self.name)
-        for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
-            pad.is_eos = True
-            pad.send_event(EOS)
+        self._send_eos()
+
+    def _send_eos(self) -> None:
+        """Sends EOS; again after a flush, which has dropped it on its way."""
+        while not self.stopping.is_set():
+            flushes = self.flushes
+            try:
+                for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
+                    pad.is_eos = True
+                    pad.send_event(EOS)
+            except Flushing:
+                if self.flushes == flushes:
+                    raise
+            with self.lock:  # a flush from now on finds that the thread has left
+                self.has_left = self.flushes == flushes
+            if self.has_left:
+                return
+            self._wait_for_flush_end()
+        raise Flushing(self.name)
 
     def _negotiate_first(self) -> None:
         pad = next(self.src_pads(), None)
@@ -157,6 +172,8 @@ class Source(Element):
                         return
                     self._push(item, main)
                 except Flushing:
+                    if not self.stopping.is_set():
+                        self.count_drop("flushed")  # the frame that met the flush is lost
                     self._wait_for_flush_end()
         finally:
             self.at_work[0] = IDLE
@@ -180,12 +197,15 @@ class Source(Element):
                 pad.send_event(item)
 
     def _wait_for_flush_end(self) -> None:
-        """Waits until a flush ends; the frame that met the flush is lost."""
-        if self.stopping.is_set():
-            raise Flushing(self.name)
-        self.count_drop("flushed")
+        """Waits until a flush ends.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
         while not self._flush_over.wait(POLL_S) and not self.stopping.is_set():
             continue
+        if self.stopping.is_set():
+            raise Flushing(self.name)
 
     def _prepared(self, pad: Pad, frame: Frame) -> Frame:
         """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""

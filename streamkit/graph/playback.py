@@ -105,13 +105,17 @@ class Playback:
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
         """Makes threads, not started yet, for the sources and queues among the elements."""
-        made = []
+        streaming = []
         for element in elements:
             if isinstance(element, Sink):
                 element.begin_run()
             elif isinstance(element, Streaming):
                 element.begin_run()
-                made.append(StreamingThread(element, self.fail, self._thread_ended))
+                streaming.append(element)
+        return self._add_threads(streaming)
+
+    def _add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
+        made = [StreamingThread(element, self.fail, self._thread_ended) for element in elements]
         with self._lock:
             self._threads += made
         return made
@@ -150,8 +154,8 @@ class Playback:
 
     def pause(self) -> None:
         """Pauses running time; sinks hold their next frame."""
+        self._expect_preroll()  # before: a sink holds its next frame, and says so once, as soon as time stops
         self._timing.pause()
-        self._expect_preroll()
         for element in self._graph.elements:
             element.waking.set()
             if isinstance(element, Source) and element.is_live:
@@ -182,12 +186,13 @@ class Playback:
             source.flush(begins=True)
         for pad in pads:
             pad.send_event(FLUSH_START)
-        self.end.expect_end(self._sinks())
         self._expect_preroll()
         for pad in pads:
             pad.send_event(FLUSH_STOP)
         for source in self._sources():
             source.flush(begins=False)
+        for thread in self._add_threads(source for source in self._sources() if source.has_left):
+            thread.start()  # sends EOS again, which may still have been on its way
 
     # Called by elements, as their host.
 

@@ -39,9 +39,10 @@ class StreamEnd:
             self._open.update(sinks)
 
     def expect_preroll(self, sinks: Iterable[Sink]) -> None:
-        """Adds sinks of a paused graph that have to preroll, unless their `async` is off."""
+        """Adds sinks of a paused graph that have to preroll: open ones, unless their `async` is off."""
         with self._changed:
-            self._not_prerolled.update(sink for sink in sinks if sink.wait_for_preroll)
+            expected = {sink for sink in sinks if sink.wait_for_preroll}
+            self._not_prerolled |= expected & self._open
 
     def remove(self, elements: Iterable[Element]) -> None:
         """Removes sinks that have ended or leave the run, which ends with the last one."""

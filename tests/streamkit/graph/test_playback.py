@@ -1,6 +1,7 @@
 """Pausing, preroll, flushing, renegotiation and running time."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -110,6 +111,41 @@ def test_a_sink_without_async_is_not_waited_for() -> None:
     """sk-async-false: PAUSED is reached without its frame."""
     with Pipeline.parse("appsrc ! fakesink async=false") as pipeline:
         assert pipeline.pause() is StateChange.SUCCESS
+
+
+def test_a_sink_that_has_ended_is_not_waited_for(register: Register) -> None:
+    """A pause prerolls the others."""
+    register(showing=Showing)
+    with Pipeline.parse(
+        "fakesrc num-buffers=0 ! fakesink name=k  appsrc name=in ! showing name=s"
+    ) as pipeline:
+        pipeline.play()
+        pipeline._playback.end.wait([pipeline["k"]], 10)
+        pipeline.pause()
+        pipeline["in"].push(Frame(b"", ANYTHING))
+        assert pipeline.wait_prerolled(10)
+
+
+def test_a_sink_that_holds_a_frame_at_once_has_prerolled(
+    register: Register, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says so only once, and may do so before `pause` goes on."""
+    register(showing=Showing)
+    with Pipeline.parse("appsrc name=in ! showing name=k throttle-time=1") as pipeline:
+        pipeline.play()
+        sink, pause = pipeline["k"], pipeline.timing.pause
+
+        def pause_and_wait() -> None:
+            pause()
+            pipeline["in"].push(Frame(b"", ANYTHING))
+            assert sink.wait_for(1)
+            while not sink.is_waiting:
+                time.sleep(0.001)
+
+        monkeypatch.setattr(pipeline.timing, "pause", pause_and_wait)
+        pipeline.pause()
+        assert sink.reported == [("preroll", 0)]
+        assert pipeline.wait_prerolled(10)
 
 
 def test_branches_without_queues_stay_asynchronous(register: Register) -> None:
@@ -244,6 +280,27 @@ def test_a_flush_drops_frames_in_flight(register: Register) -> None:
         pipeline["in"].push(Frame(b"", ANYTHING, pts=0, seq=2, arrival_ns=1))
         assert pipeline["k"].wait_for(2)
         assert pipeline["k"].reported == [("render", 0), ("render", 2)]
+
+
+@pytest.mark.parametrize("between", ["", "queue !"])
+def test_a_flush_keeps_the_end_of_the_stream(register: Register, between: str) -> None:
+    """On its way into a queue or a paused sink, EOS is dropped as all else is; the source sends it again."""
+    register(showing=Showing)
+    with Pipeline.parse(f"fakesrc num-buffers=0 name=f ! {between} showing name=k") as pipeline:
+        drained: list[bool] = []
+        pipeline["k"].drain = lambda: drained.append(True)
+        pipeline.pause()
+        assert pipeline["k"].wait_for(1)
+        while between and not pipeline["f"].has_left:
+            time.sleep(0.001)
+        pipeline.flush()
+        assert pipeline["k"].wait_for(2)
+        pipeline.play()
+        message = pipeline.wait(10)
+    assert message is not None
+    assert message.kind is MessageKind.EOS
+    assert drained == [True]
+    assert pipeline["k"].reported == [("preroll", None)] * 2
 
 
 def test_a_filter_changed_while_playing_renegotiates() -> None:
