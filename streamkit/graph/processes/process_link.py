@@ -268,17 +268,26 @@ class ProcessLink(Element):
                 raise Flushing(self.name)
             for message in self._receive(connection.channel, POLL_S):
                 item = decoder.decode(message, connection.channel)
-                if isinstance(item, Frame):
-                    self._push(item, decoder, connection)
-                    item = None  # else its slot would be in use until the next one
-                elif item is not None:
-                    if isinstance(item, EosEvent):
-                        self.before_end()
-                    if isinstance(item, DiscontinuityEvent):
-                        item = dataclasses.replace(item, epoch=item.epoch + self._epoch_offset)
-                    self.pads["src"].send_event(item)
-                    if isinstance(item, EosEvent):
-                        return
+                try:
+                    if isinstance(item, Frame):
+                        self._push(item, decoder, connection)
+                    elif item is not None:
+                        self._send_on(item)
+                except Flushing:  # the writer may have sent it amid a flush
+                    if self.stopping.is_set():
+                        raise
+                    if isinstance(item, Frame):
+                        self.count_drop("flushed")
+                if isinstance(item, EosEvent):
+                    return
+                item = None  # else its slot would be in use until the next one
+
+    def _send_on(self, event: Event) -> None:
+        if isinstance(event, EosEvent):
+            self.before_end()
+        elif isinstance(event, DiscontinuityEvent):
+            event = dataclasses.replace(event, epoch=event.epoch + self._epoch_offset)
+        self.pads["src"].send_event(event)
 
     def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
         src = self.pads["src"]

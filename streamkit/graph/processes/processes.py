@@ -279,14 +279,14 @@ class Processes:
     def _fail(self, part: Part, error: Exception) -> None:
         """An element of a child has failed, or the child has died."""
         assert self._playback is not None
+        self._playback.fail(error)  # first: EOS, which the links now send, would end the run without an error
+        part.has_ended = True
         for number, (link, ends) in enumerate(self._graph.process_links.items()):
             if part.home in ends:
                 link.give_up()
                 for home in ends:
                     if home is not None and home is not part.home:
                         self._parts[home].order("give-up", number)
-        part.has_ended = True
-        self._playback.fail(error)
 
 
 def _await(answer: Future[Any], cancelled: threading.Event, limit_s: float = math.inf) -> None:

@@ -10,7 +10,7 @@ import pytest
 from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
-from streamkit.flow.events import EOS
+from streamkit.flow.events import EOS, Flushing
 from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 20.0
@@ -77,4 +77,30 @@ def test_a_reader_that_connects_while_eos_is_sent_gets_it_too(monkeypatch: pytes
     assert ended.wait(LIMIT_S)
     thread.join(LIMIT_S)
     for link in (writer, *readers):
+        link.disconnect()
+
+
+def test_a_frame_that_meets_a_flush_is_counted() -> None:
+    """The writer's thread may send it between the begin and the end of the flush; those that follow pass."""
+    reader = ProcessLink("reader")
+    reader.reads = True
+    received: queue.Queue[Frame] = queue.Queue()
+
+    def push(frame: Frame) -> None:
+        if frame.seq == 0:
+            raise Flushing("downstream")
+        received.put(frame)
+
+    reader.pads["src"].push = push
+    writer = writer_to(reader)
+    thread = threading.Thread(target=reader.stream)
+    thread.start()
+    put = writer.receiver(writer.pads["sink"])
+    for seq in range(2):
+        put(Frame(b"", Caps("a/b"), seq=seq))
+    assert received.get(timeout=LIMIT_S).seq == 1
+    assert reader.drops == {"flushed": 1}
+    writer.receive_event(writer.pads["sink"], EOS)
+    thread.join(LIMIT_S)
+    for link in (writer, reader):
         link.disconnect()

@@ -13,6 +13,7 @@ from streamkit.crossing.channel import Channel
 from streamkit.flow.messages import MessageKind
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.processes import processes
+from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 80.0  # a busy machine takes long to start a process
 POLL_S = 0.01
@@ -181,3 +182,20 @@ def test_a_dead_process_of_a_branch_does_not_hold_up_the_others() -> None:
     assert message is not None
     assert message.kind is MessageKind.EOS
     assert counts["s"] == 100
+
+
+def test_a_failure_is_known_before_the_links_end_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a sink may end the run with EOS, as if the frames so far were all."""
+    known = []
+    give_up = ProcessLink.give_up
+    with Pipeline.parse("fakesrc is-live=true ! ( process=true identity ) ! fakesink") as pipeline:
+
+        def note_and_give_up(link: ProcessLink) -> None:
+            known.append(pipeline.error is not None)
+            give_up(link)
+
+        monkeypatch.setattr(ProcessLink, "give_up", note_and_give_up)
+        pipeline.play()
+        kill(child_of(pipeline))
+        until(lambda: len(known) == 2)
+    assert known == [True, True]
