@@ -163,10 +163,10 @@ class Split(Element):
         raise NotImplementedError
 
     def query_caps(self, pad: Pad) -> Caps:
-        """Caps that all other pads accept."""
+        """Caps that all other pads accept; a branch that has not joined may still get a converter."""
         found = ANY
         for other in list(self.pads.values()):
-            if other is not pad and other.peer is not None:
+            if other is not pad and other.peer is not None and not other.awaits_first_frame:
                 found = found & other.template.caps & other.peer.query_caps()
         return found
 

@@ -9,6 +9,7 @@ from streamkit import (
     Caps,
     DescriptionError,
     Direction,
+    Element,
     ElementFailure,
     Frame,
     PadTemplate,
@@ -18,6 +19,11 @@ from streamkit import (
     Sink,
     Source,
 )
+from streamkit.errors import Place
+from streamkit.flow.caps import ANY
+from streamkit.graph import branches
+from streamkit.graph.graph import Graph
+from streamkit.graph.negotiate import negotiate
 
 Register = Callable[..., None]
 ANYTHING = Caps("a/b")
@@ -188,6 +194,21 @@ def test_a_branch_that_cannot_start_leaves_nothing(register: Register) -> None:
         assert pipeline.wait(10) is not None
         assert pipeline["a"].numbers == [0, 1, 2]
         assert [pad.name for pad in pipeline["t"].src_pads()] == ["src_0"]
+
+
+def test_a_branch_without_its_converter_yet_restricts_no_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A source may ask what is accepted while the branch is being negotiated."""
+    with Pipeline.parse("appsrc ! tee name=t t. ! queue ! fakesink") as pipeline:
+        pipeline.play()
+        accepted = []
+
+        def ask_and_negotiate(graph: Graph, places: dict[Element, Place]) -> None:
+            accepted.append(pipeline["t"].query_caps(pipeline["t"].pads["sink"]))
+            negotiate(graph, places)
+
+        monkeypatch.setattr(branches, "negotiate", ask_and_negotiate)
+        pipeline.add_branch("t", "queue ! video/x-raw,format=GRAY8 ! fakesink")
+    assert accepted == [ANY]
 
 
 def test_a_branch_gets_a_converter_where_it_needs_one() -> None:
