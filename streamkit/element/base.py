@@ -53,6 +53,7 @@ class Element(PadOwner):
         results: number of things that the element has made, such as tracks, by name in the plural.
         outcomes: number of frames by what the element has found of each, such as "lost".
         has_failed: whether a call by the engine has raised in this run; the element is then not drained.
+        has_left: whether its thread has sent EOS and ended; after a flush, another one has to do so again.
         activity: name, start (perf_counter, ns) and frame of the current call by the engine, else None.
         is_waiting: whether the element waits on purpose; the watchdog then ignores it.
         waited_ns: time of calls with frames in which it waited on purpose, ns; not counted as work.
@@ -99,7 +100,7 @@ class Element(PadOwner):
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
-        self.is_playing = self.is_waiting = self.has_failed = False
+        self.is_playing = self.is_waiting = self.has_failed = self.has_left = False
         self.set_in_text: dict[str, Any] = {}
         for key, value in properties.items():
             self.set_property(key, value)
@@ -263,13 +264,15 @@ class Element(PadOwner):
         if begins:
             self.flushes += 1
             self.waking.set()
-        elif self.timing.running.is_set() and not self.stopping.is_set():
+        elif self.timing.running.is_set():
             self.rearm()
         self.wake()
 
     def rearm(self) -> None:
-        """Lets new waits block again; waits in progress keep the event that woke them."""
+        """Lets new waits block again, but for a stop; waits in progress keep the event that woke them."""
         self.waking = threading.Event()
+        if self.stopping.is_set():  # looked at after: `halt` may have set the event before
+            self.waking.set()
 
     def pads_changed(self) -> None:
         """Pads were added or removed, or push differently, while the graph streams."""
@@ -343,8 +346,5 @@ class Element(PadOwner):
 
     def properties_set(self) -> dict[str, Any]:
         """The properties set in the description, as JSON values."""
-        found = {}
-        for name in self.set_in_text:
-            declaration = self.find_property(name)
-            found[name] = declaration.to_json(getattr(self, declaration.attribute))
-        return found
+        declared = ((name, self.find_property(name)) for name in self.set_in_text)
+        return {name: found.to_json(getattr(self, found.attribute)) for name, found in declared}

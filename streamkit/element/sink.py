@@ -120,7 +120,7 @@ class Sink(Element):
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
         with self.waiting():
             while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
-                if self.stopping.is_set() or self.flushes != flushes:
+                if self.stopping.is_set() or self.is_flushing or self.flushes != flushes:
                     raise Flushing(self.name)
                 self._hold(frame)
         late_ns = self.clock_ns() - self.timing.due_ns(due_ns)

@@ -34,7 +34,6 @@ class Source(Element):
         is_live: whether frames arrive at their own pace and are lost if nothing takes them.
         over: set when the stream is to end or the pipeline stops; waits between two frames check it.
         position_ns: timestamp of the newest frame, or None.
-        has_left: whether its thread has sent EOS and ended; `stream` then only sends EOS again.
     """
 
     is_live: bool = False
@@ -47,7 +46,7 @@ class Source(Element):
 
     def begin_run(self) -> None:
         """Resets the state of an earlier run."""
-        self._finishing = self._renegotiates = self.has_left = False
+        self._finishing = self._renegotiates = self._has_sent_all = self.has_left = False
         self.over.clear()
         self._resumed.set()
         self._flush_over.set()
@@ -122,7 +121,7 @@ class Source(Element):
 
     def stream(self) -> None:
         """Body of the source's thread: negotiates, pushes every frame, then EOS."""
-        if not self.has_left:
+        if not self._has_sent_all:
             with contextlib.suppress(EndOfStream), self.guarded():
                 self._negotiate_first()
                 self._push_all()
@@ -130,6 +129,7 @@ class Source(Element):
 
     def _send_eos(self) -> None:
         """Sends EOS; again after a flush, which has dropped it on its way."""
+        self._has_sent_all = True
         while not self.stopping.is_set():
             flushes = self.flushes
             try:

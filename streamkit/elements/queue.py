@@ -93,7 +93,7 @@ class Queue(Element):
         self._refusal: type[FlowStop] | None = None  # frames are refused: `Flushing` during a flush or stop
         self._has_tail_gap = self._has_head_gap = False  # a frame was dropped at that end
         self._pushing_thread = 0  # the thread that may be downstream, or 0
-        self._flushes_met = 0
+        self._flushes_met = 0  # of those that began before the last item was taken
         super().__init__(name, **properties)
         self._apply_limits()
 
@@ -215,6 +215,7 @@ class Queue(Element):
             self._refusal = None
             self._has_head_gap = self._has_tail_gap = False
             self._flushes_met = self.flushes
+            self.has_left = False
 
     def stream(self) -> None:
         """Body of the queue's thread: sends frames and events in order, until EOS."""
@@ -222,6 +223,7 @@ class Queue(Element):
         self._pushing_thread = threading.get_ident()
         try:
             while True:
+                item: Frame | Event | None = None
                 try:
                     while True:
                         item = self._take()
@@ -230,9 +232,12 @@ class Queue(Element):
                         else:
                             src.send_event(item)
                             if isinstance(item, EosEvent):
+                                self._leave()
                                 return
                 except Flushing:
                     self._park()
+                    if isinstance(item, EosEvent):  # it was dropped on its way
+                        self.receive_event(self.pads["sink"], item)
         except EndOfStream:
             self._refuse(EndOfStream)
             src.send_event(EOS)
@@ -259,6 +264,7 @@ class Queue(Element):
                     raise Flushing(self.name)
                 if pending.items and (not self._has_thresholds or self._may_read()):
                     item = pending.popleft()
+                    self._flushes_met = self.flushes
                     if self._waiting_threads:
                         self.changed.notify_all()
                     if self._has_head_gap and isinstance(item, Frame):
@@ -286,6 +292,13 @@ class Queue(Element):
             and pending.time_ns >= self.min_threshold_time
         )
         return is_past_thresholds or not isinstance(pending.items[-1], Frame) or pending.is_full()
+
+    def _leave(self) -> None:
+        """Ends the thread after EOS; raises `Flushing` if a flush began while EOS was sent."""
+        with self.lock:
+            if self._flushes_met != self.flushes:
+                raise Flushing(self.name)
+            self.has_left = True
 
     def _park(self) -> None:
         """Waits until a flush ends; without one, ends streaming."""

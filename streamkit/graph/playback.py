@@ -191,8 +191,11 @@ class Playback:
             pad.send_event(FLUSH_STOP)
         for source in self._sources():
             source.flush(begins=False)
-        for thread in self._add_threads(source for source in self._sources() if source.has_left):
-            thread.start()  # sends EOS again, which may still have been on its way
+        # EOS may have been on its way: sources send it again, and queues that have passed it on wait for it.
+        left = [element for element in self._graph.local() if element.has_left]
+        for thread in self._add_threads(left):
+            thread.element.has_left = False
+            thread.start()
 
     # Called by elements, as their host.
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Sink
+from streamkit.flow.events import Flushing
 from streamkit.testing import Harness, ManualClock
 
 Register = Callable[..., None]
@@ -133,3 +134,20 @@ def test_a_time_that_is_not_an_integer_is_an_error(pts: object, properties: dict
         with pytest.raises(ElementFailure, match="the pts of a frame must be an integer, ns, or None"):
             harness.push(Frame(b"", ANYTHING, pts=pts))  # type: ignore[arg-type]
         assert harness.element.kept == ["a/b", 1, 2]  # type: ignore[attr-defined]
+
+
+def test_a_frame_that_comes_amid_a_flush_is_not_waited_for() -> None:
+    """Its wait would end at once, again and again, until the flush ends; the flush waits for its thread."""
+    sink = Keeping("k", sync=True)
+    sink.flush(begins=True)
+    with pytest.raises(Flushing):
+        sink.receiver(sink.pads["sink"])(Frame(b"", ANYTHING, pts=0))
+
+
+def test_no_wait_blocks_again_once_the_pipeline_stops() -> None:
+    """A flush in another thread may end at that moment."""
+    sink = Keeping("k")
+    sink.stopping.set()
+    sink.halt()
+    sink.rearm()
+    assert sink.waking.is_set()

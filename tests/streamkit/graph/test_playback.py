@@ -303,6 +303,20 @@ def test_a_flush_keeps_the_end_of_the_stream(register: Register, between: str) -
     assert pipeline["k"].reported == [("preroll", None)] * 2
 
 
+def test_a_flush_keeps_the_end_of_the_stream_behind_a_queue_that_has_ended(register: Register) -> None:
+    """The thread of the first queue is over when the flush drops EOS from the second one."""
+    register(showing=Showing)
+    text = "fakesrc num-buffers=1 ! queue name=first ! queue ! showing name=k"
+    with Pipeline.parse(text) as pipeline:
+        for _ in range(2):
+            pipeline.pause()
+            while not pipeline["first"].has_left:
+                time.sleep(0.001)
+            pipeline.flush()
+        pipeline.play()
+        assert pipeline.wait(10) is not None
+
+
 def test_a_filter_changed_while_playing_renegotiates() -> None:
     """cf-reneg: the source chooses anew, and every frame matches the caps it carries."""
     text = (
