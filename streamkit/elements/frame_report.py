@@ -51,10 +51,11 @@ def wait_for_change(
     """
     deadline_s = time.monotonic() + timeout_s
     while not condition():
-        if (failure := element.pipeline_error()) is not None:
-            raise failure
         left_s = deadline_s - time.monotonic()
-        if is_over() or element.stopping.is_set() or left_s <= 0:
+        ends = is_over() or element.stopping.is_set() or left_s <= 0
+        if (failure := element.pipeline_error()) is not None:  # looked at last: EOS follows a failure
+            raise failure
+        if ends:
             return False
         element.changed.wait(min(left_s, FAILURE_POLL_S))
     return True

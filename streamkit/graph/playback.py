@@ -164,10 +164,10 @@ class Playback:
 
     def resume(self) -> None:
         """Resumes rendering."""
+        self._timing.resume()  # first: a flush that ends from now on rearms its elements itself
         for element in self._graph.elements:
             if not element.is_flushing:
                 element.rearm()
-        self._timing.resume()
         self._refresh()
         for source in self._sources():
             source.set_paused(False)

@@ -5,6 +5,7 @@ import threading
 import pytest
 
 from streamkit import ElementFailure, Pipeline
+from streamkit.elements.appsink import AppSink
 from streamkit.errors import DescriptionError, StateError
 
 
@@ -102,3 +103,18 @@ def test_frames_of_an_earlier_run_are_forgotten() -> None:
             assert pipeline.ended.wait(10)
     assert pipeline["out"].pull().seq == 0
     assert [pipeline["out"].pull().seq for _ in range(2)] == [1, 2]
+
+
+def test_a_failure_that_comes_as_a_pull_looks_is_raised() -> None:
+    """The sink gets EOS after it: without the error, the frames so far would count as all."""
+    sink, failure = AppSink("out"), StateError("as the test wants")
+    sink.is_playing = True
+    looks = iter([None, failure])
+
+    def fail_and_end() -> Exception | None:
+        sink.drain()
+        return next(looks)
+
+    sink.pipeline_error = fail_and_end
+    with pytest.raises(StateError, match="as the test wants"):
+        sink.try_pull(10.0)

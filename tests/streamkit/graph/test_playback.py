@@ -317,6 +317,24 @@ def test_a_flush_keeps_the_end_of_the_stream_behind_a_queue_that_has_ended(regis
         assert pipeline.wait(10) is not None
 
 
+def test_a_flush_that_ends_as_the_pipeline_resumes_leaves_waits_working(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In a process, flushes come with the frames, in another thread than orders."""
+    with Pipeline.parse("appsrc ! fakesink name=k sync=true") as pipeline:
+        pipeline.pause()
+        sink, resume = pipeline["k"], pipeline.timing.resume
+        sink.flush(begins=True)
+
+        def end_flush_and_resume() -> None:
+            sink.flush(begins=False)
+            resume()
+
+        monkeypatch.setattr(pipeline.timing, "resume", end_flush_and_resume)
+        pipeline.play()
+        assert not sink.waking.is_set()
+
+
 def test_a_filter_changed_while_playing_renegotiates() -> None:
     """cf-reneg: the source chooses anew, and every frame matches the caps it carries."""
     text = (
