@@ -150,9 +150,10 @@ class Part:
 
         def ask(method: str) -> Any:
             child = self.child
-            if child is None:
-                return getattr(type(element), method)(element)
-            return self._values.decode(child.ask("query", number, method))
+            with contextlib.suppress(ProcessDied):
+                if child is not None:
+                    return self._values.decode(child.ask("query", number, method))
+            return getattr(type(element), method)(element)
 
         vars(element)["property_changed"] = forward
         for method in QUERIES:

@@ -27,6 +27,8 @@ from streamkit.flow.events import (
     Event,
     FlowStop,
     Flushing,
+    FlushStart,
+    FlushStop,
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
@@ -128,6 +130,10 @@ class ProcessLink(Element):
         for channel in channels:
             channel.close()
 
+    def _is_connected(self) -> bool:
+        newest = self._newest
+        return not (self._is_given_up or newest is None or newest.channel.is_closed)
+
     def _connection(self) -> Connection:
         """Waits for a connection that is open; closes the one before.
 
@@ -135,9 +141,7 @@ class ProcessLink(Element):
             FlowStop: there will be none.
         """
         with self.changed:
-            self.wait_for(
-                lambda: self._is_given_up or not (self._newest is None or self._newest.channel.is_closed)
-            )
+            self.wait_for(lambda: self._is_given_up or self._is_connected())
             if self._is_given_up:
                 raise EndOfStream(self.name)
             assert self._newest is not None
@@ -161,11 +165,12 @@ class ProcessLink(Element):
         return self._put
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Sends an event in order with the frames."""
+        """Sends an event in order with the frames; a flush only to a reader that is there."""
+        waits = not isinstance(event, FlushStart | FlushStop)
         with self.waiting():
             # Set before: a reader that connects between the sending and this would never get it.
             self._has_sent_eos = isinstance(event, EosEvent)
-            while self.writes and not self._is_refused:
+            while self.writes and not self._is_refused and (waits or self._is_connected()):
                 with contextlib.suppress(ChannelClosed):
                     channel = self._reader_connection().channel
                     channel.send(self._encoder.event(event), (), self.stopping.is_set)

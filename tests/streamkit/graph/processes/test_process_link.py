@@ -10,7 +10,7 @@ import pytest
 from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
-from streamkit.flow.events import EOS, Flushing
+from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, Flushing
 from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 20.0
@@ -104,3 +104,12 @@ def test_a_frame_that_meets_a_flush_is_counted() -> None:
     thread.join(LIMIT_S)
     for link in (writer, reader):
         link.disconnect()
+
+
+def test_a_flush_needs_no_reader() -> None:
+    """As while its process is started again: nothing is on the way to it."""
+    writer = ProcessLink("writer")
+    writer.writes = True
+    for event in (FLUSH_START, FLUSH_STOP):
+        writer.pads["sink"].receive_event(event)
+    assert not writer.is_flushing

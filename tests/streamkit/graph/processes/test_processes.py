@@ -86,6 +86,14 @@ def test_finish_reaches_a_process_that_is_started_again() -> None:
     assert message.kind is MessageKind.EOS
 
 
+def test_a_dead_process_adds_no_latency() -> None:
+    """`play` asks for it, also where a live pipeline resumes while a process is started again."""
+    with Pipeline.parse("( process=true fakesrc is-live=true ) ! fakesink") as pipeline:
+        pipeline.ready()
+        kill(child_of(pipeline))
+        assert pipeline.latency().minimum_ns == 0
+
+
 def test_counters_before_the_start() -> None:
     """All are zero."""
     pipeline = Pipeline.parse("fakesrc ! ( process=true identity ) ! fakesink")
