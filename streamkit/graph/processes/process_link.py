@@ -75,7 +75,7 @@ class ProcessLink(Element):
         self.before_end: Callable[[], None] = lambda: None
         self.last_frame = memoryview(bytearray(8)).cast("q")
         self._newest: Connection | None = None  # guarded by `changed`
-        self._channels: list[Channel] = []  # all that may be open
+        self._channels: list[Channel] = []  # the newest one last; those before are shut down
         super().__init__(name, **properties)
         self.begin_run()
 
@@ -106,6 +106,9 @@ class ProcessLink(Element):
     def connect(self, end: socket.socket, counts: memoryview) -> None:
         """Uses a new connection, the first one or one to a process that was started again."""
         with self.changed:
+            for unused in self._channels[:-1]:  # shut down at the connection before this one
+                unused.close()
+            del self._channels[:-1]
             for old in self._channels:
                 old.shut_down()
             self._newest = Connection(Channel(end), counts)
@@ -135,7 +138,7 @@ class ProcessLink(Element):
         return not (self._is_given_up or newest is None or newest.channel.is_closed)
 
     def _connection(self) -> Connection:
-        """Waits for a connection that is open; closes the one before.
+        """Waits for a connection that is open.
 
         Raises:
             FlowStop: there will be none.
@@ -145,10 +148,7 @@ class ProcessLink(Element):
             if self._is_given_up:
                 raise EndOfStream(self.name)
             assert self._newest is not None
-            newest = self._newest
-        if self._used is not None and self._used is not newest:
-            self._used.channel.close()
-        return newest
+            return self._newest
 
     def _receive(self, channel: Channel, wait_s: float) -> list[bytes]:
         """Receives messages; the wait for them is counted."""

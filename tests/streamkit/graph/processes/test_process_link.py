@@ -3,14 +3,15 @@
 import os
 import queue
 import threading
-from typing import Any
+from collections.abc import Callable
+from typing import Any, cast
 
 import pytest
 
 from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
-from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, Flushing
+from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, Flushing, GapEvent
 from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 20.0
@@ -113,3 +114,52 @@ def test_a_flush_needs_no_reader() -> None:
     for event in (FLUSH_START, FLUSH_STOP):
         writer.pads["sink"].receive_event(event)
     assert not writer.is_flushing
+
+
+class Hooked:
+    """A condition that calls a function, once, as its lock is released."""
+
+    def __init__(self, condition: threading.Condition, released: Callable[[], None]) -> None:
+        self._condition = condition
+        self._hooks = [released]
+
+    def __enter__(self) -> None:
+        self._condition.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self._condition.__exit__(None, None, None)
+        while self._hooks:
+            self._hooks.pop()()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._condition, name)
+
+
+def test_an_event_of_another_thread_may_use_a_new_connection_first() -> None:
+    """As a flush does: the thread that sends frames has the old one in hand, and leaves the new one open."""
+    readers = [ProcessLink("old"), ProcessLink("new")]
+    received: queue.Queue[Frame] = queue.Queue()
+    for reader in readers:
+        reader.reads = True
+        reader.pads["src"].push = received.put
+    writer = writer_to(readers[0])
+    threads = [threading.Thread(target=reader.stream) for reader in readers]
+    for thread in threads:
+        thread.start()
+    put = writer.receiver(writer.pads["sink"])
+    put(Frame(b"", Caps("a/b"), seq=0))
+    assert received.get(timeout=LIMIT_S).seq == 0
+
+    def connect_and_use() -> None:
+        connect(writer, readers[1])
+        writer.receive_event(writer.pads["sink"], GapEvent(0))
+
+    writer.changed = cast("threading.Condition", Hooked(writer.changed, connect_and_use))
+    put(Frame(b"", Caps("a/b"), seq=1))
+    assert received.get(timeout=LIMIT_S).seq == 1
+    writer.receive_event(writer.pads["sink"], EOS)
+    readers[0].give_up()
+    for thread in threads:
+        thread.join(LIMIT_S)
+    for link in (writer, *readers):
+        link.disconnect()
