@@ -159,13 +159,13 @@ class Element(PadOwner):
         flushes = self.flushes
         with self.waiting():
             while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
-                if self.flushes != flushes or not self.wait_while_paused():
+                if not self.wait_while_paused(flushes):
                     return False
         return True
 
-    def wait_while_paused(self) -> bool:
-        """Waits until the pipeline plays; False if it stops or flushes."""
-        flushes = self.flushes
+    def wait_while_paused(self, flushes: int | None = None) -> bool:
+        """Waits until the pipeline plays; False if it stops, flushes, or has begun to since `flushes`."""
+        flushes = self.flushes if flushes is None else flushes
         with self.waiting():
             while not self.stopping.is_set() and not self.is_flushing and self.flushes == flushes:
                 if self.timing.running.wait(POLL_S):

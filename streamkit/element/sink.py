@@ -135,14 +135,16 @@ class Sink(Element):
         """Prerolls, once per pause, and waits until the pipeline plays."""
         if self.timing.running.is_set():
             return
+        flushes = self.flushes  # one that begins while the frame is shown drops it, too
         if not self._has_prerolled:
             self._has_prerolled = True
             self.preroll(frame)
             if self.host is not None:
                 self.host.prerolled(self)
-        if not self.wait_while_paused():
-            raise Flushing(self.name)
+        plays = self.wait_while_paused(flushes)
         self._has_prerolled = False
+        if not plays:
+            raise Flushing(self.name)
 
     def flush(self, *, begins: bool) -> None:
         """Begins or ends a flush, which drops the held frame."""

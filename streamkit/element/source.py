@@ -95,9 +95,9 @@ class Source(Element):
         self.waking.set()
         self.interrupt()
 
-    def wait_while_paused(self) -> bool:
+    def wait_while_paused(self, flushes: int | None = None) -> bool:
         """Waits until the pipeline plays; False if the stream ends, stops or flushes."""
-        return not self.over.is_set() and super().wait_while_paused()
+        return not self.over.is_set() and super().wait_while_paused(flushes)
 
     def renegotiate(self) -> None:
         """Renegotiates caps with downstream before the next frame."""

@@ -282,6 +282,28 @@ def test_a_flush_drops_frames_in_flight(register: Register) -> None:
         assert pipeline["k"].reported == [("render", 0), ("render", 2)]
 
 
+def test_a_flush_drops_a_frame_that_is_being_prerolled(register: Register) -> None:
+    """Before the sink waits with it; the next frame prerolls in its place."""
+    inside, flushed = threading.Event(), threading.Event()
+
+    class Slow(Showing):
+        """Takes long to show a frame."""
+
+        def preroll(self, frame: Frame | None) -> None:
+            super().preroll(frame)
+            inside.set()
+            flushed.wait(10)
+
+    register(slow=Slow)
+    with Pipeline.parse("fakesrc ! slow name=k") as pipeline:
+        pipeline.pause()
+        assert inside.wait(10)
+        pipeline.flush()
+        flushed.set()
+        assert pipeline["k"].wait_for(2)
+        assert pipeline["k"].reported == [("preroll", 0), ("preroll", 1)]
+
+
 @pytest.mark.parametrize("between", ["", "queue !"])
 def test_a_flush_keeps_the_end_of_the_stream(register: Register, between: str) -> None:
     """On its way into a queue or a paused sink, EOS is dropped as all else is; the source sends it again."""
