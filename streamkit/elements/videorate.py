@@ -260,11 +260,15 @@ class VideoRate(Transform):
     # Ends.
 
     def drain(self) -> Iterable[Frame]:
-        """Sends the held frame at EOS, repeated up to the end of the segment."""
+        """Sends the held frame at EOS, repeated up to the end of the segment, else of the frame itself."""
         return self._closing() if self._held is not None and self._has_ticks else ()
 
     def _closing(self) -> Iterator[Frame]:
         segment = self.pads["sink"].segment
+        duration_ns = self._held.duration if self._held is not None else None
+        if segment.stop_ns is None and duration_ns is not None and self._uses:
+            yield from self._filling(self._held_ns + int(duration_ns / (self.rate or 1.0)))
+            return
         repeated = self._repeated
         yield self._emit()
         self._repeated = repeated
@@ -273,6 +277,11 @@ class VideoRate(Transform):
         limit_ns = self._held_ns + self.max_closing_segment_duplication_duration
         stop_ns = min(self._relative_ns(segment.stop_ns), limit_ns)
         while self._tick_ns() < stop_ns and not self.stopping.is_set():
+            yield self._emit()
+
+    def _filling(self, end_ns: int) -> Iterator[Frame]:
+        """The held frame for each tick of which at least half lies before a time."""
+        while (self._tick_ns() + self._tick_ns(1)) / 2 <= end_ns and not self.stopping.is_set():
             yield self._emit()
 
     def _push_unused(self) -> None:

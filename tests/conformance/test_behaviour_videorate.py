@@ -289,6 +289,19 @@ def test_up_and_down(
     assert rate.end() == ended
 
 
+@pytest.mark.parametrize(
+    ("rate_in", "rate_out", "count", "ended"),
+    [("5/1", "5/1", 3, 3), ("30000/1001", "30000/1001", 7, 7), ("10/1", "30/1", 30, 90),
+     ("30/1", "10/1", 30, 11), ("30/1", "10/1", 1, 1)],
+)  # fmt: skip
+def test_frames_with_durations_fill_them(rate_in: str, rate_out: str, count: int, ended: int) -> None:
+    """As many frames as the input lasts, and an unused last one: at the same rate none is added at EOS."""
+    rate = Rate(rate_in, f"video/x-raw, framerate={rate_out}")
+    for number in range(count):
+        rate.push(int(number * SECOND / Fraction(rate_in)), round(SECOND / Fraction(rate_in)))
+    assert rate.end() == ended
+
+
 def test_the_time_before_the_first_frame() -> None:
     """skip-to-first: filled from the segment's start, unless it is to be left out."""
     filled, skipped = Rate(), Rate(skip_to_first=True)
