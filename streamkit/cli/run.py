@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import inspect
+import math
 import os
 import signal
 import threading
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.2
 EOS_LIMIT_S = 10.0
+SAME_INTERRUPT_S = 0.1  # `timeout` signals the process, and then its whole group
 SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
 
 
@@ -65,6 +67,7 @@ class Run:
         self.quiet = quiet
         self.monitor = monitor or Monitor(pipeline)
         self.interrupts = 0
+        self._signalled_s = -math.inf
         self.abandons_start = False
         self.statistics: RunStatistics | None = None
         self.shortfalls: list[str] = []
@@ -171,11 +174,15 @@ class Run:
     def _signals(self, report: CrashReport) -> Iterator[None]:
         """Counts Ctrl-C, SIGTERM and SIGHUP; a further one during a clean stop ends the process at once.
 
+        Signals within `SAME_INTERRUPT_S` count once, until the first is answered.
         While the pipeline starts or stops, the first one abandons calls that did not return.
         """
         limit = 2 if self.eos_on_shutdown else 1
 
         def interrupted(number: int, _: object) -> None:
+            earlier_s, self._signalled_s = self._signalled_s, time.monotonic()
+            if self._signalled_s - earlier_s < SAME_INTERRUPT_S:
+                return
             self.interrupt()
             if self.interrupts > limit:
                 self.display.abandon()
@@ -186,6 +193,8 @@ class Run:
             yield
 
     def _print_interrupt(self, text: str) -> None:
+        """Answers an interrupt; from now on a further one counts, however soon."""
+        self._signalled_s = -math.inf
         if not self.quiet:
             self.display.print_line(f"interrupt: {text}")
 

@@ -1,10 +1,14 @@
-"""Run: what is printed while a pipeline starts."""
+"""Run: what is printed while a pipeline starts, and how signals count."""
 
 from __future__ import annotations
+
+import signal
 
 import pytest
 
 from streamkit import Pipeline
+from streamkit.cli import run as module
+from streamkit.cli.crash_report import CrashReport
 from streamkit.cli.display import Display
 from streamkit.cli.run import Run
 
@@ -26,3 +30,21 @@ def test_a_warning_of_the_start_is_printed_while_it_starts_and_once(
     assert run.run() == 0
     assert during == ["warning: slow: loops are being compiled\n"]
     assert "compiled" not in capsys.readouterr().err
+
+
+def test_signals_at_once_count_as_one_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`timeout` signals the process and its group: with -e, the stream still ends in order."""
+    pipeline = Pipeline.parse("fakesrc ! fakesink")
+    run = Run(pipeline, Display(pipeline), eos_on_shutdown=True, verbose=False, quiet=True)
+    report = CrashReport(pipeline.graph.elements)
+    monkeypatch.setattr(module, "SAME_INTERRUPT_S", 60.0)
+    try:
+        with run._signals(report):
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            assert run.interrupts == 1
+            run._print_interrupt("ending the stream")
+            signal.raise_signal(signal.SIGTERM)
+        assert run.interrupts == 2
+    finally:
+        report.close()
