@@ -120,9 +120,9 @@ def _table(columns: tuple[str, ...], lines: list[dict[str, str]], title: str | N
     table = Table(box=SIMPLE_HEAD, title=title, title_justify="left", padding=(0, 1, 0, 0))
     for name in columns:
         head = HEADS.get(name, name)
-        is_text = name in TEXTS  # truncated on a narrow terminal, unlike numbers
+        is_text = name in TEXTS  # folded on a narrow terminal, unlike numbers
         width = 8 if is_text else max(len(text) for text in (head, *(line.get(name, "") for line in lines)))
-        table.add_column(head, justify="left" if is_text else "right", no_wrap=True, min_width=width)
+        table.add_column(head, justify="left" if is_text else "right", no_wrap=not is_text, min_width=width)
     for line in lines:
         table.add_row(*(Text(line.get(name, "")) for name in columns))
     return table
