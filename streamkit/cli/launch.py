@@ -148,7 +148,7 @@ def launch(
         share_cores(len(pipeline.graph.processes) + 1)
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, log_format, quiet=quiet)
-    for note in () if quiet else source.unused_variables():
+    for note in () if quiet else (*source.unused_variables(), *_application_notes(pipeline)):
         display.print_line(f"note: {note}")
     monitor = Monitor(pipeline)
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
@@ -156,7 +156,10 @@ def launch(
         code = run.run()
     assert run.statistics is not None
     statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
-    code = code or int(strict and bool(run.shortfalls))
+    if strict and run.shortfalls:
+        code = code or 1
+        for text in run.shortfalls if quiet else ():  # else printed as warnings
+            display.print_line(f"error: {text}")
     if stats == "json":
         typer.echo(to_json(statistics))
     if summary is not None:
@@ -204,6 +207,15 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
         return Pipeline.parse(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=as_json)
+
+
+def _application_notes(pipeline: Pipeline) -> Iterator[str]:
+    """Notes on elements that wait for calls of an application, which there is none of here."""
+    for element in pipeline.graph.elements:
+        if element.factory == "appsink":
+            yield f"{element.name} fills up, as only a Python program takes its frames; write fakesink here"
+        elif element.factory == "appsrc":
+            yield f"{element.name} waits, as only a Python program gives it frames; write fakesrc here"
 
 
 def _supervise() -> NoReturn:

@@ -512,8 +512,21 @@ def test_a_run_without_results_is_reported(
     assert done.exit_code == 0
     assert reported in done.stderr
     assert any(reported in shortfall for shortfall in json.loads(done.stdout)["shortfalls"])
-    assert launch("--strict", "-q", text.format(tmp_path)).exit_code == 1
+    strict = launch("--strict", "-q", text.format(tmp_path))
+    assert strict.exit_code == 1
+    assert strict.stderr.startswith("error: ")
+    assert reported in strict.stderr
     assert launch("--strict", "fakesrc num-buffers=1 ! fakesink").exit_code == 0
+
+
+def test_elements_that_wait_for_an_application_are_noted(launch: Callable[..., Result]) -> None:
+    """`launch` has none: behind an appsink a long stream would stand still without a word."""
+    done = launch("fakesrc num-buffers=1 ! appsink name=out")
+    assert (done.exit_code, done.stdout) == (0, "")
+    assert done.stderr == (
+        "note: out fills up, as only a Python program takes its frames; write fakesink here\n"
+    )
+    assert launch("-q", "fakesrc num-buffers=1 ! appsink").stderr == ""
 
 
 def test_log_lines_are_json_objects_on_request(launch: Callable[..., Result]) -> None:
