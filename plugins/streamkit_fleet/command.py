@@ -15,7 +15,9 @@ from streamkit.masking import presentable
 
 START_LIMIT_S = 60.0  # of a Ray that `up` has just started
 
-fleet = typer.Typer(help="Runs many feeds on Ray, on one machine or a cluster.", no_args_is_help=True)
+fleet = typer.Typer(
+    help="Runs many feeds on Ray, on one machine or a cluster.", no_args_is_help=True, add_completion=False
+)
 
 TableArgument = Annotated[Path, typer.Argument(help="The table of feeds.", exists=True, dir_okay=False)]
 AddressOption = Annotated[

@@ -87,9 +87,18 @@ def load_command(entry: PluginEntry) -> Any:
     if isinstance(found, typer.Typer):
         group = typer.main.get_command(found)
         group.name = entry.name  # the listing prints it
-        return group
+        return _reflowed(group)
     app.command(entry.name, cls=found.__dict__.get("command_class"))(found)
-    return typer.main.get_command(app)
+    return _reflowed(typer.main.get_command(app))
+
+
+def _reflowed(command: Any) -> Any:
+    """The same command; the paragraphs of its help fit the terminal, not the lines of the source."""
+    if command.help:
+        command.help = "\n\n".join(" ".join(text.split()) for text in command.help.split("\n\n"))
+    for sub in getattr(command, "commands", {}).values():
+        _reflowed(sub)
+    return command
 
 
 def parsed_by(command_class: type[TyperCommand]) -> Callable[[Function], Function]:

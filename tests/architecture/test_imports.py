@@ -30,9 +30,10 @@ ALLOWED = {
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "reader": {"masking", "errors", "flow", "element", "graph", "output"},
     "service": {"masking", "errors", "flow", "graph"},
+    "__main__": {"cli"},
     "cli": {"masking", "errors", "flow", "element", "graph", "service", "handoff", "output"},
 }
-MODULES = {"masking", "errors", "settings", "reader"}  # rooms of one module
+MODULES = {"masking", "errors", "settings", "reader", "__main__"}  # rooms of one module
 # Rooms of the engine that are libraries: they know no frame, caps or element, and everybody may use them.
 ENGINE_LIBRARIES = (
     "streamkit.geometry",

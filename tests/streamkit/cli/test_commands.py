@@ -148,6 +148,29 @@ def test_a_listing_imports_no_command(offer: Offer, unimported: str) -> None:
     assert "cannot be loaded: RuntimeError: imported" in streamkit("far").stderr
 
 
+def test_paragraphs_of_the_help_fit_the_terminal() -> None:
+    """Lines break at the terminal's width, not where those of the docstring end."""
+    done = CliRunner().invoke(make_app(), ["launch", "--help"], env={"COLUMNS": "80"})
+    lines = [line.strip() for line in done.stdout.splitlines()]
+    at = next(number for number, line in enumerate(lines) if line.startswith("Exit code 0"))
+    assert " ".join(lines[at : at + 3]).endswith("a further one ends the process at once.")
+    assert min(map(len, lines[at : at + 2])) > 60
+
+
+def test_a_group_of_a_plugin_offers_no_completion_of_its_own() -> None:
+    """The shell completes `streamkit`, with all groups."""
+    assert "completion" not in CliRunner().invoke(make_app(), ["fleet", "--help"]).stdout
+
+
+def test_the_package_runs_as_a_module() -> None:
+    """The command line of the interpreter that is named, where several environments have one."""
+    done = subprocess.run(
+        [sys.executable, "-m", "streamkit", "launch", "fakesrc num-buffers=1 ! fakesink"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_a_command_after_a_double_dash_runs() -> None:
     """It gets its own arguments and has its own help."""
     code = (
