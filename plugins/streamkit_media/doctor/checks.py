@@ -96,7 +96,8 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     """All checks of a stream that gave packets; an RTSP server sends the times of capture."""
     found = measure(seen.packets)
     decoded = try_decoding(seen.kept)
-    checks = [_format_check(seen, transport), _decoding_check(decoded, found.rate if is_live else None)]
+    speed = _decoding_check(decoded, found.rate if is_live else None)
+    checks = [_format_check(seen, transport, decoded.size), speed]
     if found.packets == 1 and not is_live:
         return [*checks, note("length", "one frame"), _telemetry_check(seen, is_live=False)]
     checks += [_rate_check(seen, found), _keyframe_check(found, is_live)]
@@ -107,9 +108,10 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     return [*checks, _loss_check(found), _telemetry_check(seen, is_live=is_live)]
 
 
-def _format_check(seen: Seen, transport: str) -> Check:
+def _format_check(seen: Seen, transport: str, size_seen: tuple[int, int] | None) -> Check:
+    """The codec and size; a stream joined between keyframes has its size only in the frames."""
     caps = seen.kept[0].caps
-    width, height = caps.get("width"), caps.get("height")
+    width, height = size_seen or (caps.get("width"), caps.get("height"))
     size = f"{width!s} x {height!s}" if width else "size unknown before the first keyframe"
     over = f" over {transport.upper()}" if transport else ""
     facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}

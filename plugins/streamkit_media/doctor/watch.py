@@ -72,6 +72,7 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
     until = time.monotonic() + limit_s
     try:
         with Pipeline.parse(text) as pipeline:
+            pipeline.bus.watch(lambda _: None)  # an error that is not read would be logged, too
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()

@@ -12,9 +12,10 @@ from types import ModuleType
 import av
 import pytest
 
-from streamkit import Pipeline
-from streamkit_media.doctor.checks import Report, Verdict
+from streamkit import Caps, Frame, Pipeline
+from streamkit_media.doctor.checks import Report, Verdict, _format_check
 from streamkit_media.doctor.examine import examine
+from streamkit_media.doctor.watch import Seen
 from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
 
 BINARY = Path(sys.executable).with_name("streamkit")
@@ -144,6 +145,14 @@ def test_the_command(small_video: Path, tmp_path: Path) -> None:
     assert "a file must be there" in done.stdout
 
 
+def test_the_size_of_a_stream_joined_between_keyframes_is_that_of_its_frames() -> None:
+    """Its caps had none with the first packet."""
+    seen = Seen()
+    seen.add_video(Frame(b"", Caps("video/x-h264"), 0))
+    assert _format_check(seen, "udp", (640, 480)).text == "video/x-h264, 640 x 480 over UDP"
+    assert "size unknown" in _format_check(seen, "udp", None).text
+
+
 def test_video_over_udp(two_klv_streams: Path) -> None:
     """What comes to a port is watched as other live video; the line has livesrc, and the telemetry."""
     data, done = two_klv_streams.read_bytes(), threading.Event()
@@ -250,8 +259,10 @@ def test_telemetry_beside_the_video(small_video: Path, streamkit_data: Path, tmp
     assert f"posesync location={video.with_suffix('.SRT')} !" in report.pipeline
 
 
-def test_a_silent_port_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    """Neither PyAV's own traces nor warnings about our own properties."""
+def test_a_silent_port_is_one_line(
+    capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    """Neither PyAV's own traces nor warnings about our own properties, nor the error in the log, too."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
@@ -259,3 +270,4 @@ def test_a_silent_port_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
     assert verdicts(report) == {"stream": "bad"}
     assert "no video within 0.3 s" in report.as_text()
     assert capfd.readouterr() == ("", "")
+    assert caplog.messages == []
