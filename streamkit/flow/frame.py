@@ -75,6 +75,11 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         if flags is not None:
             flags.writeable = False
 
+    def __repr__(self) -> str:
+        """In one line, for notebooks and errors: pixels and metadata would fill the screen."""
+        kinds = ", ".join(kind.__name__ for kind in self.metadata)
+        return f"<{self.describe()}: {self.caps}{'; ' if kinds else ''}{kinds}>"
+
     def replace(self, **changes: Any) -> Frame:
         """A copy with these attributes changed; data is shared."""
         return msgspec.structs.replace(self, **changes)

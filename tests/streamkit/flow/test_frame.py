@@ -169,6 +169,13 @@ def test_describe() -> None:
     assert Frame(b"", caps, seq=3, epoch=2).describe() == "frame seq=3 epoch=2"
 
 
+def test_a_frame_is_shown_in_one_line() -> None:
+    """A notebook shows what it is; pixels and metadata would fill the screen."""
+    frame = Frame(np.zeros((2, 4), np.uint8), Caps("video/x-raw, width=4"), pts=40_000_000, seq=1)
+    assert repr(frame) == "<frame seq=1 pts=0.040 s: video/x-raw, width=(int)4>"
+    assert repr(frame.attach(Registration(np.eye(3), np.eye(3)))).endswith("(int)4; Registration>")
+
+
 def test_capture_has_an_origin() -> None:
     """A UTC time and where it is from."""
     frame = Frame(b"", Caps("a/b"), capture=Capture(1_763_690_000_000_000_000, "rtcp"))
