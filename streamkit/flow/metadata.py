@@ -80,6 +80,26 @@ class Detections:
     labels: tuple[str, ...] = ()
     are_objects: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuses columns that do not fit each other, which elements would drop or fail on much later.
+
+        Raises:
+            ValueError: a column has another shape, or a box ends before it begins.
+        """
+        count = len(self.centroids)
+        shapes = {"centroids": (count, 2), "boxes": (count, 4), "areas": (count,), "scores": (count,)}
+        for name, shape in shapes.items():
+            found = getattr(getattr(self, name), "shape", None)
+            if found != shape:
+                got = "no array" if found is None else f"shape {found}"
+                raise ValueError(f"{name} of {count} detections must be an array of shape {shape}, got {got}")
+        if len(self.labels) not in (0, count):
+            raise ValueError(f"labels of {count} detections must be {count} or none, got {len(self.labels)}")
+        is_reversed = (self.boxes[:, 2:] < self.boxes[:, :2]).any(axis=1)
+        if is_reversed.any():
+            box = self.boxes[is_reversed.argmax()].tolist()
+            raise ValueError(f"a box is x0 y0 x1 y1, not left top width height, got {box}")
+
     def __len__(self) -> int:
         return len(self.centroids)
 
