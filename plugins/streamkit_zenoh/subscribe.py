@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from streamkit_zenoh.subscriber import TrackSubscriber
 
 LOOK_EVERY_S = 0.2
+SILENCE_S = 5.0  # without a record, of a publisher that is there
 RETURN_LIMIT_S = 2.0  # a link that was cut is back within it, as after this process was suspended
 MAX_RECORDS = 4096
 VANISHED = (
@@ -108,12 +109,13 @@ def _print_all(
 ) -> tuple[int, str]:
     """Exit code and error."""
     printed, last_s, gone_s = 0, time.monotonic(), float("inf")
+    is_silent = False
     while not stopped() and (count is None or printed < count):
         update = subscriber.update(LOOK_EVERY_S)
         printer.refresh()
         now_s = time.monotonic()
         if update is not None:
-            last_s, gone_s = now_s, float("inf")
+            last_s, gone_s, is_silent = now_s, float("inf"), False
             if update.record is not None:
                 printed += 1
                 printer.show(update.record)
@@ -128,6 +130,10 @@ def _print_all(
             gone_s = float("inf")
             if timeout_s is not None and now_s - last_s > timeout_s:
                 return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
+            if not is_silent and subscriber.counts.publishers and now_s - last_s > SILENCE_S:
+                is_silent = True
+                silence = f"no record for {SILENCE_S:g} s, though a publisher is there"
+                printer.note(f"{silence}: has it lost its feed?")
     return 0, ""
 
 

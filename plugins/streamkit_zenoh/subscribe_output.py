@@ -55,6 +55,10 @@ class Printer:
         if self._gaps and self._missed > before:
             _report(f"gap: {self._missed - before} records missed, {self._missed} in all")
 
+    def note(self, text: str) -> None:
+        """Prints a note to stderr."""
+        _report(f"note: {text}")
+
     def _warn(self) -> None:
         for text in set(self._subscriber.warnings()) - self._warned:
             self._warned.add(text)
@@ -107,6 +111,10 @@ class TablePrinter(Printer):
         if time.monotonic() - self._drawn_s > REDRAW_EVERY_S:
             self._drawn_s = time.monotonic()
             self._draw()
+
+    @override
+    def note(self, text: str) -> None:
+        self._live.console.print(f"note: {text}", markup=False)  # above the table
 
     def _draw(self) -> None:
         if self._shown is None:

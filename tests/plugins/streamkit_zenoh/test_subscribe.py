@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from streamkit import Frame, Track, TrackRecord, Tracks, TrackState, raw_video_c
 from streamkit.flow.record import GeoRecord
 from streamkit.testing import Harness
 from streamkit_zenoh import subscribe as command
-from streamkit_zenoh.subscribe_output import as_table, as_text
+from streamkit_zenoh.subscribe_output import Printer, as_table, as_text
 from streamkit_zenoh.subscriber import Update
 from tests.slowness import patience
 
@@ -254,3 +255,22 @@ def test_a_publisher_that_is_back_in_time_is_no_error(
     assert found == code
     assert len(shown) == 1 - code
     assert ("--stay waits" in message) is bool(code)
+
+
+def test_a_publisher_that_falls_silent_is_noted_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its camera may be gone while it is there; a record ends the silence, and the next is noted again."""
+    monkeypatch.setattr(command, "SILENCE_S", -1.0)
+    updates = iter(
+        [None, None, Update("a/tracks", track_record(_frame(5), source="a", published_ns=1)), None]
+    )
+    counts = SimpleNamespace(publishers=1, lost=0, overwritten=0)
+    subscriber: Any = SimpleNamespace(
+        update=lambda _: next(updates), is_over=False, counts=counts, warnings=list
+    )
+    printer = Printer(subscriber, lambda *_: "record", gaps=False, age=False)
+    looks = iter([False] * 4 + [True])
+    assert command._print_all(subscriber, printer, None, None, lambda: next(looks)) == (0, "")
+    note = "note: no record for -1 s, though a publisher is there: has it lost its feed?\n"
+    assert capsys.readouterr() == ("record\n", note * 2)
