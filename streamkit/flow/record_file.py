@@ -65,7 +65,7 @@ class RecordFile:
                     if is_last and newest is not None:
                         self.is_cut_off = True
                         return
-                    remedy = "give a .jsonl file that tracksink wrote"
+                    remedy = "give a .jsonl file of tracksink; streamkit convert makes one of CSV or MOT"
                     raise StreamError(f"{self.path}:{number}: {error}; {remedy}") from None
                 order = record.epoch, record.seq
                 if newest is not None and order <= newest:

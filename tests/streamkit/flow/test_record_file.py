@@ -52,7 +52,7 @@ def test_a_half_written_last_line_is_left_out(tmp_path: Path) -> None:
     assert len(list(records)) == 1
     assert records.is_cut_off
     path.write_bytes(record(0)[:-9] + b"\n" + record(1))
-    with pytest.raises(StreamError, match=r"tracks\.jsonl:1: not a track record.*give a \.jsonl file"):
+    with pytest.raises(StreamError, match=r"tracks\.jsonl:1: not a track record.*a \.jsonl file.*convert"):
         list(RecordFile(str(path)))
 
 
