@@ -12,7 +12,7 @@ from urllib.parse import quote, urlsplit
 
 import av
 from av.container import InputContainer
-from av.error import FFmpegError, HTTPForbiddenError, HTTPUnauthorizedError, InvalidDataError
+from av.error import FFmpegError, HTTPForbiddenError, HTTPServerError, HTTPUnauthorizedError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 from av.video.frame import VideoFrame
@@ -162,7 +162,8 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
         )
     if is_network(location):
         kind = InvalidMedia if isinstance(error, InvalidDataError) else ResourceError
-        return kind(f"{where}: cannot be opened: {reason_of(error)}; check address, port and path")
+        check = "the log of the server" if isinstance(error, HTTPServerError) else "address, port and path"
+        return kind(f"{where}: cannot be opened: {reason_of(error)}; check {check}")
     return StreamError(
         f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
         "check that it is a whole video file"

@@ -8,7 +8,7 @@ import av
 import pytest
 
 from streamkit import ResourceError, StreamError
-from streamkit_media.container import first_packets, open_container, video_stream
+from streamkit_media.container import first_packets, open_container, open_failure, video_stream
 
 
 def test_a_good_file_opens(small_video: Path) -> None:
@@ -123,3 +123,11 @@ def test_first_packets_are_decoded_by_the_video_though_nothing_decodes(
         first, rotation = first_packets(container, video_stream(container, "cut"))
         assert [packet.stream.type for packet in first] == ["data", *["video"] * 4]
     assert rotation == 0
+
+
+def test_a_server_that_fails_is_not_the_fault_of_the_address() -> None:
+    """Its log says why; an address that is wrong is another error."""
+    failed = av.error.HTTPServerError(0, "Server returned 5XX")
+    assert str(open_failure("rtsp://a/b", failed, None)).endswith("; check the log of the server")
+    missing = av.error.HTTPNotFoundError(0, "Server returned 404")
+    assert str(open_failure("rtsp://a/b", missing, None)).endswith("; check address, port and path")
