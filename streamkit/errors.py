@@ -196,6 +196,8 @@ class ElementFailure(StreamkitError, RuntimeError):
         what = str(cause).removeprefix(f"{element}: ") or type(cause).__name__
         if not isinstance(cause, StreamkitError):
             what = f"{type(cause).__name__}: {what}"
+        if isinstance(cause, ValueError) and what.endswith("is read-only"):  # numpy's words
+            what += ": frames are shared, write into the copy of frame.writable()"
         kind = f" ({factory})" if factory and factory != element.rstrip("0123456789") else ""
         super().__init__(f"{element}{kind}: {what}" + (f" [at {frame}]" if frame else ""))
         self.element = element

@@ -3,6 +3,7 @@
 import errno
 import os
 
+import numpy as np
 import pytest
 
 from streamkit import ElementFailure, Pipeline, ResourceError, Source, write_remedy
@@ -48,3 +49,15 @@ def test_a_suggestion_is_similar_or_begins_with_the_word(word: str, meant: str) 
 def test_write_remedy_depends_on_the_cause(number: int, remedy: str) -> None:
     """Free space helps a full disk only."""
     assert write_remedy(OSError(number, os.strerror(number))) == remedy
+
+
+def test_a_write_into_a_shared_frame_names_the_remedy() -> None:
+    """The words of numpy name none."""
+    pixels = np.zeros(1)
+    pixels.flags.writeable = False
+    with pytest.raises(ValueError, match="read-only") as caught:
+        pixels[0] = 1
+    assert str(ElementFailure("trail0", "trail", caught.value)) == (
+        "trail0: ValueError: assignment destination is read-only: frames are shared, "
+        "write into the copy of frame.writable()"
+    )
