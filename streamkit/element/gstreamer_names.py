@@ -103,6 +103,13 @@ PROPERTIES = {
         "nothing; inputs are side by side in the order of their links, videoscale and videocrop size them",
     )
     | {"background": "nothing; what no input covers is black"},
+    **dict.fromkeys(
+        ("videotestsrc", "dronetestsrc"),
+        dict.fromkeys(
+            ("width", "height", "framerate", "format"),
+            "a caps filter behind it: video/x-raw with width, height, framerate, format",
+        ),
+    ),
     "decode": {"max-threads": "threads=NUMBER"},
     "filesrc": {
         "num-buffers": "stop-s=SECONDS, or identity eos-after=NUMBER behind it",

@@ -16,6 +16,7 @@ from streamkit.graph.build import build
         ("videotestsrc ! encode tune=zerolatency ! fakesink", "here: live=true for zerolatency"),
         ("filesrc location=a num-buffers=3 ! fakesink", "here: stop-s=SECONDS, or identity eos-after=NUMBER"),
         ("videotestsrc ! videoconvert sync=false ! fakesink", "here: sync= of a sink, or identity sync=true"),
+        ("dronetestsrc width=640 ! fakesink", "here: a caps filter behind it: video/x-raw with width"),
         ("compositor name=c sink_1::xpos=320 ! fakesink", "here: nothing; inputs are side by side"),
     ],
 )
