@@ -107,6 +107,13 @@ def test_pads_references_addresses_and_bins() -> None:
             "                    ^",
         ),
         (
+            "fakesrc ! 'video/x-raw, width=4' ! fakesink",
+            "description:1:11: unexpected \"'\"; expected an element; "
+            "write a caps filter without quotes, which only a shell needs\n"
+            "    fakesrc ! 'video/x-raw, width=4' ! fakesink\n"
+            "              ^",
+        ),
+        (
             "fakesrc ! kü",
             "description:1:12: unexpected 'ü'; expected '!', a property, an element, the end; "
             "names are ASCII; put other characters into quoted values\n"
