@@ -22,6 +22,7 @@ from streamkit_media.recording.parametersets import check_parameter_sets
 
 TIME_BASE = Fraction(1, 90_000)
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
+LOWEST_TICKS = -60 * TIME_BASE.denominator  # more than any encoder reorders
 MAX_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer ones wrong, or crashes
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 # Times stay, so that records of the stream can be matched; FFmpeg would move the first decoding time to 0.
@@ -74,6 +75,7 @@ class FileMuxer:
         self.is_closed = False
         name, options = container
         self._is_limited = "movflags" in options
+        self._before_first = LOWEST_TICKS if "negative_cts_offsets" in options.get("movflags", "") else -1
         options = {**ALWAYS, **options}
         if isinstance(file, Playlist):
             self.container: OutputContainer = av.open(
@@ -102,10 +104,14 @@ class FileMuxer:
             self.file.publish()
 
     def _order(self, packet: Packet[Stream]) -> None:
-        """Moves the decoding time to 0 or more, above the last, and the presentation time not below it."""
-        last = self._last_dts.get(packet.stream_index, -1)
-        packet.dts = dts = max(packet.dts or 0, last + 1)
-        packet.pts = max(packet.pts or 0, dts)
+        """Moves the decoding time above the last, and the presentation time not below it, and to 0 or more.
+
+        Reordered frames begin with decoding times below 0, which MP4 with negative offsets holds; moved, they
+        would shorten it.
+        """
+        lowest = self._last_dts.get(packet.stream_index, self._before_first) + 1
+        packet.dts = dts = max(packet.dts or 0, lowest)
+        packet.pts = max(packet.pts or 0, dts, 0)
         self._last_dts[packet.stream_index] = dts
 
     def check_pause(self, pause: int) -> None:

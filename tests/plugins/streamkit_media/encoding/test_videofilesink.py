@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -35,6 +36,24 @@ def test_a_video_survives_the_round(tmp_path: Path, small_video: Path) -> None:
         for old, new in zip(before.decode(video=0), after.decode(video=0), strict=True):
             assert new.time == pytest.approx(old.time, abs=1e-4)
             assert np.abs(old.to_ndarray().astype(int) - new.to_ndarray()).mean() < 3
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mov"])
+def test_a_file_has_the_length_and_rate_of_its_frames(tmp_path: Path, ending: str) -> None:
+    """Although frames are reordered: OpenCV computes the rate from the length, and would report 26.1."""
+    path = tmp_path / f"out.{ending}"
+    caps = "video/x-raw, format=GRAY8, width=64, height=48, framerate=25/1"
+    Pipeline.parse(f'videotestsrc num-buffers=50 ! {caps} ! videofilesink location="{path}"').run(20)
+    with av.open(str(path)) as container:
+        (stream,) = container.streams.video
+        packets = [packet for packet in container.demux(stream) if packet.size]
+        assert [packet.pts for packet in packets] != sorted(packet.pts or 0 for packet in packets)
+        assert stream.duration is not None
+        assert stream.time_base is not None
+        assert float(stream.duration * stream.time_base) == pytest.approx(2.0)
+    opened = cv2.VideoCapture(str(path))
+    assert opened.get(cv2.CAP_PROP_FPS) == pytest.approx(25.0)
+    assert opened.get(cv2.CAP_PROP_FRAME_COUNT) == 50
 
 
 def test_an_interrupted_file_plays(tmp_path: Path) -> None:
