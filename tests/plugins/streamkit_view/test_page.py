@@ -355,8 +355,14 @@ def test_a_drawn_box_becomes_a_track_and_a_refused_value_is_told(
         track = wait_for(lambda: browser.execute_script("return streamkit.page.newest.tracks[0]"))
         assert abs(track["x"] - 160) < 3
         assert abs(track["y"] - 160) < 3
-        browser.find_element(By.CSS_SELECTOR, "details[data-element=tracker] summary").click()
-        window = browser.find_element(By.CSS_SELECTOR, "details[data-element=tracker] input")
+        properties = browser.find_element(By.CSS_SELECTOR, "details[data-element=tracker]")
+        # A click misses where the page moves meanwhile.
+        wait_for(
+            lambda: (
+                properties.get_attribute("open") or properties.find_element(By.TAG_NAME, "summary").click()
+            )
+        )
+        window = properties.find_element(By.TAG_NAME, "input")
         window.send_keys(Keys.CONTROL + "a" + Keys.NULL + "1,2\n")
         wait_for(lambda: "property window must be" in text(browser, "answer"))
         wait_for(lambda: window.get_attribute("value") == pipeline["tracker"].window)
