@@ -52,8 +52,10 @@ def measure(
     rows, settings = table.rows, table.settings
     searches = _expectations(table, searched, observation, sampler)
     models = [table.models[index] for index in searched.tolist()]
-    usual = [settings.layers_for(found, len(searched), budget_share) for found in (False, True)]
-    layers = [usual[found] for found in (rows["detection"][searched] >= 0).tolist()]
+    usual = [settings.layers_for(led, len(searched), budget_share) for led in (False, True)]
+    # no detection leads a target drawn by hand
+    is_led = (rows["detection"][searched] >= 0) & ~rows["manual"][searched]
+    layers = [usual[led] for led in is_led.tolist()]
     contexts = np.where(rows["manual"][searched], 1.0, settings.context)
     shorter = contexts * searches["window"][:, LENGTH : WIDTH + 1].min(axis=1)
     factors = np.clip(shorter // [max(model.patch) for model in models], 1, min(sampler.shape))

@@ -49,6 +49,21 @@ def test_a_turning_growing_blinking_target_is_followed(scenes: ModuleType, seed:
     assert angle <= 2.5
 
 
+def test_regions_of_motion_do_not_lead_a_drawn_target(scenes: ModuleType):
+    """While it is recognised its windows are the same with them as without: they may show a part, or more."""
+    trackers = [MultiTargetTracker(SETTINGS) for _ in range(2)]
+    for index, (image, truth) in enumerate(scenes.TurningScene(seed=1, frames=20)):
+        if index == 0:
+            for tracker in trackers:
+                tracker.start_target(image, truth, STEP)
+            continue
+        place, reach = truth[:2] + 4.0, 1.2 * truth[2:4].max()
+        box = np.concatenate([place - reach, place + reach])
+        seen = Observation(0.04, centroids=place[None], boxes=box[None])
+        ((alone,), (led,)) = (t.step(image, o) for t, o in zip(trackers, (STEP, seen), strict=True))
+        np.testing.assert_array_equal(alone.window, led.window)
+
+
 def test_a_removed_target_is_lost_soon_and_once(scenes: ModuleType):
     """A target that vanishes coasts within five frames, ends after `coast`, once, and never comes back."""
     rows = follow(scenes.TurningScene(seed=1, frames=40, gone_from=25), TrackerSettings(coast=0.3))
