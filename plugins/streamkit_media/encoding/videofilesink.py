@@ -22,8 +22,11 @@ from streamkit_media.recording.mediaoutput import SEGMENT_NS, MediaOutput
 FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
 # Hybrid fragmented MP4: indexed when closed. FFmpeg's muxer crashes on some damaged streams, so it is used
-# for frames encoded here only.
-HYBRID = {"movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets", "frag_duration": "500000"}
+# for frames encoded here only. Without empty_moov it misreads the first fragment of a file not closed.
+HYBRID = {
+    "movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets+empty_moov",
+    "frag_duration": "500000",
+}
 OWN_FORMATS = {
     suffix: (name, HYBRID if options is FRAGMENTED else options)
     for suffix, (name, options) in FORMATS.items()

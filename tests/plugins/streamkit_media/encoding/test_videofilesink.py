@@ -1,3 +1,4 @@
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -63,6 +64,22 @@ def test_an_interrupted_file_plays(tmp_path: Path) -> None:
         for index in range(7):
             harness.push(grey_frame(index=index))
     assert count_of(path) == 7
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov"])
+def test_a_growing_file_has_the_times_of_its_frames(tmp_path: Path, suffix: str) -> None:
+    """From the first fragment on, as a killed process leaves it; every frame but the last few decodes."""
+    path, grown = tmp_path / f"out{suffix}", tmp_path / f"grown{suffix}"
+    with Harness("videofilesink", location=str(path)) as harness:
+        for index in range(80):
+            harness.push(grey_frame(index=index))
+        shutil.copy(path, grown)
+    with av.open(str(grown)) as container:
+        packets = sum(1 for packet in container.demux(video=0) if packet.size)
+    with av.open(str(grown)) as container:
+        times = [frame.time for frame in container.decode(video=0)]
+    assert len(times) == packets > 50
+    assert times[:50] == pytest.approx([index / 25 for index in range(50)], abs=1e-4)
 
 
 def test_a_new_size_is_refused_and_the_file_plays(tmp_path: Path) -> None:
