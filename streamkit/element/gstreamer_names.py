@@ -27,7 +27,9 @@ ELEMENTS = {
         "autovideosink ximagesink xvimagesink glimagesink waylandsink fpsdisplaysink kmssink gtksink "
         "d3dvideosink aasink cacasink nveglglessink nv3dsink",
     "livesrc uri=udp://@:PORT": "udpsrc",
-    "livesrc uri=URL": "rtmpsrc rtmp2src souphttpsrc curlhttpsrc hlsdemux hlsdemux2 tcpclientsrc",
+    "livesrc uri=URL": "rtmpsrc rtmp2src souphttpsrc curlhttpsrc hlsdemux hlsdemux2",
+    "livesrc uri=tcp://HOST:PORT": "tcpclientsrc",
+    "livesrc uri=tcp://0.0.0.0:PORT?listen=1": "tcpserversrc",
     "livesrc uri=udp://127.0.0.1:PORT, with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:PORT running":
         "srtsrc srtclientsrc",
     "livesrc uri=udp://127.0.0.1:PORT, with gst-launch-1.0 SOURCE ! videoconvert ! x264enc tune=zerolatency "
@@ -46,6 +48,8 @@ ELEMENTS = {
     "no such filter; `streamkit new NAME` makes an element of yours, for a line or two of OpenCV":
         "videobalance gamma coloreffects smooth videomedian edgedetect cvsmooth cvsobel cvlaplace cvdilate "
         "cverode facedetect templatematch",
+    "nothing; ffmpeg -i IN -vf bwdif OUT deinterlaces a file before":
+        "deinterlace avdeinterlace vaapideinterlace vadeinterlace",
     "videocrop": "videobox aspectratiocrop",
     "compositor, which puts videos side by side": "videomixer glvideomixer nvmultistreamtiler nvstreammux",
     "rectify": "cameraundistort dewarp",

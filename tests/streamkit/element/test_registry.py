@@ -51,7 +51,16 @@ def test_names_of_gstreamer_lead_to_ours() -> None:
     """What a user of GStreamer types first says which element does its work."""
     with pytest.raises(DescriptionError, match=re.escape('no element "x264enc"; here: encode')):
         element_class("x264enc")
-    for name in ("rtph264pay", "videobalance", "pngenc", "nvv4l2decoder", "klvparse", "audiotestsrc"):
+    for name in (
+        "rtph264pay",
+        "videobalance",
+        "pngenc",
+        "nvv4l2decoder",
+        "klvparse",
+        "audiotestsrc",
+        "tcpserversrc",
+        "deinterlace",
+    ):
         with pytest.raises(DescriptionError, match=f'no element "{name}"; here: '):
             element_class(name)
     with pytest.raises(DescriptionError, match=r"gst-launch-1\.0 libcamerasrc !"):
