@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
 import re
@@ -20,6 +21,7 @@ from streamkit.masking import presentable
 from streamkit.output.colour import coloured
 
 USAGE_EXIT = 2
+STANDARD_INPUT = "-"
 SIZE_LIMIT = 1_000_000
 BLANK_OR_QUOTED = re.compile(r'"(?:(?<=\\)"|[^"])*"?| ')  # in quotes an escaped one does not close
 
@@ -40,7 +42,7 @@ DescriptionArgument = Annotated[
     typer.Argument(help="The pipeline, in gst-launch's language.", autocompletion=_complete),
 ]
 FileOption = Annotated[
-    Path | None, typer.Option("-f", "--file", help="Read the description from a .pipe file.")
+    Path | None, typer.Option("-f", "--file", help="Read the description from a .pipe file, or - (stdin).")
 ]
 SettingsOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A value for ${NAME}.")
@@ -100,9 +102,15 @@ def read_description(
     if arguments:
         fail_usage("give a DESCRIPTION or a file with -f, not both")
     try:
-        if file.stat().st_size > SIZE_LIMIT:
-            fail_usage(f"{file}: a description has at most {SIZE_LIMIT} bytes")
-        return Description(file.read_text(encoding="utf-8"), str(file), variables)
+        if str(file) == STANDARD_INPUT:
+            name, data = "standard input", sys.stdin.buffer.read(SIZE_LIMIT + 1)
+        else:
+            with file.open("rb") as source:
+                name, data = str(file), source.read(SIZE_LIMIT + 1)
+        if len(data) > SIZE_LIMIT:
+            fail_usage(f"{name}: a description has at most {SIZE_LIMIT} bytes")
+        text = io.StringIO(data.decode(), newline=None).read()  # lines end in \n, as in a text file
+        return Description(text, name, variables)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
         fail_usage(f"cannot read the description {file}: {reason}")

@@ -17,6 +17,7 @@ from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
+    STANDARD_INPUT,
     Description,
     DescriptionArgument,
     FileOption,
@@ -122,6 +123,8 @@ def launch(
     first interrupt stops cleanly; a further one ends the process at once.
     """
     if supervise:
+        if str(file) == STANDARD_INPUT:
+            fail_usage("--supervise reads the description again at each start; give a file in place of -f -")
         _supervise()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):

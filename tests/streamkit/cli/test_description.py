@@ -27,9 +27,9 @@ def test_arguments_are_joined_as_gst_launch_does(arguments: list[str], text: str
     assert join_arguments(arguments) == text
 
 
-def graph(*arguments: str) -> tuple[int, str, str]:
+def graph(*arguments: str, stdin: str | bytes | None = None) -> tuple[int, str, str]:
     """Exit code and what was printed."""
-    done = CliRunner().invoke(make_app(), ["graph", "--format", "json", *arguments])
+    done = CliRunner().invoke(make_app(), ["graph", "--format", "json", *arguments], input=stdin)
     return done.exit_code, done.stdout, done.stderr
 
 
@@ -75,6 +75,19 @@ def test_a_file_has_comments_line_breaks_and_variables(tmp_path: Path) -> None:
     assert code == 2
     found = json.loads(error)["error"]
     assert (found["line"], found["column"], found["length"]) == (3, 5, 7)
+
+
+def test_a_description_comes_from_standard_input() -> None:
+    """As -f -, in the form of a file and within its limits."""
+    code, out, _ = graph("-f", "-", "--set", "N=2", stdin="# few\r\nfakesrc num-buffers=${N}\r\n ! fakesink")
+    assert code == 0
+    assert json.loads(out)["elements"][0]["properties"] == {"num-buffers": 2}
+    wanted = "error: standard input: a description has at most 1000000 bytes\n"
+    assert graph("-f", "-", stdin=1_000_001 * "#") == (2, "", wanted)
+    wanted = "error: cannot read the description -: it is no UTF-8 text\n"
+    assert graph("-f", "-", stdin=b"\xff") == (2, "", wanted)
+    done = CliRunner().invoke(make_app(), ["launch", "--supervise", "-f", "-"], input="fakesrc ! fakesink")
+    assert (done.exit_code, "give a file in place of -f -" in done.stderr) == (2, True)
 
 
 def test_a_file_without_its_option_is_told() -> None:
