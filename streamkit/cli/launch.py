@@ -216,7 +216,8 @@ def _application_notes(pipeline: Pipeline) -> Iterator[str]:
     """Notes on elements that wait for calls of an application, which there is none of here."""
     for element in pipeline.graph.elements:
         if element.factory == "appsink":
-            yield f"{element.name} fills up, as only a Python program takes its frames; write fakesink here"
+            effect = "drops frames" if getattr(element, "drop", False) else "fills up"
+            yield f"{element.name} {effect}, as only a Python program takes its frames; write fakesink here"
         elif element.factory == "appsrc":
             yield f"{element.name} waits, as only a Python program gives it frames; write fakesrc here"
 

@@ -58,11 +58,11 @@ def summarise(statistics: RunStatistics) -> RunSummary:
 
 
 def dropped_text(dropped: Mapping[str, int]) -> str:
-    """Total and reasons: "7 (queue full, oldest dropped: 7)"; "" for none."""
+    """Total and reasons: "7 (queue full: 5; late: 2)", of one reason "7 (queue full)"; "" for none."""
     if not dropped:
         return ""
-    reasons = "; ".join(f"{reason}: {count}" for reason, count in sorted(dropped.items()))
-    return f"{sum(dropped.values())} ({reasons})"
+    counted = (f"{reason}: {count}" for reason, count in sorted(dropped.items()))
+    return f"{sum(dropped.values())} ({'; '.join(counted if len(dropped) > 1 else dropped)})"
 
 
 def results_text(summary: RunSummary) -> str:

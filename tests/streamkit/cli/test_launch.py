@@ -526,6 +526,8 @@ def test_elements_that_wait_for_an_application_are_noted(launch: Callable[..., R
     assert done.stderr == (
         "note: out fills up, as only a Python program takes its frames; write fakesink here\n"
     )
+    done = launch("fakesrc num-buffers=1 ! appsink drop=true")
+    assert done.stderr.startswith("note: appsink0 drops frames, as only a Python program takes its frames; ")
     assert launch("-q", "fakesrc num-buffers=1 ! appsink").stderr == ""
 
 

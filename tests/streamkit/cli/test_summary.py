@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import Result
 
-from streamkit.cli.summary import RunSummary, as_text
+from streamkit.cli.summary import RunSummary, as_text, dropped_text
 
 TRACKING = (
     "dronetestsrc num-buffers=30 seed=1 ! video/x-raw, width=320, height=240 "
@@ -56,6 +56,7 @@ def test_words() -> None:
         "10 frames in 2.0 s, 5.0/s, dropped 3 (no target with a place: 1; queue full: 2), "
         "2 confirmed tracks, wrote a and 3 files b-%d"
     )
+    assert dropped_text({"queue full": 2}) == "2 (queue full)"
 
 
 def test_frames_are_those_of_the_video(launch: Callable[..., Result]) -> None:
