@@ -257,12 +257,18 @@ class Run:
 
 
 def place_of(error: BaseException, element: Element | None) -> str:
-    """File and line where an exception left the code of an element, as "file.py:12"; else where it arose."""
-    frames = traceback.extract_tb(error.__traceback__)
-    folder = Path(inspect.getfile(type(element))).parent if element is not None else None
-    own = [frame for frame in frames if folder in Path(frame.filename).parents]
-    last = (own or frames)[-1]
-    return f"{Path(last.filename).name}:{last.lineno}"
+    """File and line where an exception left the code of an element, as "file.py:12".
+
+    The engine refuses what an element has returned: then the file and class, as "file.py, class Blur".
+    """
+    frames: list[traceback.FrameSummary] = traceback.extract_tb(error.__traceback__)
+    if element is not None:
+        file = Path(inspect.getfile(type(element)))
+        own = [frame for frame in frames if file.parent in Path(frame.filename).parents]
+        if not own:
+            return f"{file.name}, class {type(element).__name__}"
+        frames = own
+    return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
 
 
 @contextlib.contextmanager

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from typer.testing import Result
 
-from streamkit import Caps, Frame, Property, Sink, Source
+from streamkit import Caps, Frame, Property, Sink, Source, Transform
 from streamkit.cli.description import join_arguments
 
 Register = Callable[..., None]
@@ -331,6 +331,26 @@ def test_the_time_of_the_start_is_not_that_of_the_run(
     register(slow=Slow)
     done = launch("--stats=json", "fakesrc num-buffers=3 ! slow")
     assert json.loads(done.stdout)["elapsed_s"] < start_s
+
+
+@pytest.mark.parametrize("returned", [5, [5]])
+def test_an_error_of_a_result_names_the_class_that_returned_it(
+    launch: Callable[..., Result], register: Register, returned: object
+) -> None:
+    """And not the line of the engine that checks it."""
+
+    class Wrong(Transform):
+        """Returns what is no frame."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> Any:
+            return returned
+
+    register(wrong=Wrong)
+    done = launch("fakesrc num-buffers=1 ! wrong ! fakesink")
+    assert "wrong0: TypeError: transform returns a Frame, several, or None, got " in done.stderr
+    assert done.stderr.endswith(f" ({Path(__file__).name}, class Wrong)\n")
 
 
 def test_an_error_within_a_library_names_the_line_that_calls_it(
