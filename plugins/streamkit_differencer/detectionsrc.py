@@ -20,6 +20,7 @@ from streamkit_differencer.arrays import FloatArray
 
 MOT_CORNER = 1.5  # from the centre of the first pixel to the corner of MOT's pixel 1
 MAX_FRAME = 1e7
+NOT_IN_TEXT = frozenset("\0\N{REPLACEMENT CHARACTER}")
 
 Row = tuple[float, float, float, float, float, float]  # frame, x0, y0, x1, y1, score
 
@@ -107,9 +108,11 @@ def read_detections(path: str) -> DetectionTable:
             try:
                 rows += read(line)
             except (ValueError, KeyError, TypeError, IndexError):
+                is_text = NOT_IN_TEXT.isdisjoint(line)
+                found = repr(line.strip()[:60]) if is_text else "bytes that are no text; check the path"
                 raise ValueError(
                     f"{path}:{number}: a detection has a frame, a box with a positive size and a score, "
-                    f"got {line.strip()[:60]!r}"
+                    f"got {found}"
                 ) from None
     table = np.array(rows, np.float64).reshape(-1, 6)
     table = table[np.argsort(table[:, 0], kind="stable")]

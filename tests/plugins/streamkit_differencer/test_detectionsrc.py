@@ -113,6 +113,14 @@ def test_a_line_that_is_no_detection_is_told(tmp_path: Path, text: str, rule: st
         given_detections(path)
 
 
+def test_a_binary_file_is_not_printed(tmp_path: Path):
+    """Its bytes say nothing to a user."""
+    path = tmp_path / "det.jsonl"
+    path.write_bytes(b"\0\0\0\x20ftypisom\xff\xfe\n")
+    with pytest.raises(ElementFailure, match=r"jsonl:1: .* got bytes that are no text; check the path"):
+        given_detections(path)
+
+
 def test_a_missing_file_is_told(tmp_path: Path):
     """And one that was not named."""
     with pytest.raises(ElementFailure, match=r"none\.txt: cannot be read: No such file"):
