@@ -17,6 +17,7 @@ from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.video import raw_video_caps
 from streamkit.graph.pipeline import Pipeline
+from streamkit.masking import mask_secrets
 from streamkit.output.names import FileNames
 
 if TYPE_CHECKING:
@@ -85,6 +86,16 @@ class VideoReader:
         """Stops the pipeline, and ends the iteration."""
         self._items = self._waiting = None
         self._stop()
+
+    def __repr__(self) -> str:
+        """The location, and size and rate once the first frame has come."""
+        location = mask_secrets(getattr(self.pipeline[SOURCE], "location", "") or "images of the program")
+        caps = self._sink.pads["sink"].caps
+        if caps is None or not caps.is_fixed:
+            return f"<VideoReader {location}>"
+        rate = float(caps.get("framerate") or 0)
+        at_rate = f", {rate:.4g} frames/s" if rate else ""
+        return f"<VideoReader {location}, {caps['width']} x {caps['height']} px {caps['format']}{at_rate}>"
 
     def __enter__(self) -> Self:
         return self

@@ -41,6 +41,17 @@ def test_a_file_is_read_whole(flight: Path) -> None:
     assert video.pipeline.state == "null"
 
 
+def test_a_reader_shows_what_it_reads(flight: Path) -> None:
+    """Location, size and rate; before the first frame, and of images without a rate, what is known."""
+    with streamkit.open(flight) as video:
+        rate = float(next(video).caps["framerate"])
+        assert repr(video) == f"<VideoReader {flight}, 1280 x 720 px BGR, {rate:.4g} frames/s>"
+    with streamkit.open(images(3), framerate=25) as video:
+        assert repr(video) == "<VideoReader images of the program>"
+        next(video)
+        assert repr(video) == "<VideoReader images of the program, 32 x 24 px BGR>"
+
+
 def test_tracks_and_registration_come_with_the_frame(flight: Path) -> None:
     """A description between the file and the loop; a URL of the file works, too."""
     frames = list(streamkit.open(flight.as_uri(), "stitch ! framediff ! particletrack", format="GRAY8"))
