@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -19,12 +19,12 @@ def doctor(
     timeout_s: Annotated[
         float, typer.Option("--timeout", min=0.1, max=600, help="Silence that is given up, s.")
     ] = 5.0,
-    transport: Annotated[str, typer.Option(help="tcp or udp.")] = "tcp",
+    transport: Annotated[
+        Literal["tcp", "udp", "auto"], typer.Option(help="Of RTSP; auto is udp, or tcp where nothing comes.")
+    ] = "tcp",
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Checks a stream or file and gives a pipeline to begin with; exit 1 where it cannot be used."""
-    if transport not in ("tcp", "udp"):
-        raise typer.BadParameter(f"transport is tcp or udp, got {transport!r}")
     with Console(stderr=True).status("") as status:  # shows on a terminal only
         report = examine(uri, seconds, timeout_s, transport, lambda step: status.update(escape(step)))
     typer.echo(json.dumps(report.as_json(), indent=2) if as_json else coloured(report.as_text()))

@@ -36,7 +36,7 @@ def examine(
         location: path or URL.
         seconds: how long to watch a live stream.
         timeout_s: limit for connecting and for silence.
-        transport: tcp or udp, for RTSP.
+        transport: tcp, udp or auto, for RTSP.
         report_step: called with a line before each step that takes seconds; nothing by default.
     """
     if location.partition("://")[0].lower() in (*LIVE_SCHEMES, *RTSP_SCHEMES):
@@ -59,7 +59,7 @@ def _examine_live(
         properties |= {"location": location, "transport": transport}
         checks = _reach(location, timeout_s)
     else:
-        properties["uri"], transport = location, scheme
+        properties["uri"] = location
     if not is_usable(checks):
         return Report(where, tuple(checks), "")
     report_step(f"watching {where} for {seconds:g} s")
@@ -67,8 +67,9 @@ def _examine_live(
     if not seen.packets:
         checks.append(bad("stream", seen.error or f"no packet within {timeout_s:g} s"))
         return Report(where, tuple(checks), "")
-    checks += stream_checks(seen, is_live=True, transport=transport, is_rtsp=is_rtsp)
-    source = f"rtspsrc name=s location={{}} transport={transport}" if is_rtsp else "livesrc name=s uri={}"
+    checks += stream_checks(seen, is_live=True, transport=seen.carrier, is_rtsp=is_rtsp)
+    proven = "tcp" if seen.carrier == "tcp" else transport
+    source = f"rtspsrc name=s location={{}} transport={proven}" if is_rtsp else "livesrc name=s uri={}"
     return _reported(where, checks, _live_line(location, source, seen))
 
 

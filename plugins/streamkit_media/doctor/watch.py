@@ -29,6 +29,7 @@ class Seen:
         self._kept_bytes = 0
         self.origins = Counter[str]()  # of the capture times
         self.telemetry: dict[str, TelemetryReader] = {}  # a reader for each telemetry pad
+        self.carrier = ""  # of a live stream: tcp, udp or its scheme
         self.error = ""  # the one that ended it, or ""
 
     def add_video(self, frame: Frame) -> None:
@@ -92,6 +93,7 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
             if seconds is None:
                 for reader in seen.telemetry.values():  # what they held back counts too
                     reader.finish()
+            seen.carrier = getattr(pipeline["s"], "carrier", "")
             error: Exception | None = pipeline.error
     except StreamkitError as failure:
         error = failure

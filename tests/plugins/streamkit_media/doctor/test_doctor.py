@@ -11,8 +11,10 @@ from types import ModuleType
 
 import av
 import pytest
+from typer.testing import CliRunner
 
 from streamkit import Caps, Frame, Pipeline
+from streamkit.cli.main import make_app
 from streamkit_media.doctor.checks import Report, Verdict, _format_check
 from streamkit_media.doctor.examine import examine
 from streamkit_media.doctor.watch import Seen
@@ -55,6 +57,31 @@ def test_a_live_stream(fake: ModuleType) -> None:
     assert "hunter2" not in json.dumps(report.as_json())
     description = shlex.split(report.pipeline)[-1]
     assert Pipeline.parse(description, {"user": "a", "password": "b"})["s"].user_id == "a"
+
+
+@pytest.mark.parametrize(("blocks_udp", "over", "suggested"), [(False, "UDP", "auto"), (True, "TCP", "tcp")])
+def test_auto_names_the_transport_that_works(
+    fake: ModuleType, monkeypatch: pytest.MonkeyPatch, blocks_udp: bool, over: str, suggested: str
+) -> None:
+    """The pipeline does not try UDP again where nothing came over it."""
+    if blocks_udp:
+        send = fake.Client.send
+        monkeypatch.setattr(fake.Client, "send", lambda self, *packet: self.udp or send(self, *packet))
+    with fake.FakeServer(fake.access_units()) as server:
+        report = examine(server.url, seconds=0.5, timeout_s=2.0, transport="auto")
+    (stream,) = (check for check in report.checks if check.name == "stream")
+    assert stream.text.endswith(f" over {over}")
+    assert f" transport={suggested} " in report.pipeline
+
+
+def test_a_transport_that_is_none_is_refused() -> None:
+    """The choices are those of rtspsrc."""
+    done = CliRunner().invoke(make_app(), ["doctor", "rtsp://127.0.0.1:1/x", "--transport", "sctp"])
+    assert done.exit_code == 2
+    assert "'tcp', 'udp', 'auto'" in done.stderr
+    done = CliRunner().invoke(make_app(), ["doctor", "rtsp://127.0.0.1:1/x", "--transport", "auto"])
+    assert done.exit_code == 1
+    assert "reach" in done.stdout
 
 
 @pytest.mark.parametrize(
