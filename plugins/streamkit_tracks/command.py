@@ -9,20 +9,21 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
-from typing import Annotated, NoReturn
+from typing import Annotated, Literal, NoReturn
 
 import msgspec
 import typer
 
 from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState, read_tracks
 from streamkit.output.file import write_whole
+from streamkit.output.pipe import STANDARD_OUTPUT
 from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.record_sink import require_library
 
-SINKS = {**dict.fromkeys(KINDS, "tracksink"), ".mcap": "mcapsink"}
-PARQUET = ".parquet"
-ENDINGS = ", ".join([*SINKS, PARQUET])
+Form = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
+FORMS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
+ENDINGS = ", ".join(FORMS)
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
@@ -85,21 +86,26 @@ def convert(
             readable=True,
         ),
     ],
-    output: Annotated[Path, typer.Argument(help=f"File to write: {ENDINGS}; .txt is MOT.")],
+    output: Annotated[
+        Path, typer.Argument(help=f"File to write: {ENDINGS}; .txt is MOT. - is the standard output.")
+    ],
+    form: Annotated[
+        Form | None, typer.Option("--format", help="In place of the suffix; by default that, of - jsonl.")
+    ] = None,
     run: RunOption = None,
     points: Annotated[
         bool, typer.Option("--points", help="In GeoJSON and KML, points in place of a line for each target.")
     ] = False,
 ) -> None:
     """Converts the tracks of a finished run to another format, by the suffix of the output."""
-    ending = output.suffix.lower()
-    if ending not in SINKS and ending != PARQUET:
-        fail(f"{output}: the name must end in {ENDINGS}, it ends in {output.suffix!r}")
-    sink = SINKS.get(ending, "") + (" points=true" if points and SINKS.get(ending) == "tracksink" else "")
+    kind = form or ("jsonl" if str(output) == STANDARD_OUTPUT else FORMS.get(output.suffix.lower()))
+    if kind is None:
+        fail(f"{output}: the name must end in {ENDINGS}, it ends in {output.suffix!r}; or give --format")
+    sink = "mcapsink" if kind == "mcap" else f"tracksink format={kind} points={points}"
     try:
         with json_lines(file) as records:
             number = check_run(file, max((number for number, _ in RecordFile(records)), default=1), run)
-            if ending == PARQUET:
+            if kind == "parquet":
                 write_parquet(records, number, output)
             else:
                 write_records(records, number, sink, output)
@@ -117,7 +123,7 @@ def json_lines(file: Path) -> Iterator[Path]:
     """
     suffix = file.suffix.lower()
     if suffix not in READERS:
-        if suffix in (*SINKS, PARQUET) and suffix != ".jsonl":
+        if suffix in FORMS and suffix != ".jsonl":
             fail(f"{file}: {suffix} cannot be read; give one of .jsonl, {', '.join(READERS)}")
         yield file
         return

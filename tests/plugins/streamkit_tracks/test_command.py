@@ -97,6 +97,18 @@ def test_records_are_converted_by_suffix(records: Path, tmp_path: Path, name: st
 
 
 @pytest.mark.timeout(200)
+def test_records_are_converted_to_standard_output(records: Path, tmp_path: Path) -> None:
+    """As JSON lines, or in the format given; the same bytes as in a file."""
+    done = run("convert", str(records), "-")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len([json.loads(line) for line in done.stdout.splitlines()]) == 20
+    for form, name in (("csv", "out.csv"), ("mot", "out.txt")):
+        assert run("convert", str(records), str(tmp_path / name)).returncode == 0
+        done = run("convert", str(records), "-", "--format", form)
+        assert (done.returncode, done.stderr, done.stdout) == (0, "", (tmp_path / name).read_text())
+
+
+@pytest.mark.timeout(200)
 def test_what_a_format_lacks_is_said(records: Path, tmp_path: Path) -> None:
     """No positions for KML, no such format, no record."""
     done = run("convert", str(records), str(tmp_path / "out.kml"))
@@ -105,7 +117,7 @@ def test_what_a_format_lacks_is_said(records: Path, tmp_path: Path) -> None:
     refused = run("convert", str(records), str(tmp_path / "out.xyz"))
     assert refused.returncode == 1
     endings = ".jsonl, .txt, .csv, .geojson, .kml, .cot, .mcap, .parquet"
-    assert f"the name must end in {endings}, it ends in '.xyz'" in refused.stderr
+    assert f"the name must end in {endings}, it ends in '.xyz'; or give --format" in refused.stderr
     for command in (["tracks", __file__], ["convert", __file__, str(tmp_path / "out.csv")]):
         refused = run(*command)
         assert refused.returncode == 1
