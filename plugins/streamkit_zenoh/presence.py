@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from streamkit_zenoh.keys import LISTENING, listening_key, listens_to
+from streamkit_zenoh.keys import ALIVE, LISTENING, alive_key, listening_key, listens_to
 from streamkit_zenoh.wire.numbering import RecentDict
 
 # Tokens come from the network: their number is bounded.
@@ -86,6 +86,15 @@ class LivelinessWatch:
         with self._lock:
             self._closed = True
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def published_keys(session: zenoh.Session, limit_s: float) -> list[str]:
+    """The keys of all publishers that a session reaches, as far as they reply within the limit."""
+    replies = session.liveliness().get(
+        alive_key("**"), zenoh.handlers.FifoChannel(TOKEN_LIMIT), timeout=limit_s
+    )
+    tokens = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+    return sorted(token.removesuffix(f"/{ALIVE}") for token in tokens)
 
 
 def declare_receiver(session: zenoh.Session, records: str) -> list[Callable[[], object]]:

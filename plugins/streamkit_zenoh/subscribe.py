@@ -23,6 +23,7 @@ LOOK_EVERY_S = 0.2
 SILENCE_S = 5.0  # without a record, of a publisher that is there
 RETURN_LIMIT_S = 2.0  # a link that was cut is back within it, as after this process was suspended
 MAX_RECORDS = 4096
+MAX_KEYS = 8
 VANISHED = (
     "the publisher has gone without ending its stream: killed, or the way to it is cut; "
     "--stay waits for the next one"
@@ -109,7 +110,7 @@ def _print_all(
 ) -> tuple[int, str]:
     """Exit code and error."""
     printed, last_s, gone_s = 0, time.monotonic(), float("inf")
-    is_silent = False
+    is_silent = has_looked = False
     while not stopped() and (count is None or printed < count):
         update = subscriber.update(LOOK_EVERY_S)
         printer.refresh()
@@ -130,17 +131,31 @@ def _print_all(
             gone_s = float("inf")
             if timeout_s is not None and now_s - last_s > timeout_s:
                 return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
-            if not is_silent and subscriber.counts.publishers and now_s - last_s > SILENCE_S:
-                is_silent = True
-                silence = f"no record for {SILENCE_S:g} s, though a publisher is there"
-                printer.note(f"{silence}: has it lost its feed?")
+            if now_s - last_s > SILENCE_S:
+                silence = f"no record for {SILENCE_S:g} s"
+                if subscriber.counts.publishers and not is_silent:
+                    is_silent = True
+                    printer.note(f"{silence}, though a publisher is there: has it lost its feed?")
+                elif not subscriber.counts.publishers and not has_looked:
+                    has_looked = True
+                    if others := _others(subscriber):
+                        printer.note(f"{silence}: {others}")
     return 0, ""
 
 
 def _remedy(subscriber: TrackSubscriber) -> str:
     if subscriber.counts.publishers:
         return ", though a publisher is there"
+    if others := _others(subscriber):
+        return f": {others}"
     return ": no publisher is there; start it, or give both sides endpoints that meet (--connect, --listen)"
+
+
+def _others(subscriber: TrackSubscriber) -> str:
+    """That only other keys are published, and a few of them; "" if none is."""
+    keys = subscriber.published_keys()
+    more = f" and {len(keys) - MAX_KEYS} more" if len(keys) > MAX_KEYS else ""
+    return f"no publisher has this key; others have {', '.join(keys[:MAX_KEYS])}{more}" if keys else ""
 
 
 def _fail(message: str, code: int) -> NoReturn:

@@ -8,6 +8,7 @@ from typing import NamedTuple, Self
 from streamkit import TrackRecord
 from streamkit_zenoh.configuration import Reach, SessionMode, SessionSettings
 from streamkit_zenoh.keys import records_key
+from streamkit_zenoh.presence import published_keys
 from streamkit_zenoh.receiver import Counts, MessageReceiver
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, decode_message
@@ -15,6 +16,7 @@ from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 
 LOOK_EVERY_S = 0.2
 CLOSE_LIMIT_S = 2.0
+LOOK_LIMIT_S = 1.0
 QUEUE_LIMIT_BYTES = 64 * 1024 * 1024
 
 
@@ -93,6 +95,10 @@ class TrackSubscriber:
     def warnings(self) -> list[str]:
         """What a user must know about the numbers of the messages so far."""
         return self._receiver.warnings()
+
+    def published_keys(self, limit_s: float = LOOK_LIMIT_S) -> list[str]:
+        """The keys of all publishers in reach, as far as they reply within the limit."""
+        return published_keys(self._session, limit_s)
 
     @property
     def is_over(self) -> bool:

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -255,6 +256,32 @@ def test_a_publisher_that_is_back_in_time_is_no_error(
     assert found == code
     assert len(shown) == 1 - code
     assert ("--stay waits" in message) is bool(code)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["uav/2"], "no publisher has this key; others have uav/2"),
+        ([f"uav/{n}" for n in range(10)], "others have uav/0, .*, uav/7 and 2 more"),
+        ([], "no publisher is there; start it"),
+    ],
+)
+def test_other_publishers_are_named_where_the_key_has_none(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], keys: list[str], words: str
+) -> None:
+    """Once while it waits, and in the error at the timeout."""
+    monkeypatch.setattr(command, "SILENCE_S", -1.0)
+    counts = SimpleNamespace(publishers=0, lost=0, overwritten=0)
+    subscriber: Any = SimpleNamespace(
+        update=lambda _: None, is_over=False, counts=counts, warnings=list, published_keys=lambda: keys
+    )
+    printer = Printer(subscriber, lambda *_: "record", gaps=False, age=False)
+    looks = iter([False] * 3 + [True])
+    assert command._print_all(subscriber, printer, None, None, lambda: next(looks)) == (0, "")
+    assert len(re.findall(f"note: no record for -1 s: .*{words}\n", capsys.readouterr().err)) == bool(keys)
+    code, message = command._print_all(subscriber, printer, None, -1.0, lambda: False)
+    assert code == 1
+    assert re.search(f"no record has come within -1 s: .*{words}", message)
 
 
 def test_a_publisher_that_falls_silent_is_noted_once(

@@ -95,6 +95,17 @@ def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, e
         assert subscriber.get(0.0) is None
 
 
+def test_the_keys_of_other_publishers_are_found(
+    sink: Callable[..., Harness], key: str, endpoint: str
+) -> None:
+    """As for a subscriber whose key is wrong; those in reach, and none after the end."""
+    harness = sink()
+    with TrackSubscriber("nowhere", connect=endpoint) as subscriber:
+        _wait_for(lambda: subscriber.published_keys() == [key])
+        harness.close()
+        _wait_for(lambda: subscriber.published_keys() == [])
+
+
 def test_a_late_subscriber_gets_the_last_record(
     sink: Callable[..., Harness], key: str, endpoint: str
 ) -> None:
