@@ -23,6 +23,7 @@ FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
 # Hybrid fragmented MP4: indexed when closed. FFmpeg's muxer crashes on some damaged streams, so it is used
 # for frames encoded here only. Without empty_moov it misreads the first fragment of a file not closed.
+# Such a file has no edit list yet: its frames are later by the frames that are reordered.
 HYBRID = {
     "movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets+empty_moov",
     "frag_duration": "500000",
