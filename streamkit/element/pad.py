@@ -205,6 +205,8 @@ class Pad:
             self.caps = event.caps
         elif isinstance(event, SegmentEvent):
             self.segment = event.segment
+        elif isinstance(event, EosEvent) and self.is_src:  # of a sink pad, the element sets it
+            self.is_eos = True
         elif isinstance(event, FlushStart | FlushStop):
             self.is_eos = False
             if not self.is_src:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, Presence
 from streamkit.errors import DescriptionError, ElementFailure, Place
+from streamkit.graph.bins import Bin
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, free_name
 from streamkit.graph.link import find_pad
@@ -25,10 +26,12 @@ class Branch:
     Attributes:
         src: the request pad.
         elements: its elements, including inserted converters.
+        bins: the bins in it.
     """
 
     src: Pad
     elements: list[Element]
+    bins: list[Bin]
 
 
 def add_branch(graph: Graph, name: str, description: str, playback: Playback | None) -> Branch:
@@ -36,7 +39,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     from streamkit.graph.build import build
 
     element = graph.element(name)
-    taken = {known.name for known in graph.elements}
+    taken = {known.name for known in (*graph.elements, *graph.bins)}
     added = build(description, {}, taken)
     if added.homes or not graph.is_local(element):
         raise DescriptionError("link", f"{name}: branches join and leave in the main process only")
@@ -58,7 +61,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     before = len(graph.inserted)
     graph.elements += added.elements
     graph.bins += added.bins
-    branch = Branch(src, list(added.elements))
+    branch = Branch(src, list(added.elements), added.bins)
     try:
         check_files(graph.elements)
         negotiate(graph, {})
@@ -76,7 +79,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
 
 def _check_names(added: Graph, taken: set[str]) -> None:
     """Refuses names that are already in use; renumbers inserted converters."""
-    for element in added.elements:
+    for element in (*added.bins, *added.elements):
         if element in added.inserted:
             element.name = free_name(element.factory, taken)
         elif element.name in taken:
@@ -110,5 +113,4 @@ def _detach(graph: Graph, branch: Branch) -> None:
     graph.added_branches.discard(branch.src)
     graph.elements[:] = [element for element in graph.elements if element not in branch.elements]
     graph.inserted[:] = [element for element in graph.inserted if element not in branch.elements]
-    parents = {element.parent for element in branch.elements} - {e.parent for e in graph.elements}
-    graph.bins[:] = [group for group in graph.bins if group.name not in parents]
+    graph.bins[:] = [group for group in graph.bins if group not in branch.bins]

@@ -318,8 +318,8 @@ class Pipeline:
             self._started = [element for element in self._started if element not in branch.elements]
         check_ended(stuck, STOP_LIMIT_S)
 
-    def _own_statistics(self) -> list[ElementStatistics]:
-        return self._playback.statistics(self.clock.monotonic_ns())
+    def _own_statistics(self) -> dict[Element, ElementStatistics]:
+        return self._playback.rows(self.clock.monotonic_ns())
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self.bus.post)

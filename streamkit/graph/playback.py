@@ -217,6 +217,10 @@ class Playback:
 
     def statistics(self, now_ns: int) -> list[ElementStatistics]:
         """Counters of the elements, in textual order; those in other processes have none."""
+        return list(self.rows(now_ns).values())
+
+    def rows(self, now_ns: int) -> dict[Element, ElementStatistics]:
+        """The same, by element."""
         return collect_statistics(self._graph, self.chains, self._retired, self._bus.counts, now_ns)
 
     def pad_added(self, pad: Pad) -> None:
@@ -270,10 +274,14 @@ class Playback:
             threads = self.add_threads(elements)
             chain = Chain(src)
             self.chains.append(chain)
+            src.is_eos = False  # from now on EOS reaches the branch
         for thread in threads:
             thread.start()
         self.branches.join(src, chain.push)
         src.element.pads_changed()
+        has_ended = any(pad.peer is not None and pad.peer.is_eos for pad in src.element.sink_pads())
+        if has_ended and not src.is_eos:
+            self.end.remove(sinks)  # nothing comes to them any more
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
         """Removes a branch; the run no longer waits for its sinks."""

@@ -219,7 +219,7 @@ def collect_statistics(
     retired: RetiredChains,
     counts: Counter[tuple[str, MessageKind]],
     now_ns: int,
-) -> list[ElementStatistics]:
+) -> dict[Element, ElementStatistics]:
     """The counters of every element of a graph, in order.
 
     Args:
@@ -252,7 +252,7 @@ def collect_statistics(
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
         )
 
-    return [row(element) for element in graph.elements]
+    return {element: row(element) for element in list(graph.elements)}  # branches may join meanwhile
 
 
 def _pad_row(pad: Pad, frames: int) -> PadStatistics:

@@ -123,6 +123,10 @@ class Part:
                 self._counters = msgspec.convert(found, Counters)
         return self._counters
 
+    def rows(self) -> dict[Element, ElementStatistics]:
+        """The counters of each element in its process; empty before the first answer."""
+        return dict(zip(self.elements, self.statistics()[0], strict=False))
+
     def order(self, name: str, *arguments: Any, **options: Any) -> Future[Any]:
         """Sends an order to the newest child; without one, the future has the exception `ProcessDied`."""
         child = self.child

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from msgspec import structs
 
+from streamkit.element.base import Element
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.process_link import ProcessLink
@@ -20,15 +21,15 @@ LOST = "lost with the process that had them"
 
 def merge_statistics(
     graph: Graph,
-    own: list[ElementStatistics],
-    reported: Mapping[Bin, list[ElementStatistics]],
+    own: Mapping[Element, ElementStatistics],
+    reported: Mapping[Bin, Mapping[Element, ElementStatistics]],
     lost: Mapping[ProcessLink, int],
 ) -> list[ElementStatistics]:
     """Replaces the rows of elements by those of the processes that run them.
 
     Args:
         graph: the whole graph.
-        own: a row for each of its elements, from the main process, which counts all messages.
+        own: a row for each element, from the main process, which counts all messages.
         reported: the same from the other processes; empty before the first answer.
         lost: by link, frames on the way through connections that were replaced.
 
@@ -36,12 +37,9 @@ def merge_statistics(
         The rows. A process link has what its writing half took in and its reading half sent on.
     """
 
-    def row(index: int, mine: ElementStatistics) -> ElementStatistics:
-        element = graph.elements[index]
-
+    def row(element: Element, mine: ElementStatistics) -> ElementStatistics:
         def of(home: Bin | None) -> ElementStatistics:
-            rows = own if home is None else reported[home]
-            return rows[index] if rows else mine
+            return mine if home is None else reported[home].get(element, mine)
 
         if not isinstance(element, ProcessLink):
             return structs.replace(of(graph.homes.get(element)), errors=mine.errors, warnings=mine.warnings)
@@ -52,19 +50,21 @@ def merge_statistics(
             dropped=mine.dropped | ({LOST: lost[element]} if lost[element] else {}),
         )  # fmt: skip
 
-    return [row(index, mine) for index, mine in enumerate(own)]
+    return [row(element, mine) for element, mine in own.items()]
 
 
-def measure_process(graph: Graph, rows: Iterable[ElementStatistics], cpu_began_ns: int) -> ProcessStatistics:
+def measure_process(
+    graph: Graph, rows: Mapping[Element, ElementStatistics], cpu_began_ns: int
+) -> ProcessStatistics:
     """The counters of the calling process.
 
     Args:
         graph: the whole graph.
-        rows: the counters of its elements in this process, in order.
+        rows: the counters of its elements in this process.
         cpu_began_ns: processor time that the process had used when streaming began, ns.
     """
     frames = crossings = waited_ns = 0
-    for element, row in zip(graph.elements, rows, strict=True):
+    for element, row in rows.items():
         if not graph.is_local(element):
             continue
         frames = max(frames, row.frames_in, row.frames_out)

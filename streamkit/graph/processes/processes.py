@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
 from streamkit.crossing.values import ValueDecoder, packages_of
+from streamkit.element.base import Element
 from streamkit.element.timing import Timing
 from streamkit.errors import (
     ElementFailure,
@@ -135,11 +136,11 @@ class Processes:
         for part in self._parts.values():
             part.try_ask("finish")
 
-    def merge(self, rows: list[ElementStatistics]) -> list[ElementStatistics]:
+    def merge(self, rows: dict[Element, ElementStatistics]) -> list[ElementStatistics]:
         """The counters of the main process with those of the others."""
         if not self._parts:
-            return rows
-        reported = {home: part.statistics()[0] for home, part in self._parts.items()}
+            return list(rows.values())
+        reported = {home: part.rows() for home, part in self._parts.items()}
         lost = {
             link: sum(earlier[SENT] - earlier[TAKEN] for earlier in counts[:-1])
             for link, counts in self._counts.items()

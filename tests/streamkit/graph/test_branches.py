@@ -1,6 +1,7 @@
 """Branches added and removed while playing, and pads that the stream adds."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -303,3 +304,28 @@ def test_a_branch_that_got_no_frame_streams_in_the_next_run() -> None:
         pipeline.play()
         assert pipeline["added"].pull(20.0) is not None
         assert pipeline["added"].sink_caps == Caps("a/b")
+
+
+def test_a_branch_that_is_added_after_the_end_of_the_stream_is_not_waited_for() -> None:
+    """EOS has passed the tee, but not the sinks: the run still waits for those, and not for the new one."""
+    with Pipeline.parse("fakesrc num-buffers=3 name=f ! tee name=t t. ! queue ! fakesink") as pipeline:
+        pipeline.pause()
+        assert pipeline.wait_prerolled(10)
+        while not pipeline["f"].has_left:
+            time.sleep(0.001)
+        pipeline.add_branch("t", "queue ! fakesink")
+        pipeline.play()
+        assert pipeline.wait(10) is not None
+
+
+def test_the_bins_of_a_branch_have_names_of_their_own() -> None:
+    """They come and go with it, the enclosing ones, too."""
+    with Pipeline.parse("fakesrc ! tee name=t  t. ! ( name=out fakesink )  t. ! ( fakesink )") as pipeline:
+        before = list(pipeline.graph.bins)
+        branch = pipeline.add_branch("t", "( ( fakesink ) )")
+        names = [group.name for group in pipeline.graph.bins]
+        assert len(set(names)) == len(before) + 2
+        pipeline.remove_branch(branch)
+        assert pipeline.graph.bins == before
+        with pytest.raises(DescriptionError, match="has an element 'out' already"):
+            pipeline.add_branch("t", "( name=out fakesink )")

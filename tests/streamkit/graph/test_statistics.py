@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
@@ -268,3 +269,18 @@ def test_a_transform_that_waits_is_not_busy() -> None:
         rows = {row.element: row for row in pipeline.statistics()}
     assert rows["i"].frames_in == 15
     assert rows["i"].busy_ns < 75_000_000  # of the 150 ms that it waits at least
+
+
+def test_a_branch_may_join_while_the_counters_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its elements are counted from the next time on."""
+    with Pipeline.parse("fakesrc ! tee name=t ! fakesink") as pipeline:
+        pipeline.play()
+        measure = pipeline._playback.rows
+
+        def measure_and_add(now_ns: int) -> Any:
+            rows = measure(now_ns)
+            pipeline.add_branch("t", "fakesink")
+            return rows
+
+        monkeypatch.setattr(pipeline._playback, "rows", measure_and_add)
+        assert [row.process for row in pipeline.process_statistics()] == ["main"]
