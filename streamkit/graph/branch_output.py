@@ -63,11 +63,23 @@ class BranchOutput:
     def remove(self, timeout_s: float) -> None:
         """Ends the branch: EOS goes out behind the frame on its way, which has `timeout_s` to arrive."""
         self._is_removed = True
-        if self._sending.acquire(timeout=max(0.0, timeout_s)):
+        failures: list[Exception] = []
+
+        def end() -> None:
             try:
-                self._end()
-            finally:
-                self._sending.release()
+                with self._sending:
+                    self._end()
+            except FlowStop:
+                pass
+            except Exception as failure:
+                failures.append(failure)
+
+        # A sink without a queue takes EOS in this thread, and waits with it while the pipeline is paused.
+        thread = threading.Thread(target=end, name=f"streamkit:{self._src.path}:end")
+        thread.start()
+        thread.join(max(0.0, timeout_s))
+        if failures:
+            raise failures[0]
 
     def fail(self) -> None:
         """Ends the branch at its next frame; the frames that follow are counted as dropped."""

@@ -329,3 +329,13 @@ def test_the_bins_of_a_branch_have_names_of_their_own() -> None:
         assert pipeline.graph.bins == before
         with pytest.raises(DescriptionError, match="has an element 'out' already"):
             pipeline.add_branch("t", "( name=out fakesink )")
+
+
+def test_a_branch_without_a_queue_is_removed_while_paused() -> None:
+    """Its sink would hold EOS until the pipeline plays, which waits for the removal."""
+    with Pipeline.parse("fakesrc ! tee name=t ! fakesink") as pipeline:
+        pipeline.pause()
+        assert pipeline.wait_prerolled(10)
+        branch = pipeline.add_branch("t", "fakesink")
+        pipeline.remove_branch(branch, timeout_s=0.1)
+        pipeline.play()
