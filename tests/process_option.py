@@ -6,7 +6,7 @@ have, or puts the element where no process can be.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import pytest
@@ -37,15 +37,15 @@ def use_processes(factory: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes every pipeline of a test run the elements of a type in processes."""
     build, begin, find = build_module.build, Pipeline.__init__, Pipeline.__getitem__
 
-    def build_in_processes(text: str, variables: Mapping[str, str]) -> Graph:
-        graph = build(text, variables)
+    def build_in_processes(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -> Graph:
+        graph = build(text, variables, taken)
         if all(element.factory != factory for element in graph.elements):
             return graph
         entries = [installed_elements().get(element.factory) for element in graph.elements]
         if any(entry is not None and entry.target.startswith(OF_A_TEST) for entry in entries):
             pytest.skip("an element of this test is in no package")
         try:
-            return build(in_processes(text, factory), variables)
+            return build(in_processes(text, factory), variables, taken)
         except DescriptionError as error:
             pytest.skip(f"cannot be in a process: {error}")
 
