@@ -178,8 +178,9 @@ class Element(PadOwner):
         Raises:
             Flushing: the pipeline stops or flushes.
         """
-        while not condition():
-            if self.stopping.is_set() or self.is_flushing:
+        flushes = self.flushes
+        while self.flushes != flushes or not condition():
+            if self.stopping.is_set() or self.is_flushing or self.flushes != flushes:
                 raise Flushing(self.name)
             with self.waiting():
                 self.changed.wait(poll_s)
@@ -283,8 +284,7 @@ class Element(PadOwner):
 
     def failure(self, cause: BaseException, frame: Frame | None = None) -> ElementFailure:
         """The error of this element for an exception."""
-        where = frame.describe() if frame is not None else ""
-        return ElementFailure(self.name, self.factory, cause, where)
+        return ElementFailure(self.name, self.factory, cause, "" if frame is None else frame.describe())
 
     def set_property(self, name: str, value: Any) -> None:
         """Sets a property by name, with dashes or underscores; ignores a read-only one with a warning.

@@ -133,7 +133,9 @@ class AppSink(PlainSink):
     @override
     def flush(self, *, begins: bool) -> None:
         super().flush(begins=begins)
-        self._forget()
+        with self.changed:
+            self.count_drop("flushed", self.pending.buffers)
+            self._forget()
 
     # Called by the application.
 

@@ -223,9 +223,10 @@ class Queue(Element):
         self._pushing_thread = threading.get_ident()
         try:
             while True:
-                item: Frame | Event | None = None
+                item: Frame | Event | None
                 try:
                     while True:
+                        item = None
                         item = self._take()
                         if isinstance(item, Frame):
                             src.push(item)
@@ -235,9 +236,7 @@ class Queue(Element):
                                 self._leave()
                                 return
                 except Flushing:
-                    self._park()
-                    if isinstance(item, EosEvent):  # it was dropped on its way
-                        self.receive_event(self.pads["sink"], item)
+                    self._park(item)
         except EndOfStream:
             self._refuse(EndOfStream)
             src.send_event(EOS)
@@ -300,8 +299,8 @@ class Queue(Element):
                 raise Flushing(self.name)
             self.has_left = True
 
-    def _park(self) -> None:
-        """Waits until a flush ends; without one, ends streaming."""
+    def _park(self, item: Frame | Event | None) -> None:
+        """Waits until a flush ends, which has dropped an item on its way; without one, ends streaming."""
         with self.lock:
             is_flush = self._flushes_met != self.flushes
             self._flushes_met = self.flushes
@@ -312,6 +311,10 @@ class Queue(Element):
             if not is_flush or self.stopping.is_set():
                 raise Flushing(self.name)
             self._pushing_thread = threading.get_ident()
+        if isinstance(item, Frame):
+            self.count_drop("flushed")
+        elif isinstance(item, EosEvent):
+            self.receive_event(self.pads["sink"], item)
 
     def _refuse(self, stop: type[FlowStop]) -> None:
         """Drops queued frames; every later push raises the reason."""

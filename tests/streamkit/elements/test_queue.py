@@ -1,6 +1,7 @@
 """queue: limits, leaking, events, errors and threads; the cases are GStreamer's."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -362,3 +363,18 @@ def test_a_harness_can_run_a_queue() -> None:
     with Harness("queue") as harness:
         assert harness.push(frame(0)) == []
         assert harness.element.current_level_buffers == 1  # type: ignore[attr-defined]
+
+
+def test_every_frame_that_a_flush_drops_is_counted() -> None:
+    """Those in the queue, that in its thread's hand, and those that appsink holds."""
+    with Pipeline.parse(
+        "fakesrc num-buffers=40 ! queue name=q max-size-buffers=3 ! appsink name=out max-buffers=1"
+    ) as pipeline:
+        pipeline.play()
+        while pipeline["q"].current_level_buffers < 3 or pipeline.statistics()[-1].frames_in < 2:
+            time.sleep(0.001)
+        pipeline.flush()
+        received = len(list(pipeline["out"]))
+        lost = sum(row.total_dropped for row in pipeline.statistics())
+    assert lost >= 5
+    assert received + lost == 40
