@@ -10,6 +10,7 @@ from graphlib import CycleError, TopologicalSorter
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, Presence
+from streamkit.element.source import Source
 from streamkit.errors import StateError
 from streamkit.graph.bins import Bin
 from streamkit.graph.link import DelayedLink
@@ -58,6 +59,14 @@ class Graph:
     def local(self) -> list[Element]:
         """The elements that run in this process."""
         return [element for element in self.elements if self.is_local(element)]
+
+    def roots(self) -> list[Element]:
+        """The local elements where streams begin: sources, and links from other processes."""
+        return [
+            element
+            for element in self.local()
+            if isinstance(element, Source) or (isinstance(element, ProcessLink) and element.reads)
+        ]
 
     def is_local(self, element: Element) -> bool:
         """Whether an element, or half of it, runs in this process."""

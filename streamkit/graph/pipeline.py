@@ -203,9 +203,10 @@ class Pipeline:
 
     def flush(self) -> None:
         """Drops all frames in flight, for example to jump to the newest of a live feed."""
-        with self._lock:
+        with self._lock, self._processes.flushing():
             if self.state in (State.PAUSED, State.PLAYING):
-                self._playback.flush()
+                self._playback.flush(begins=True)
+                self._playback.flush(begins=False)
 
     def cancel(self) -> None:
         """Cancels a start or stop in progress, or the next start; safe in any thread or signal handler.
@@ -267,11 +268,12 @@ class Pipeline:
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
-        return self._processes.merge(self._own_statistics())
+        return self._processes.merge(self._playback.rows(self.clock.monotonic_ns()))
 
     def process_statistics(self) -> list[ProcessStatistics]:
         """Counters of every process since streaming began, the main process first."""
-        own = measure_process(self.graph, self._own_statistics(), self._playback.cpu_began_ns)
+        rows = self._playback.rows(self.clock.monotonic_ns())
+        own = measure_process(self.graph, rows, self._playback.cpu_began_ns)
         return [own, *self._processes.statistics()]
 
     def latency(self) -> Latency:
@@ -317,9 +319,6 @@ class Pipeline:
             stuck += stop_elements([e for e in self._started if e in branch.elements], self._limits())
             self._started = [element for element in self._started if element not in branch.elements]
         check_ended(stuck, STOP_LIMIT_S)
-
-    def _own_statistics(self) -> dict[Element, ElementStatistics]:
-        return self._playback.rows(self.clock.monotonic_ns())
 
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self.bus.post)

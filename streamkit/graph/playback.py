@@ -179,18 +179,19 @@ class Playback:
     def _expect_preroll(self) -> None:
         self.end.expect_preroll([] if self.is_live else self._sinks())
 
-    def flush(self) -> None:
-        """Drops all frames in flight; sources continue with their next frame."""
-        pads = [pad for source in self._sources() for pad in source.src_pads()]
-        for source in self._sources():
-            source.flush(begins=True)
-        for pad in pads:
-            pad.send_event(FLUSH_START)
-        self._expect_preroll()
-        for pad in pads:
-            pad.send_event(FLUSH_STOP)
-        for source in self._sources():
-            source.flush(begins=False)
+    def flush(self, *, begins: bool) -> None:
+        """Begins to drop all frames in flight, or lets sources continue with their next frame."""
+        roots = self._graph.roots()
+        if begins:
+            for root in roots:
+                root.flush(begins=True)
+        for pad in [pad for root in roots for pad in root.src_pads()]:
+            pad.send_event(FLUSH_START if begins else FLUSH_STOP)
+        if begins:
+            self._expect_preroll()
+            return
+        for root in roots:
+            root.flush(begins=False)
         # EOS may have been on its way: sources send it again, and queues that have passed it on wait for it.
         left = [element for element in self._graph.local() if element.has_left]
         for thread in self._add_threads(left):

@@ -24,10 +24,12 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.build import build
 from streamkit.graph.graph import Graph
 from streamkit.graph.pipeline import Pipeline
+from streamkit.graph.processes.connection import COUNTS
 from streamkit.graph.processes.orders import (
     ENCODER,
     ORDERS,
     QUERIES,
+    Counters,
     Dropped,
     Order,
     OrderResult,
@@ -41,7 +43,7 @@ from streamkit.handoff.bounded_queue import POLL_S
 
 PR_SET_PDEATHSIG = 1
 # These wait for elements: they run one after another in a thread of their own, the others at once.
-IN_ORDER = frozenset({"ready", "play", "pause", "stop"})
+IN_ORDER = frozenset({"ready", "play", "pause", "flush", "stop"})
 
 
 class Child:
@@ -71,13 +73,14 @@ class Child:
             "ready": self._pipeline.ready,
             "play": self._play,
             "pause": self._pipeline.pause,
-            "stop": self._pipeline.stop,
+            "stop": self._stop,
+            "flush": lambda begins: self._pipeline._playback.flush(begins=begins),
             "finish": self._pipeline.finish,
             "ping": lambda: None,  # the answer shows that the interpreter runs
             "connect": self._connect,
             "give-up": lambda number: list(graph.process_links)[number].give_up(),
             "set": self._set,
-            "statistics": lambda: (self._pipeline.statistics(), self._pipeline.process_statistics()),
+            "statistics": self._statistics,
             "query": self._query,
         }
         self._pipeline.bus.watch(self._post)
@@ -145,11 +148,18 @@ class Child:
         gc.freeze()  # garbage collection of imported objects would block a live feed for 60 ms
         timing.follow(base_ns, latency_ns)
 
+    def _stop(self) -> Counters:
+        self._pipeline.stop()
+        return self._statistics()  # the last ones
+
+    def _statistics(self) -> Counters:
+        return self._pipeline.statistics(), self._pipeline.process_statistics()
+
     def _connect(self, number: int) -> None:
         link = list(self._pipeline.graph.process_links)[number]
         end, counts = self._control.take_descriptor(), self._control.take_descriptor()
         try:
-            link.connect(socket.socket(fileno=end), map_numbers(counts, 2))
+            link.connect(socket.socket(fileno=end), map_numbers(counts, COUNTS))
         finally:
             os.close(counts)
 

@@ -21,11 +21,10 @@ from streamkit.errors import ElementFailure, ProcessDied, StreamkitError
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ChildProcess
-from streamkit.graph.processes.orders import QUERIES, Report, Setup
-from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
+from streamkit.graph.processes.orders import QUERIES, Counters, Report, Setup
+from streamkit.graph.statistics import ElementStatistics
 
 STATISTICS_LIMIT_S = 1.0
-Counters = tuple[list[ElementStatistics], list[ProcessStatistics]]
 
 
 class Part:
@@ -35,6 +34,7 @@ class Part:
         elements: those of the graph, as the children number them.
         sinks: those in the process.
         limit_s: of a call of an element in the process, and of its silence; 0 is none.
+        is_streaming: whether the process has been ordered to.
         child: its process; the newest if it was started again; None before the start and after the end.
         has_ended: whether everything in it has come to its end.
         restarts: times (monotonic, s) at which it was started again, within the window.
@@ -60,6 +60,7 @@ class Part:
         self.has_ended = False
         self.ending: threading.Thread | None = None
         self.restarts: deque[float] = deque()
+        self.is_streaming = False
         self._counters: Counters = ([], [])
 
     def spawn(
@@ -81,6 +82,7 @@ class Part:
         self._marks[0] = -1
         callbacks = functools.partial(reported, self), functools.partial(ended, self)
         self.child = ChildProcess(self.home.name, setup, descriptor, len(graph.processes) + 1, *callbacks)
+        self.is_streaming = False
         self.child.start()
         return self.child
 
@@ -122,6 +124,16 @@ class Part:
                 found = child.ask("statistics", limit_s=STATISTICS_LIMIT_S)
                 self._counters = msgspec.convert(found, Counters)
         return self._counters
+
+    def begin_stop(self, limit_s: float) -> None:
+        """Orders the process to stop, within a time limit; it answers with its last counters."""
+        if self.child is not None:
+            self.child.silence_limit_s = 0.0
+        self.order("stop", limit_s=limit_s).add_done_callback(self._stopped)
+
+    def _stopped(self, answer: Future[Any]) -> None:
+        if answer.exception() is None:
+            self._counters = msgspec.convert(answer.result(), Counters)
 
     def rows(self) -> dict[Element, ElementStatistics]:
         """The counters of each element in its process; empty before the first answer."""

@@ -7,7 +7,7 @@ import dataclasses
 import socket
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from typing_extensions import override
@@ -32,19 +32,8 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.graph.processes.connection import FLUSHED, SENT, TAKEN, Connection
 from streamkit.handoff.bounded_queue import POLL_S
-
-SENT, TAKEN = 0, 1
-
-
-class Connection(NamedTuple):
-    """A connection to one run of the other process.
-
-    Its counts of frames, `SENT` by the writer and `TAKEN` by what is downstream of the reader, outlive both.
-    """
-
-    channel: Channel
-    counts: memoryview
 
 
 class ProcessLink(Element):
@@ -63,6 +52,7 @@ class ProcessLink(Element):
         before_end: called before EOS is sent on; waits until the messages from before it have arrived.
         last_frame: the number of the newest frame received, -1 before one; a child has it in memory that
             outlives it.
+        is_given_up: whether the other process has died and is not started again.
         link_wait_ns: time that the half here waited for frames or for room, ns.
     """
 
@@ -77,6 +67,7 @@ class ProcessLink(Element):
         self._newest: Connection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # the newest one last; those before are shut down
         super().__init__(name, **properties)
+        self.is_given_up = False
         self.begin_run()
 
     @override
@@ -91,13 +82,12 @@ class ProcessLink(Element):
         """Resets the state of an earlier run; the connection stays."""
         self.last_frame[0] = -1
         self.link_wait_ns = 0
-        self._is_given_up = False
         self._used: Connection | None = None
         # Of the writing half.
         self._encoder = StreamEncoder()
         self._has_sent_eos = self._is_refused = self._has_gap = False
         # Of the reading half.
-        self._is_first_of_epoch = False
+        self._is_first_of_epoch = self._has_received_all = self.has_left = False
         self._epoch_offset = self._number_offset = self._highest_epoch = 0
         self._highest_number = -1
 
@@ -121,21 +111,17 @@ class ProcessLink(Element):
     def give_up(self) -> None:
         """The other process has died and is not started again: ends the stream on both sides."""
         with self.changed:
-            self._is_given_up = True
+            self.is_given_up = True
             self.changed.notify_all()
 
     def disconnect(self) -> None:
         """Closes the connection and unmaps its memory; only once no thread uses it."""
         with self.changed:
             channels, self._channels, self._newest = self._channels, [], None
-        self._has_sent_eos = False
+        self._has_sent_eos = self.is_given_up = False
         self._encoder = StreamEncoder()
         for channel in channels:
             channel.close()
-
-    def _is_connected(self) -> bool:
-        newest = self._newest
-        return not (self._is_given_up or newest is None or newest.channel.is_closed)
 
     def _connection(self) -> Connection:
         """Waits for a connection that is open.
@@ -144,8 +130,10 @@ class ProcessLink(Element):
             FlowStop: there will be none.
         """
         with self.changed:
-            self.wait_for(lambda: self._is_given_up or self._is_connected())
-            if self._is_given_up:
+            self.wait_for(
+                lambda: self.is_given_up or not (self._newest is None or self._newest.channel.is_closed)
+            )
+            if self.is_given_up:
                 raise EndOfStream(self.name)
             assert self._newest is not None
             return self._newest
@@ -165,13 +153,14 @@ class ProcessLink(Element):
         return self._put
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Sends an event in order with the frames; a flush only to a reader that is there."""
-        waits = not isinstance(event, FlushStart | FlushStop)
+        """Sends an event in order with the frames, but no flush: each process begins its own."""
+        # Set before: a reader that connects between the sending and this would never get it.
+        self._has_sent_eos = isinstance(event, EosEvent)
+        if isinstance(event, FlushStart | FlushStop):
+            return
         with self.waiting():
-            # Set before: a reader that connects between the sending and this would never get it.
-            self._has_sent_eos = isinstance(event, EosEvent)
-            while self.writes and not self._is_refused and (waits or self._is_connected()):
-                with contextlib.suppress(ChannelClosed):
+            while self.writes and not (self._is_refused or self.is_given_up):
+                with contextlib.suppress(ChannelClosed, EndOfStream):
                     channel = self._reader_connection().channel
                     channel.send(self._encoder.event(event), (), self.stopping.is_set)
                     return  # it is sent, or the pipeline stops
@@ -245,17 +234,51 @@ class ProcessLink(Element):
 
     def stream(self) -> None:
         """Body of the reading thread: sends frames and events on, in order, until EOS."""
-        while self.reads:
-            with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
-                try:
-                    connection = self._connection()
-                    if self._used is not None:
-                        self._begin_epoch()
-                    self._used = connection
-                    self._forward(connection)
-                except EndOfStream:
-                    self.pads["src"].send_event(EOS)
-                return
+        while self.reads and not self._has_received_all:
+            try:
+                self._wait_for_flush_end()
+                connection = self._connection()
+                if self._used is not None:
+                    self._begin_epoch()
+                self._used = connection
+                self._forward(connection)
+                self._has_received_all = True
+            except EndOfStream:
+                self._has_received_all = True
+            except ChannelClosed:
+                pass  # `Processes` decides whether there is another
+            except Flushing:
+                if self.stopping.is_set():
+                    raise
+        if self.reads:
+            self._send_eos()
+
+    def _send_eos(self) -> None:
+        """Sends EOS; again after a flush, which has dropped it on its way."""
+        while not self.has_left:
+            self._wait_for_flush_end()
+            flushes = self.flushes
+            try:
+                self.pads["src"].send_event(EOS)
+            except Flushing:
+                if self.flushes == flushes:
+                    raise
+            with self.lock:  # a flush from now on finds that the thread has left
+                self.has_left = self.flushes == flushes
+
+    def flush(self, *, begins: bool) -> None:
+        """Begins or ends a flush, which drops what is on the way."""
+        with self.lock:
+            super().flush(begins=begins)
+            if self.writes and self._newest is not None:
+                self._newest.counts[FLUSHED] = self._newest.counts[SENT]
+
+    def _wait_for_flush_end(self) -> None:
+        with self.changed:
+            while self.is_flushing and not self.stopping.is_set():
+                self.changed.wait(POLL_S)
+        if self.stopping.is_set():
+            raise Flushing(self.name)
 
     def _begin_epoch(self) -> None:
         """Those of a new writer belong to a new epoch."""
@@ -273,24 +296,23 @@ class ProcessLink(Element):
                 raise Flushing(self.name)
             for message in self._receive(connection.channel, POLL_S):
                 item = decoder.decode(message, connection.channel)
+                if isinstance(item, EosEvent):
+                    self.before_end()
+                    return
                 try:
                     if isinstance(item, Frame):
                         self._push(item, decoder, connection)
                     elif item is not None:
                         self._send_on(item)
-                except Flushing:  # the writer may have sent it amid a flush
+                except Flushing:
                     if self.stopping.is_set():
                         raise
                     if isinstance(item, Frame):
                         self.count_drop("flushed")
-                if isinstance(item, EosEvent):
-                    return
                 item = None  # else its slot would be in use until the next one
 
     def _send_on(self, event: Event) -> None:
-        if isinstance(event, EosEvent):
-            self.before_end()
-        elif isinstance(event, DiscontinuityEvent):
+        if isinstance(event, DiscontinuityEvent):
             event = dataclasses.replace(event, epoch=event.epoch + self._epoch_offset)
         self.pads["src"].send_event(event)
 
@@ -299,6 +321,10 @@ class ProcessLink(Element):
         frame = src.announce_caps(self._continued(frame))
         is_over = False
         try:
+            if self.is_flushing:
+                self._wait_for_flush_end()
+            if connection.counts[TAKEN] < connection.counts[FLUSHED]:
+                raise Flushing(self.name)
             src.push(frame)
         except Flushing:
             raise

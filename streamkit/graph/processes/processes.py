@@ -8,7 +8,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -29,9 +29,10 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
+from streamkit.graph.processes.connection import COUNTS, SENT, TAKEN
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
-from streamkit.graph.processes.process_link import SENT, TAKEN, ProcessLink
+from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.process_statistics import merge_statistics
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.2
 STOP_LIMIT_S = 5.0
+FLUSH_LIMIT_S = 5.0  # of either half
 SEND_LIMIT_S = 1.0  # of the order to stop, to a child that reads none
 FIRST_BACK_OFF_S, MAX_BACK_OFF_S = 0.1, 5.0
 
@@ -127,8 +129,22 @@ class Processes:
             times = (self._timing.base_ns, self._timing.latency_ns) if self._order == "play" else ()
             answer = part.order(self._order, *times)
         _await(answer, self._stopping, ANSWER_LIMIT_S)
+        part.is_streaming = True
         if self._is_finishing:
             part.order("finish")
+
+    @contextlib.contextmanager
+    def flushing(self) -> Iterator[None]:
+        """Context in which every child that streams drops all frames in flight."""
+        self._flush(begins=True)
+        try:
+            yield
+        finally:
+            self._flush(begins=False)
+
+    def _flush(self, *, begins: bool) -> None:
+        answers = [part.order("flush", begins) for part in self._parts.values() if part.is_streaming]
+        wait(answers, FLUSH_LIMIT_S)
 
     def finish(self) -> None:
         """Makes the sources in every child end their streams, also in one that is started again later."""
@@ -155,9 +171,7 @@ class Processes:
         """Makes every child stop; `stop` waits for its end."""
         self._stopping.set()
         for part in self._parts.values():
-            if part.child is not None:
-                part.child.silence_limit_s = 0.0
-            part.order("stop", limit_s=SEND_LIMIT_S)
+            part.begin_stop(SEND_LIMIT_S)
 
     def stop(self, *, is_cancelled: bool = False) -> None:
         """Ends every child: kills those that do not end in time, soon if their start was cancelled."""
@@ -182,7 +196,7 @@ class Processes:
 
         One that has died gets none: its restart makes another connection.
         """
-        counts, descriptor = make_numbers(2)
+        counts, descriptor = make_numbers(COUNTS)
         with self._connecting:  # both ends get the connections of two restarts in the same order
             self._counts[link].append(counts)
             for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
@@ -254,8 +268,10 @@ class Processes:
             return
         try:
             child = part.spawn(self._reported, self._ended)
-            for link, ends in self._graph.process_links.items():
-                if part.home in ends:
+            for number, (link, ends) in enumerate(self._graph.process_links.items()):
+                if part.home in ends and link.is_given_up:
+                    part.order("give-up", number)
+                elif part.home in ends:
                     self._connect(link)
             _await(part.order("ready"), self._stopping)
             if not self._stopping.is_set():

@@ -12,6 +12,7 @@ from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, Flushing, GapEvent
+from streamkit.graph.processes.connection import COUNTS
 from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 20.0
@@ -27,7 +28,7 @@ def writer_to(reader: ProcessLink) -> ProcessLink:
 
 def connect(*links: ProcessLink) -> None:
     """Gives a new connection to two links."""
-    counts, descriptor = make_numbers(2)
+    counts, descriptor = make_numbers(COUNTS)
     os.close(descriptor)
     for link, end in zip(links, Channel.pair(), strict=True):
         link.connect(end, counts)

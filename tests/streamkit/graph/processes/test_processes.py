@@ -207,3 +207,21 @@ def test_a_failure_is_known_before_the_links_end_the_stream(monkeypatch: pytest.
         kill(child_of(pipeline))
         until(lambda: len(known) == 2)
     assert known == [True, True]
+
+
+def test_a_process_that_is_started_again_waits_for_none_that_is_not() -> None:
+    """The branch behind it was dropped: the new process learns that, and its other branch goes on."""
+    text = (
+        "fakesrc is-live=true ! ( process=true restart=1 name=a tee name=t ) "
+        "t. ! ( process=true name=b identity ! fakesink on-error=drop-branch ) "
+        "t. ! appsink name=out drop=true max-buffers=1"
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert pipeline["out"].pull(LIMIT_S) is not None
+        for victim in (1, 0):
+            kill(child_of(pipeline, victim))
+            assert pipeline.bus.pop(LIMIT_S, (MessageKind.WARNING,)) is not None
+        epochs = [0]
+        while epochs.count(1) < 50:  # more than are on the way to a process
+            epochs.append(pipeline["out"].pull(LIMIT_S).epoch)

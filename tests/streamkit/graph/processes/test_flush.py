@@ -1,0 +1,81 @@
+"""Flushes of pipelines of which parts run in processes of their own."""
+
+import time
+
+import pytest
+
+from streamkit import MessageKind
+from streamkit.graph.pipeline import Pipeline
+
+LIMIT_S = 80.0  # a busy machine takes long to start a process
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "fakesrc num-buffers=40 ! ( process=true identity ) ! appsink name=out max-buffers=1",
+        "( process=true fakesrc num-buffers=40 ) ! appsink name=out max-buffers=1",
+        "( process=true fakesrc num-buffers=40 ! queue max-size-buffers=4 ) "
+        "! ( process=true queue max-size-buffers=4 ) ! appsink name=out max-buffers=1",
+    ],
+)
+def test_a_flush_drops_what_is_on_the_way(text: str) -> None:
+    """In the sink, in processes and between them; EOS is kept."""
+    with Pipeline.parse(text) as pipeline:
+        source = pipeline["fakesrc0"]
+        pipeline.play()
+        assert pipeline["out"].pull(LIMIT_S).seq == 0
+        while pipeline.statistics()[pipeline.graph.elements.index(source)].frames_out < 10:
+            time.sleep(0.001)
+        pipeline.flush()
+        numbers = [frame.seq for frame in pipeline["out"]]
+        lost = sum(row.total_dropped for row in pipeline.statistics())
+    assert numbers[0] >= 9
+    assert numbers[-1] == 39
+    assert len(numbers) + 1 + lost == 40
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "( process=true fakesrc ! queue ) ! fakesink",
+        "fakesrc ! ( process=true queue ! fakesink )",
+        "fakesrc ! ( process=true fakesink )",
+        "( process=true fakesrc num-buffers=3 ) ! queue ! fakesink",
+    ],
+)
+def test_sinks_preroll_again_after_a_flush(text: str) -> None:
+    """In whichever process they and their sources are."""
+    with Pipeline.parse(text) as pipeline:
+        pipeline.pause()
+        for _ in range(3):
+            assert pipeline.wait_prerolled(LIMIT_S)
+            pipeline.flush()
+        assert pipeline.wait_prerolled(LIMIT_S)
+        pipeline.play()
+        pipeline.finish()
+        message = pipeline.wait(LIMIT_S)
+    assert message is not None
+    assert message.kind is MessageKind.EOS
+
+
+def test_a_flush_keeps_the_eos_of_another_process_that_waits_for_its_turn() -> None:
+    """It waits at concat, in the thread that reads from the process."""
+    text = "fakesrc name=f ! concat name=c ! fakesink  ( process=true fakesrc num-buffers=0 ) ! c."
+    with Pipeline.parse(text) as pipeline:
+        pipeline.pause()
+        assert pipeline.wait_prerolled(LIMIT_S)
+        pipeline.flush()
+        pipeline.play()
+        pipeline["f"].finish()
+        assert pipeline.wait(LIMIT_S) is not None
+
+
+def test_counters_of_a_process_outlive_it() -> None:
+    """After a stop they are the last ones."""
+    with Pipeline.parse("fakesrc num-buffers=20 ! ( process=true identity ) ! fakesink") as pipeline:
+        pipeline.run(LIMIT_S)
+        rows = {row.element: row for row in pipeline.statistics()}
+        processes = pipeline.process_statistics()
+    assert rows["identity0"].frames_in == rows["identity0"].frames_out == 20
+    assert processes[1].frames == 20
