@@ -39,13 +39,13 @@ def use_processes(factory: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def build_in_processes(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -> Graph:
         graph = build(text, variables, taken)
-        if all(element.factory != factory for element in graph.elements):
+        if taken or all(element.factory != factory for element in graph.elements):  # branches have none
             return graph
         entries = [installed_elements().get(element.factory) for element in graph.elements]
         if any(entry is not None and entry.target.startswith(OF_A_TEST) for entry in entries):
             pytest.skip("an element of this test is in no package")
         try:
-            return build(in_processes(text, factory), variables, taken)
+            return build(in_processes(text, factory), variables)
         except DescriptionError as error:
             pytest.skip(f"cannot be in a process: {error}")
 

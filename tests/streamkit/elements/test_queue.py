@@ -322,7 +322,7 @@ def test_a_queue_is_empty_after_a_stop() -> None:
         pipeline.play()
         assert pipeline["out"].pull() is not None
     rows = {row.element: row for row in pipeline.statistics()}
-    assert rows["q"].frames_in == rows["q"].frames_out + rows["q"].dropped["pipeline stopped"]
+    assert rows["q"].frames_in == rows["q"].frames_out + rows["q"].total_dropped
     assert pipeline["q"].current_level_buffers == 0
     for _ in range(3):
         with pipeline:
