@@ -20,11 +20,12 @@ SHOW_EVERY = 25
 
 
 def show(lines: IO[str], records: list[str]) -> None:
-    """Prints every 25th record of the subscriber as it comes; keeps them all."""
+    """Prints every 25th record of the subscriber as it comes, with its targets; keeps the line of each."""
     for line in lines:
-        records.append(line)
+        if not line.startswith(" "):
+            records.append(line)
         if len(records) % SHOW_EVERY == 1:
-            print(f"  received: {line.rstrip()[:150]}", flush=True)
+            print(f"  received: {line.rstrip()}", flush=True)
 
 
 def main() -> int:
