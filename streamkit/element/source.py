@@ -134,7 +134,6 @@ class Source(Element):
             flushes = self.flushes
             try:
                 for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
-                    pad.is_eos = True
                     pad.send_event(EOS)
             except Flushing:
                 if self.flushes == flushes:

@@ -109,7 +109,6 @@ class BranchOutput:
             src.unlink()
             src.push = self.push
         elif not src.is_eos:
-            src.is_eos = True
             src.send_event(EOS)
 
 

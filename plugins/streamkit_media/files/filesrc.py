@@ -207,7 +207,6 @@ class FileSrc(Source):
                 self.add_pad(kind.value)
             elif kind not in self._kinds and self._is_linked(kind.value):
                 self.post_warning(f"{self._where}: it holds no stream for the pad {kind.value}", "shortfall")
-                self.pads[kind.value].is_eos = True
                 self.pads[kind.value].send_event(EosEvent())
         self.no_more_pads()
         second = StreamKind.SECOND_KLV
