@@ -154,25 +154,32 @@ def _draw_counts(axes: Any, run: RecordedRun) -> str:
         return ""
     axes.step(run.times_s, run.shown, linewidth=0.8)
     axes.set_xlabel("s")
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(bottom=0, top=max(1, *run.shown) + 0.5)
+    axes.yaxis.get_major_locator().set_params(integer=True)
     return "Confirmed and coasting targets in each frame."
 
 
 def _draw_ages(axes: Any, run: RecordedRun) -> str:
-    """Age of each record, and the records lost so far."""
+    """Age of each record, and the frames and records lost so far."""
     is_aged = any(not math.isnan(age) for age in run.ages_ms)
-    if not is_aged and not any(run.lost):
+    if not is_aged and not any(run.lost) and not any(run.missing):
         return ""
     if is_aged:
         axes.plot(run.times_s, run.ages_ms, linewidth=0.8)
         axes.set_ylabel("age, ms")
         axes.set_ylim(bottom=0)
     axes.set_xlabel("s")
-    lost = axes.twinx()
-    lost.step(run.times_s, run.lost, linewidth=0.8, color="#d62728")
-    lost.set_ylabel("records lost")
-    lost.set_ylim(bottom=0, top=max(1, *run.lost))
-    return "From capture to publishing (blue), and records that the publisher could not deliver so far (red)."
+    lost = axes.twinx() if is_aged else axes
+    lost.step(run.times_s, run.missing, linewidth=0.8, color="#d62728")
+    lost.step(run.times_s, run.lost, linewidth=0.8, color="#d62728", linestyle="dotted")
+    lost.set_ylabel("lost so far")
+    lost.set_ylim(bottom=0, top=max(1, *run.missing, *run.lost))
+    lost.yaxis.get_major_locator().set_params(integer=True)
+    age = "Time from capture to publishing (blue); so" if is_aged else "So"
+    return (
+        f"{age} far, frames of the source without a record, as where a queue drops (red), and records that "
+        "the publisher could not deliver (dotted)."
+    )
 
 
 def _draw_registration(axes: Any, run: RecordedRun) -> str:

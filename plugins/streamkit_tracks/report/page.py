@@ -65,12 +65,14 @@ def build_page(
 def _totals(run: RecordedRun) -> str:
     paths, frames = run.shown_paths(), len(run.times_s)
     seconds = run.times_s[-1] if run.times_s else 0.0
+    missing = f" ({run.missing[-1]} more have no record)" if any(run.missing) else ""
     size = "" if run.size is None else f" of {run.size[0]} x {run.size[1]} px"
     states = Counter(filter(None, run.statuses))
     registration = ", ".join(f"{count} {status}" for status, count in states.most_common())
+    states_text = f"; registration: {registration}" if registration else ""
     return (
-        f"Source {run.source}: {frames} frames{size} in {seconds:.1f} s, {len(paths)} confirmed targets of "
-        f"{len(run.paths)} ids" + (f"; registration: {registration}." if registration else ".")
+        f"Source {run.source}: {frames} frames{missing}{size} in {seconds:.1f} s, "
+        f"{len(paths)} confirmed targets of {len(run.paths)} ids{states_text}."
     )
 
 

@@ -47,6 +47,7 @@ class RecordedRun:
         pts_ns: of the frames, as in the video; None where unknown.
         ages_ms: from capture to publishing; NaN where unknown.
         lost: records that the publisher could not deliver, up to each frame.
+        missing: frames of the source without a record, up to each frame: gaps in `seq` within an epoch.
         shown: targets in each frame that are confirmed or coasting.
         statuses: of the registration of each frame; "" without one.
         corner_std: its predicted error, px; NaN where unknown.
@@ -61,6 +62,7 @@ class RecordedRun:
     pts_ns: list[int | None] = field(default_factory=list)
     ages_ms: array[float] = field(default_factory=lambda: array("d"))
     lost: array[int] = field(default_factory=lambda: array("q"))
+    missing: array[int] = field(default_factory=lambda: array("q"))
     shown: array[int] = field(default_factory=lambda: array("q"))
     statuses: list[str] = field(default_factory=list)
     corner_std: array[float] = field(default_factory=lambda: array("d"))
@@ -69,6 +71,7 @@ class RecordedRun:
     busiest: int = 0
     busiest_boxes: dict[int, Box] = field(default_factory=dict)
     _first_ns: int | None = None
+    _last: tuple[int, int] | None = None  # epoch and seq of the last record
 
     def add(self, record: TrackRecord) -> None:
         """Adds a frame, and the positions of its targets."""
@@ -88,6 +91,7 @@ class RecordedRun:
         self.pts_ns.append(record.pts_ns)
         self.ages_ms.append(UNKNOWN if record.age_ms is None else record.age_ms)
         self.lost.append(record.dropped)
+        self.missing.append((self.missing[-1] if self.missing else 0) + self._gap(record))
         self.shown.append(len(shown))
         self.statuses.append("" if registration is None else str(registration.status))
         std = None if registration is None else registration.corner_std
@@ -98,6 +102,13 @@ class RecordedRun:
             path.states.append(target.state.value)
         for target in shown:
             self._add_position(self.paths[target.id], record, target)
+
+    def _gap(self, record: TrackRecord) -> int:
+        """Frames of the source between the last record and this one."""
+        last, self._last = self._last, (record.epoch, record.seq)
+        if last is None or last[0] != record.epoch:
+            return 0
+        return max(0, record.seq - last[1] - 1)
 
     def _add_position(self, path: TargetPath, record: TrackRecord, target: TargetRecord) -> None:
         time_s = self.times_s[-1]

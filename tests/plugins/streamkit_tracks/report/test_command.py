@@ -116,3 +116,15 @@ def test_times_are_matched_to_the_millisecond_of_matroska() -> None:
     assert [index_at(times, ms * 1_000_000) for ms in (0, 33, 67, 100, 133)] == [0, 1, 2, 3, 4]
     assert [index_at(times, ms * 1_000_000) for ms in (-1, 34, 50, 233)] == [None] * 4
     assert index_at(times, None) is None
+
+
+def test_frames_that_a_queue_dropped_are_told(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """In the totals and in the figure of losses, which a run without losses does not have."""
+    whole, page = run[0].read_text().splitlines(), tmp_path / "report.html"
+    assert report(run[0], "-o", page).returncode == 0
+    assert "have no record" not in page.read_text()
+    part = tmp_path / "part.jsonl"
+    part.write_text("\n".join([*whole[:3], *whole[5:]]))
+    assert report(part, "-o", page).returncode == 0
+    assert "(2 more have no record)" in page.read_text()
+    assert "Age and losses" in page.read_text()

@@ -2,6 +2,8 @@
 
 import math
 
+import msgspec
+
 from streamkit import TargetRecord, TrackRecord, TrackState
 from streamkit.flow.record import GeoRecord, RegistrationRecord
 from streamkit_tracks.report.run_data import RecordedRun
@@ -71,3 +73,10 @@ def test_the_busiest_frame_has_the_most_shown_targets() -> None:
     assert run.busiest == 1
     assert list(run.busiest_boxes) == [1, 2]
     assert [path.id for path in run.shown_paths()] == [1, 2]
+
+
+def test_frames_without_a_record_are_counted_within_an_epoch() -> None:
+    """A new epoch may begin at any number."""
+    records = [_record(0), _record(1), _record(4), msgspec.structs.replace(_record(90), epoch=1), _record(92)]
+    records[-1] = msgspec.structs.replace(records[-1], epoch=1)
+    assert list(collect_run(records).missing) == [0, 0, 2, 2, 3]
