@@ -241,7 +241,8 @@ class GraphBuilder:
         if not endpoints:
             raise DescriptionError("empty-bin", "a bin holds at least one element", node.place)
         if node.factory not in BIN_CLASSES:
-            hint = did_you_mean(node.factory, BIN_CLASSES)
+            named = f'for a bin of this name write "bin.( name={node.factory} ... )"'
+            hint = did_you_mean(node.factory, BIN_CLASSES) or named
             raise DescriptionError("no-such-element", f'no bin "{node.factory}"', node.place, hint)
         group = BIN_CLASSES[node.factory](self._auto_name(node.factory), node.factory)
         self._add_to_bin(inside, group)

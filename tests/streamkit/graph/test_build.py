@@ -196,6 +196,10 @@ def test_backslashes_of_an_address_are_resolved(register: Register) -> None:
          "no element named 'tee2' in the pipeline; did you mean \"tee1\"?", 15, 5),
         ("( )", "empty-bin", "a bin holds at least one element", 1, 1),
         ("bim.( fakesrc )", "no-such-element", 'no bin "bim"; did you mean "bin"?', 1, 5),
+        (
+            "capture.( fakesrc )", "no-such-element",
+            'no bin "capture"; for a bin of this name write "bin.( name=capture ... )"', 1, 9,
+        ),
         ("( colour=red fakesrc )", "no-such-property", "bin has no property 'colour'", 3, 10),
         ("identity @preset=x", "could-not-set-property", "identity has no presets", 10, 9),
         ("", "empty", "the description is empty", 1, 1),
