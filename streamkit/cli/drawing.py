@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SIZE_LIMIT = 50_000_000
 SVG_LIMIT_S = 30
 NARROWEST_CAPS = 20  # columns
+DRAWN_FORMATS = 3  # in the label of a link; the file sources alone have two dozen
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +84,27 @@ def _label(element: Element, counters: Counters) -> str:
     return "\n".join(lines)
 
 
+def _drawn_caps(src: Pad, sink: Pad) -> list[str]:
+    """The common caps of two pads, a line for each of the first formats."""
+    formats = link_caps(src, sink).split("; ")
+    more = len(formats) - DRAWN_FORMATS
+    return formats[:DRAWN_FORMATS] + ([f"... and {more} more"] if more > 0 else [])
+
+
 def _link_label(src: Pad, sink: Pad, counters: Counters) -> str:
     """Caps, frames, rate and drops of a link, a line each."""
-    lines = [link_caps(src, sink)]
+    return "\n".join([*_drawn_caps(src, sink), *_link_counts(sink, counters)])
+
+
+def _link_counts(sink: Pad, counters: Counters) -> list[str]:
+    lines = []
     if (row := counters.rows.get(id(sink.element))) is not None:
         count = next((pad.frames for pad in row.counters.pads if pad.pad == sink.name), 0)
         rate = f", {count / counters.elapsed_s:.1f}/s" if counters.elapsed_s > 0 else ""
         lines.append(f"{count} frames{rate}")
         if sink is next(sink.element.sink_pads()) and (dropped := facts(row).get("dropped")):
             lines.append(f"dropped {dropped}")
-    return "\n".join(lines)
+    return lines
 
 
 def _colours(built: Graph, counters: Counters) -> dict[int, str]:
@@ -148,9 +160,9 @@ def as_text(built: Graph, counters: Counters) -> str:
         lines.append("  ".join([ids[id(element)] + kind, *more]))
         for src, sink in built.links():
             if src.element is element:
-                caps, *more = _link_label(src, sink, counters).splitlines()
+                caps = link_caps(src, sink)
                 head = f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  "
-                end = "".join(f", {text}" for text in more)
+                end = "".join(f", {text}" for text in _link_counts(sink, counters))
                 if columns is not None:
                     room = max(columns - len(head) - len(end), NARROWEST_CAPS)
                     caps = textwrap.shorten(caps, room, placeholder=" ...")

@@ -85,3 +85,13 @@ def test_an_invalid_statistics_file_is_code_2(tmp_path: Path, content: str | Non
     done = graph("--stats", str(file), TEXT)
     assert done.exit_code == 2
     assert done.stderr.startswith(message.format(file))
+
+
+@pytest.mark.parametrize("form", ["mermaid", "dot"])
+def test_a_link_with_many_formats_shows_the_first_ones(form: str) -> None:
+    """One to a line; json has all of them."""
+    text = "filesrc ! decode ! fakesink"
+    drawn = graph("--format", form, text).stdout
+    assert re.search(r"video/x-h264(<br>|\\n)video/x-h265\1.*\1\.\.\. and \d+ more", drawn)
+    assert "video/x-vp9" not in drawn
+    assert "video/x-vp9" in graph("--format", "json", text).stdout
