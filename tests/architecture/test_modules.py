@@ -1,5 +1,7 @@
 """Module sizes, names and docstrings."""
 
+import ast
+import threading
 from pathlib import Path
 
 import pytest
@@ -39,3 +41,28 @@ def test_every_module_has_a_docstring(folder: str) -> None:
         and not path.read_text(encoding="utf-8").lstrip().startswith(('"""', 'r"""'))
     ]
     assert not silent
+
+
+def test_threads_leave_the_names_of_their_base_class_alone() -> None:
+    """In Python 3.13 `Thread` got a `_handle`, and a method of that name ended every process bin."""
+    of_later_versions = {"_handle", "_context", "_os_thread_handle"}  # 3.13 and 3.14
+    thread = threading.Thread()
+    names = {name for name in {*dir(thread), *vars(thread)} if not name.startswith("__")} | of_later_versions
+    names -= {"run"}  # meant to be overridden
+    overridden = {
+        f"{node.name}.{name}"
+        for path in FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef) and any("Thread" in ast.unparse(base) for base in node.bases)
+        for name in _own_names(node) & names
+    }
+    assert overridden == set()
+
+
+def _own_names(node: ast.ClassDef) -> set[str]:
+    """Methods of a class, and attributes that they set."""
+    inner = list(ast.walk(node))
+    methods = {item.name for item in inner if isinstance(item, ast.FunctionDef)}
+    return methods | {
+        item.attr for item in inner if isinstance(item, ast.Attribute) and isinstance(item.ctx, ast.Store)
+    }

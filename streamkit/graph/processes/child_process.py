@@ -149,7 +149,7 @@ class ChildProcess(threading.Thread):
             while True:
                 messages = self._control.receive(POLL_S)
                 for message in messages:
-                    self._handle(REPORTS.decode(message))
+                    self._take_report(REPORTS.decode(message))
                 self._check_silence(bool(messages))
         except ChannelClosed:
             pass
@@ -198,7 +198,7 @@ class ChildProcess(threading.Thread):
             elif self._silent_polls * POLL_S >= self.silence_limit_s:
                 self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
 
-    def _handle(self, report: Report) -> None:
+    def _take_report(self, report: Report) -> None:
         if not isinstance(report, OrderResult):
             self._reported(report)
             return
