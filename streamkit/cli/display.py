@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 from typing_extensions import override
 
-from streamkit.cli.summary import dropped_text, results_text, summarise
+from streamkit.cli.summary import summarise
 from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.graph.statistics import RunStatistics
 from streamkit.masking import presentable
@@ -105,26 +105,21 @@ class Progress(Display):
 
     @override
     def draw(self) -> None:
-        self._write(self.measure())
-
-    def _write(self, now: RunStatistics, *, is_last: bool = False) -> None:
+        now = self.measure()
         frames = max((row.frames_in for row in now.elements), default=0)
-        since_s = now.elapsed_s if is_last else now.elapsed_s - self._frames_s
-        rate = (frames - (0 if is_last else self._frames)) / since_s if since_s > 0 else 0.0
+        since_s = now.elapsed_s - self._frames_s
+        rate = (frames - self._frames) / since_s if since_s > 0 else 0.0
         self._frames, self._frames_s = frames, now.elapsed_s
-        is_whole = is_last and self.pipeline.ended.is_set() and self.pipeline.error is None
-        share, where = (None, "") if is_whole else self._position(None if is_last else now.elapsed_s)
+        share, where = self._position(now.elapsed_s)
         words = [f"{where}  {frames} frames  {rate:.1f}/s"]
-        summary = summarise(now)
-        if summary.dropped:
-            reasons = dropped_text(summary.reasons)
-            words.append(f"dropped {reasons}" if is_last else f"{summary.dropped} dropped")
+        if dropped := summarise(now).dropped:
+            words.append(f"{dropped} dropped")
         ages_ns = [row.age_ns for row in now.elements if row.age_ns is not None and not row.frames_out]
-        if ages_ns and self.pipeline.is_live and not is_last:
+        if ages_ns and self.pipeline.is_live:
             words.append(f"{age_text(max(ages_ns))} old")
         text, columns = ", ".join(words), shutil.get_terminal_size().columns - 1
         width = min(columns - len(text), round(columns * SHARE_OF_BAR))
-        if share is not None and not is_last and width >= NARROWEST_BAR:
+        if share is not None and width >= NARROWEST_BAR:
             line = bar(share, width) + text
         else:
             line = f"{now.elapsed_s:7.1f} s{text}"[:columns]
@@ -132,18 +127,15 @@ class Progress(Display):
         sys.stderr.flush()
         self.shown = True
 
-    def _position(self, elapsed_s: float | None) -> tuple[float | None, str]:
-        """How much of a file is done and, while it runs, how long the rest takes at the rate so far."""
+    def _position(self, elapsed_s: float) -> tuple[float | None, str]:
+        """How much of a file is done, and how long the rest takes at the rate so far."""
         position, duration = self.pipeline.position_ns(), self.pipeline.duration_ns()
         if not position or not duration or position > duration:
             return None, ""
-        left = ""
-        if elapsed_s is not None:
-            minutes, seconds = divmod(round(elapsed_s * (duration - position) / position), 60)
-            left = f", {minutes}:{seconds:02d} left"
+        minutes, seconds = divmod(round(elapsed_s * (duration - position) / position), 60)
+        left = f"{minutes}:{seconds:02d} left"
         share = position / duration
-        where = f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * share:.0f} %{left})"
-        return share, where
+        return share, f"  at {position / 1e9:.1f} of {duration / 1e9:.1f} s ({100 * share:.0f} %, {left})"
 
     def print_line(self, line: str) -> None:
         """Prints a line in place of the progress line, which is redrawn below."""
@@ -151,11 +143,6 @@ class Progress(Display):
             sys.stderr.write("\r\x1b[K")
             self.shown = False
         super().print_line(line)
-
-    @override
-    def end(self, whole: RunStatistics) -> None:
-        self._write(whole, is_last=True)
-        sys.stderr.write(f"{presentable(results_text(summarise(whole)))}\n")
 
 
 def bar(share: float, width: int) -> str:

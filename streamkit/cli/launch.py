@@ -84,7 +84,7 @@ def launch(
         typer.Option(
             "--summary",
             metavar="[=json]",
-            help="Print one line at the end: frames, drops, tracks, files written.",
+            help="Print the last line with -q, too; --summary=json prints it as JSON.",
         ),
     ] = None,
     processes: Annotated[
@@ -117,7 +117,7 @@ def launch(
         bool, typer.Option("--supervise", help="Run in a child; start it again when it fails, with back-off.")
     ] = False,
 ) -> None:
-    """Runs a pipeline until EOS, error or Ctrl-C.
+    """Runs a pipeline until EOS, error or Ctrl-C; the last line says what it has made.
 
     Exit code 0 at EOS or a clean stop, 1 if the pipeline fails, 2 for a bad description or usage. The
     first interrupt stops cleanly; a further one ends the process at once.
@@ -133,6 +133,7 @@ def launch(
             from msgspec import structs
 
             from streamkit.cli.run import Run
+            from streamkit.cli.summary import as_text, summarise
             from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
 
@@ -165,16 +166,13 @@ def launch(
             display.print_line(f"error: {text}")
     if stats == "json":
         typer.echo(to_json(statistics))
-    if summary is not None:
-        _print_summary(statistics, summary)
-    if stats_file is not None:
-        try:
-            from streamkit.output.file import write_whole
-
-            write_whole(stats_file, (to_json(statistics) + "\n").encode())
-        except OSError as error:
-            display.print_line(f"error: --stats-file {stats_file} cannot be written: {error.strerror}")
-            code = code or 1
+    made = summarise(statistics)
+    if summary == "json":
+        typer.echo(to_json(made))
+    if stats_file is not None and not _is_written(stats_file, statistics, display):
+        code = code or 1
+    if summary == "text" or (run.has_played and not quiet):
+        display.print_line(as_text(made))
     _exit(code, abandons_start=run.abandons_start)
 
 
@@ -256,15 +254,16 @@ def choose_display(pipeline: Pipeline, stats: Form | None, log_format: Form, *, 
     return (for_terminal if sys.stderr.isatty() else for_file)(pipeline)
 
 
-def _print_summary(statistics: RunStatistics, form: Form) -> None:
-    """Prints the run in one line: JSON on stdout, text on stderr."""
-    from streamkit.cli.summary import as_text, summarise
+def _is_written(file: Path, statistics: RunStatistics, display: Display) -> bool:
+    """Writes the counters into a file; prints why that failed."""
+    from streamkit.output.file import write_whole
 
-    found = summarise(statistics)
-    if form == "json":
-        typer.echo(to_json(found))
-    else:
-        typer.echo(presentable(as_text(found)), err=True)
+    try:
+        write_whole(file, (to_json(statistics) + "\n").encode())
+    except OSError as error:
+        display.print_line(f"error: --stats-file {file} cannot be written: {error.strerror}")
+        return False
+    return True
 
 
 def to_json(value: Struct) -> str:

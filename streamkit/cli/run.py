@@ -44,6 +44,7 @@ class Run:
         monitor: notified of the beginning and the end, and several times a second while the run continues.
 
     Attributes:
+        has_played: whether the pipeline has started.
         interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.
         statistics: counters at the end, before the pipeline is stopped.
         shortfalls: warnings that something the pipeline is for was not made.
@@ -68,7 +69,7 @@ class Run:
         self.monitor = monitor or Monitor(pipeline)
         self.interrupts = 0
         self._signalled_s = -math.inf
-        self.abandons_start = False
+        self.has_played = self.abandons_start = False
         self.statistics: RunStatistics | None = None
         self.shortfalls: list[str] = []
         self._is_watching = self._is_starting = False
@@ -106,7 +107,7 @@ class Run:
         self._is_starting = True
         try:
             self.pipeline.play()
-            self._is_starting = False
+            self._is_starting, self.has_played = False, True
             self.display.begin()
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()

@@ -1,4 +1,4 @@
-"""What a run has made, in one line: frames, tracks, drops, files."""
+"""What a run has made, in its last line: frames, tracks, drops, files."""
 
 from __future__ import annotations
 
@@ -65,19 +65,16 @@ def dropped_text(dropped: Mapping[str, int]) -> str:
     return f"{sum(dropped.values())} ({'; '.join(counted if len(dropped) > 1 else dropped)})"
 
 
-def results_text(summary: RunSummary) -> str:
-    """What was made: ", 3 confirmed tracks, wrote tracks.jsonl", or "" where no element counts anything."""
-    shown = {LABELS.get(name, name): count for name, count in summary.results.items()}
-    words = [f"{count} {name.removesuffix('s') if count == 1 else name}" for name, count in shown.items()]
-    files = [f"{count} files {name}" if count > 1 else name for name, count in summary.files.items()]
-    if files:
-        words.append(f"wrote {' and '.join(files)}")
-    return "".join(f", {word}" for word in words)
-
-
 def as_text(summary: RunSummary) -> str:
-    """The whole summary in one line."""
-    rate = summary.frames / summary.elapsed_s if summary.elapsed_s else 0.0
-    dropped = f", dropped {dropped_text(summary.reasons)}" if summary.dropped else ""
-    head = f"{summary.frames} frames in {summary.elapsed_s:.1f} s, {rate:.1f}/s"
-    return f"{head}{dropped}{results_text(summary)}"
+    """The last line of a run: "30 frames in 1.0 s, 30.0/s, 3 confirmed tracks, wrote tracks.jsonl"."""
+    words = [f"{summary.frames} frame{'s' * (summary.frames != 1)} in {summary.elapsed_s:.1f} s"]
+    if summary.elapsed_s:
+        words.append(f"{summary.frames / summary.elapsed_s:.1f}/s")
+    if summary.dropped:
+        words.append(f"dropped {dropped_text(summary.reasons)}")
+    for name, count in summary.results.items():
+        label = LABELS.get(name, name)
+        words.append(f"{count} {label.removesuffix('s') if count == 1 else label}")
+    if files := [f"{count} files {name}" if count > 1 else name for name, count in summary.files.items()]:
+        words.append(f"wrote {' and '.join(files)}")
+    return ", ".join(words)

@@ -165,7 +165,7 @@ def test_a_group_of_a_plugin_offers_no_completion_of_its_own() -> None:
 def test_the_package_runs_as_a_module() -> None:
     """The command line of the interpreter that is named, where several environments have one."""
     done = subprocess.run(
-        [sys.executable, "-m", "streamkit", "launch", "fakesrc num-buffers=1 ! fakesink"],
+        [sys.executable, "-m", "streamkit", "launch", "-q", "fakesrc num-buffers=1 ! fakesink"],
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -86,7 +86,8 @@ def test_a_crash_names_the_active_elements(launch: Launch, harm: str, number: in
 def test_a_clean_run_prints_no_crash_report(launch: Launch) -> None:
     """Neither at EOS nor after Ctrl-C."""
     process = launch("fakesrc num-buffers=9 ! fakesink")
-    assert process.communicate(timeout=60) == ("", "")
+    out, error = process.communicate(timeout=60)
+    assert (out, error.count("\n"), error[:12]) == ("", 1, "9 frames in ")
     assert process.returncode == 0
 
 
