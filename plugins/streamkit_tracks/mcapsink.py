@@ -1,9 +1,11 @@
 """mcapsink: track records in an MCAP file, for Foxglove and other viewers of recordings."""
 
+from __future__ import annotations
+
 import io
 import json
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 from typing_extensions import override
@@ -11,6 +13,9 @@ from typing_extensions import override
 from streamkit import Frame, Property, TrackRecord, encode_record
 from streamkit_tracks.file_formats import SCHEMA
 from streamkit_tracks.record_sink import RecordFileSink, require_library
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 FLUSH_S = 1.0
 
@@ -40,7 +45,7 @@ class McapSink(RecordFileSink):
     def begin(self) -> None:
         super().begin()
         assert self.file is not None
-        self._writer: Any = self._mcap.Writer(io.BufferedWriter(self.file))
+        self._writer: Any = self._mcap.Writer(PositionedWriter(self.file))
         self._writer.start(profile="", library="streamkit")
         schema = self._writer.register_schema(SCHEMA, "jsonschema", _json_schema())
         self._channel = self._writer.register_channel(self.topic, "json", schema)
@@ -68,6 +73,22 @@ class McapSink(RecordFileSink):
         self._writer.flush()
         self.file.publish()
         self._due_s = time.monotonic() + FLUSH_S
+
+
+class PositionedWriter(io.BufferedWriter):
+    """A buffer that knows its position, also before a pipe: the index of MCAP has positions."""
+
+    _position = 0
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Buffers data."""
+        count = super().write(data)
+        self._position += count
+        return count
+
+    def tell(self) -> int:
+        """The number of bytes written so far."""
+        return self._position
 
 
 def _json_schema() -> bytes:

@@ -1,5 +1,6 @@
 """`streamkit tracks` and `streamkit convert` on the file of a finished run."""
 
+import io
 import json
 import subprocess
 import sys
@@ -7,6 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from streamkit import Pipeline, TrackState
 from streamkit_tracks.command import TargetSummary, table_lines
@@ -106,6 +108,15 @@ def test_records_are_converted_to_standard_output(records: Path, tmp_path: Path)
         assert run("convert", str(records), str(tmp_path / name)).returncode == 0
         done = run("convert", str(records), "-", "--format", form)
         assert (done.returncode, done.stderr, done.stdout) == (0, "", (tmp_path / name).read_text())
+
+
+def test_mcap_is_written_to_a_pipe(records: Path) -> None:
+    """Its index has positions, which a pipe does not tell."""
+    command = [sys.executable, "-m", "streamkit", "convert", str(records), "-", "--format", "mcap"]
+    done = subprocess.run(command, capture_output=True, timeout=100, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    messages = list(make_reader(io.BytesIO(done.stdout)).iter_messages())
+    assert len(messages) == 20
 
 
 @pytest.mark.timeout(200)
