@@ -13,7 +13,6 @@ from fractions import Fraction
 
 import numpy as np
 from av.codec.context import CodecContext
-from av.container import OutputContainer
 from av.packet import Packet
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
@@ -73,11 +72,10 @@ class Encoder:
         pixel_format: of the arrays: GRAY8, I420, NV12, BGR or RGB.
         size: width, height, px.
         framerate: frames per second, for the rate control.
-        container: gets a stream for the packets; without one, packets hold the codec's headers themselves.
-        time_base: of the packets; the codec's usual one where None.
 
     Attributes:
         codec: FFmpeg's name of the codec.
+        time_base: of the packets.
 
     Raises:
         UnknownCodecError: this FFmpeg lacks the encoder.
@@ -90,19 +88,16 @@ class Encoder:
         pixel_format: str,
         size: tuple[int, int],
         framerate: Fraction,
-        container: OutputContainer | None = None,
-        time_base: Fraction | None = None,
     ) -> None:
         name, self.codec = ENCODERS[settings.codec]
         self.pixel_format, self.size = pixel_format, size
-        self._stream = None if container is None else container.add_stream(name, rate=framerate)
-        context = CodecContext.create(name, "w") if self._stream is None else self._stream.codec_context
+        context = CodecContext.create(name, "w")
         assert isinstance(context, VideoCodecContext)
         self._context = context
         self._reformatter = VideoReformatter()
         context.width, context.height = even(size[0]), even(size[1])
         context.pix_fmt = "yuvj420p" if settings.codec is Codec.MJPEG else "yuv420p"
-        self.time_base = time_base or (COARSE_TIME_BASE if settings.codec is Codec.MPEG4 else TIME_BASE)
+        self.time_base = COARSE_TIME_BASE if settings.codec is Codec.MPEG4 else TIME_BASE
         context.time_base, context.framerate = self.time_base, framerate
         context.gop_size = settings.gop
         context.bit_rate = settings.bitrate * 1000 or (VP8_MAX_BIT_RATE if settings.codec is Codec.VP8 else 0)
@@ -144,16 +139,14 @@ class Encoder:
         if frame.format.name != self._context.pix_fmt:
             frame = self._reformatter.reformat(frame, format=self._context.pix_fmt)
         frame.pts, frame.time_base = ticks, self.time_base
-        return [self._addressed(packet) for packet in self._context.encode(frame)]
+        return [self._timed(packet) for packet in self._context.encode(frame)]
 
     def finish(self) -> Iterator[Packet[Stream]]:
         """The packets still held, each when it is asked for; nothing may be encoded after it."""
-        return map(self._addressed, self._context.encode_lazy(None))
+        return map(self._timed, self._context.encode_lazy(None))
 
-    def _addressed(self, packet: Packet[Stream]) -> Packet[Stream]:
+    def _timed(self, packet: Packet[Stream]) -> Packet[Stream]:
         packet.time_base = self.time_base
-        if self._stream is not None:
-            packet.stream = self._stream
         return packet
 
 

@@ -6,18 +6,15 @@ import math
 import time
 from fractions import Fraction
 
+from av.packet import Packet
+from av.stream import Stream
+
 from streamkit import SECOND_NS, Caps, Frame, Property, StreamError
 from streamkit_media.codecs import caps_rate
-from streamkit_media.encoding.encoder import ASSUMED_RATE, RAW_CAPS, Encoder, EncoderSettings, Preset
-from streamkit_media.recording.filemuxer import (
-    FORMATS,
-    FRAGMENT_TICKS,
-    FRAGMENTED,
-    TIME_BASE,
-    FileMuxer,
-    ticks,
-)
+from streamkit_media.encoding.encoder import ASSUMED_RATE, RAW_CAPS, Encoder, EncoderSettings, Preset, even
 from streamkit_media.recording.mediaoutput import SEGMENT_NS, MediaOutput
+from streamkit_media.recording.packetwriter import FORMATS, FRAGMENTED, PacketWriter, ticks
+from streamkit_media.streams import nanoseconds
 
 FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
@@ -65,15 +62,15 @@ class VideoFileSink(MediaOutput):
     crf: int = Property(23, min=0, max=51, doc="Quality: 0 loses nothing, 18 looks it, 51 is worst.")
     preset: Preset = Property(Preset.VERYFAST, doc="x264's trade of time for size.")
 
-    _muxer: FileMuxer | None = None
+    _writer: PacketWriter | None = None
 
     def begin(self) -> None:
         """The file is opened when the size is known."""
-        self._muxer = None
+        self._writer = None
         self._encoder: Encoder | None = None
         self._caps: Caps | None = None
         self._offset: int | None = None
-        self._frame_ticks = self._last = 0
+        self._frame_ns = self._last = 0
 
     def write(self, frame: Frame) -> None:
         """Encodes one frame.
@@ -85,18 +82,22 @@ class VideoFileSink(MediaOutput):
         if frame.caps is not self._caps:
             self._follow(frame.caps)
         assert self._encoder is not None
-        assert self._muxer is not None
-        for packet in self._encoder.encode(frame.data, self._place(frame.pts)):
-            self._muxer.mux(packet, can_play=self._last >= 2 * FRAGMENT_TICKS)
+        place = self._encoder.ticks(self._place(frame.pts))
+        for packet in self._encoder.encode(frame.data, place):
+            self._write_packet(packet)
+
+    def _write_packet(self, packet: Packet[Stream]) -> None:
+        assert self._writer is not None
+        pts, dts = (nanoseconds(time or 0, packet.time_base) for time in (packet.pts, packet.dts))
+        self._writer.write_video(bytes(packet), pts, dts, None, packet.is_keyframe)
 
     def _follow(self, caps: Caps) -> None:
         pixel_format, size = str(caps["format"]), (caps.integer("width"), caps.integer("height"))
         encoder = self._encoder
         if encoder is None:
             rate = max(caps_rate(caps) or ASSUMED_RATE, MIN_RATE)
-            self._frame_ticks = max(1, round(1 / rate / TIME_BASE))
-            self._last = -self._frame_ticks
-            self._muxer = FileMuxer(self.open_output(count=self.max_files), self.container())
+            self._frame_ns = round(SECOND_NS / rate)
+            self._last = -self._frame_ns
             gop = KEYFRAME_INTERVAL
             if self.is_sent or self.is_playlist:
                 gop = max(1, round(rate * (1 if self.is_sent else SEGMENT_NS // SECOND_NS)))
@@ -104,7 +105,10 @@ class VideoFileSink(MediaOutput):
             settings = EncoderSettings(
                 quality=self.crf, gop=min(gop, KEYFRAME_INTERVAL), preset=self.preset, live=is_live
             )
-            self._encoder = Encoder(settings, pixel_format, size, rate, self._muxer.container, TIME_BASE)
+            self._encoder = encoder = Encoder(settings, pixel_format, size, rate)
+            output = self.open_output(count=self.max_files)
+            even_size = even(size[0]), even(size[1])
+            self._writer = PacketWriter(output, self.container(), encoder.codec, even_size, rate=rate)
         elif (pixel_format, size) != (encoder.pixel_format, encoder.size):
             raise StreamError(
                 f"{self.location}: one file holds one size and format, it began with {encoder.pixel_format} "
@@ -114,26 +118,24 @@ class VideoFileSink(MediaOutput):
         self._caps = caps
 
     def _place(self, pts: int | None) -> int:
-        """The frame's time in the file; without one of its own that ascends, at the frame rate."""
-        place = following = self._last + self._frame_ticks
-        if pts is not None and self._muxer is not None:
-            own = ticks(pts)
-            if self._offset is None or own + self._offset <= self._last:
-                self._offset = following - own
-            place = own + self._offset
-            self._muxer.check_pause(place - self._last)
+        """The frame's time in the file, ns; without one of its own that ascends, at the frame rate."""
+        place = following = self._last + self._frame_ns
+        if pts is not None and self._writer is not None:
+            if self._offset is None or pts + self._offset <= self._last:
+                self._offset = following - pts
+            place = pts + self._offset
+            self._writer.check_pause(ticks(place - self._last))
         self._last = place
         return place
 
     def end(self) -> None:
         """Completes the file; at a stop, frames that the encoder takes too long for are left out."""
-        if self._muxer is None or self._encoder is None:
+        if self._writer is None or self._encoder is None:
             return
         deadline = time.monotonic() + (FLUSH_LIMIT_S if self.stopping.is_set() else math.inf)
-        has_content = self._last >= 0
         try:
-            for packet in self._encoder.finish() if has_content else ():
-                self._muxer.mux(packet, can_play=False)
+            for packet in self._encoder.finish() if self._last >= 0 else ():
+                self._write_packet(packet)
                 if time.monotonic() > deadline:
                     self.post_warning(
                         f"{self.location}: the last frames are left out, encoding them takes more "
@@ -141,9 +143,9 @@ class VideoFileSink(MediaOutput):
                     )
                     break
         finally:
-            self._muxer.finish(is_kept=has_content)
+            self._writer.close()
 
     def abandon(self) -> None:
         """Leaves the file as it is."""
-        if self._muxer is not None:
-            self._muxer.abandon()
+        if self._writer is not None:
+            self._writer.abandon()

@@ -16,7 +16,7 @@ from streamkit.output.names import is_network
 from streamkit.output.pipe import STANDARD_OUTPUT, standard_output
 from streamkit_media.container import MEDIA_ERRORS
 from streamkit_media.recording.destination import Datagrams, Playlist, datagram_target
-from streamkit_media.recording.filemuxer import FORMATS, HLS, ContainerFormat, Output
+from streamkit_media.recording.packetwriter import FORMATS, HLS, ContainerFormat, Output
 
 SEGMENT_NS = 2 * SECOND_NS
 MAX_AHEAD_NS = 2 * SECOND_NS

@@ -27,8 +27,8 @@ from streamkit.output.file import OutputFile
 from streamkit.output.pipe import STANDARD_OUTPUT
 from streamkit_media.codecs import CODED_CAPS, codec_of, extradata_of, is_same_format, size_of
 from streamkit_media.nalunits import BadPacket
-from streamkit_media.recording.filemuxer import WITH_KLV, PacketWriter
 from streamkit_media.recording.mediaoutput import MediaOutput, shown_location
+from streamkit_media.recording.packetwriter import WITH_KLV, PacketWriter
 from streamkit_media.recording.replaysrc import arrival_line, arrivals_path
 from streamkit_media.streams import KLV_CAPS, nanoseconds
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import av
 from av.error import FFmpegError
 from streamkit.output.file import OutputFile
-from streamkit_media.recording.filemuxer import FORMATS, PacketWriter
+from streamkit_media.recording.packetwriter import FORMATS, PacketWriter
 source, target = sys.argv[1:]
 container = av.open(source)
 stream = container.streams.video[0]

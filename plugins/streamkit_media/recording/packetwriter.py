@@ -54,155 +54,28 @@ NOT_IN_MOV = frozenset({"av1", "vp8", "vp9"})  # FFmpeg refuses them with the fi
 HEADERS_IN_PACKETS = CODECS | {"av1", "vp8", "vp9", "mjpeg"}
 
 
-class FileMuxer:
-    """Base of what writes packets to a container.
+class PacketWriter:
+    """Writes packets to a container.
 
     Args:
         file: takes it; FFmpeg would leave one of its own open where the head cannot be written.
         container: FFmpeg's format and its options.
-
-    Attributes:
-        file: the file.
-        container: until it `is_closed`.
-        failure: the first error of a packet. No packet may follow: FFmpeg crashes where the container's head
-            could not be written.
-    """
-
-    def __init__(self, file: Output, container: ContainerFormat) -> None:
-        self.failure: Exception | None = None
-        self._last_dts: dict[int, int] = {}
-        self.file = file
-        self.is_closed = False
-        name, options = container
-        self._is_limited = "movflags" in options
-        self._before_first = LOWEST_TICKS if "negative_cts_offsets" in options.get("movflags", "") else -1
-        options = {**ALWAYS, **options}
-        if isinstance(file, Playlist):
-            self.container: OutputContainer = av.open(
-                str(file.path), "w", format=name, container_options=options | file.options, io_open=file.open
-            )
-        else:
-            self.container = av.open(file, "w", format=name, container_options=options)
-
-    def mux(self, packet: Packet[Stream], *, can_play: bool) -> None:
-        """Writes one packet; the file replaces an older one once it `can_play`.
-
-        Raises:
-            FFmpegError: the container does not take the packet, or did not take one before.
-            OSError: the file cannot be written.
-        """
-        if self.failure is None:
-            try:
-                self._order(packet)
-                self.container.mux_one(packet)
-            except Exception as error:
-                self.failure = error
-            self.failure = self.file.failure or self.failure
-        if self.failure is not None:
-            raise self.failure
-        if can_play:
-            self.file.publish()
-
-    def _order(self, packet: Packet[Stream]) -> None:
-        """Moves the decoding time above the last, and the presentation time not below it, and to 0 or more.
-
-        Reordered frames begin with decoding times below 0, which MP4 with negative offsets holds; moved, they
-        would shorten it.
-        """
-        lowest = self._last_dts.get(packet.stream_index, self._before_first) + 1
-        packet.dts = dts = max(packet.dts or 0, lowest)
-        packet.pts = max(packet.pts or 0, dts, 0)
-        self._last_dts[packet.stream_index] = dts
-
-    def check_pause(self, pause: int) -> None:
-        """Checks that the container can hold a pause between two frames, in units of `TIME_BASE`.
-
-        Raises:
-            ValueError: it is too long.
-        """
-        if self._is_limited and pause > MAX_TICKS:
-            hours = 3600 * TIME_BASE.denominator
-            raise ValueError(
-                f"{self.file.path.suffix} holds pauses of up to {MAX_TICKS / hours:.1f} h between two "
-                f"frames, this is one of {pause / hours:.1f} h; write .mkv or .ts, or segments"
-            )
-
-    def finish(self, *, is_kept: bool) -> None:
-        """Writes the container's end; removes the file unless it `is_kept`. Safe to call twice.
-
-        Raises:
-            OSError: writing failed.
-        """
-        is_whole = False
-        try:
-            self._close()
-            is_whole = self.failure is None
-        finally:
-            if not is_kept:
-                self.file.discard()
-            elif is_whole:
-                self.file.finish()
-            else:
-                self.file.abandon()
-        if is_whole and self.file.failure is not None:
-            self.failure = self.file.failure
-            raise self.failure
-
-    def abandon(self) -> None:
-        """Leaves the file as it is after an error; never fails."""
-        with suppress(Exception):
-            self._close()
-        self.file.abandon()
-
-    def _close(self) -> None:
-        if not self.is_closed:
-            self.is_closed = True
-            self.container.close()
-
-
-def ticks(ns: int) -> int:
-    """A time in units of `TIME_BASE`."""
-    return round(Fraction(ns, SECOND_NS) / TIME_BASE)
-
-
-@cache
-def holds(name: str, codec: str) -> bool:
-    """Whether a container holds a codec; both by FFmpeg's names, each pair asked of FFmpeg once."""
-    if name in WITHOUT_HEADERS:
-        return codec in TRANSPORT_CODECS
-    with av.open(io.BytesIO(), "w", format=name) as container:
-        return codec in container.supported_codecs and not (name == "mov" and codec in NOT_IN_MOV)
-
-
-def check_codec(codec: str, name: str) -> None:
-    """Checks that a container holds a codec.
-
-    Raises:
-        ValueError: it does not; with what does.
-    """
-    if not holds(name, codec):
-        others = [suffix for suffix, (other, _) in FORMATS.items() if holds(other, codec)]
-        remedy = f"write {' or '.join(others)}, or encode" if others else "encode"
-        raise ValueError(f"{name} holds no {codec}; {remedy} to h264, h265 or mpeg4")
-
-
-class PacketWriter(FileMuxer):
-    """One file being written.
-
-    Args:
-        file: is closed by `close`.
-        container: FFmpeg's format and its options.
         codec: of the video, FFmpeg's name.
         size: width, height, px.
         extradata: the codec's headers kept outside the packets.
+        rate: frames per second, for packets without a duration; None if unknown.
         with_klv: whether there is a stream of KLV telemetry too.
+
+    Attributes:
+        file: the file.
+        has_begun: whether the container's head is written; a packet may be left out from then on.
+        failure: the first error of a packet. No packet may follow: FFmpeg crashes where the container's head
+            could not be written.
 
     Raises:
         ValueError: the container cannot hold this codec.
         BadPacket: the extradata are damaged.
     """
-
-    _headers = b""
 
     def __init__(
         self,
@@ -210,25 +83,36 @@ class PacketWriter(FileMuxer):
         container: ContainerFormat,
         codec: str,
         size: tuple[int, int],
-        extradata: bytes,
+        extradata: bytes = b"",
         *,
+        rate: Fraction | None = None,
         with_klv: bool = False,
     ) -> None:
-        self._annexb = AnnexBConverter(codec, extradata)
-        self._codec = codec
-        self.has_begun = False  # whether the file's head is written; a packet may be left out from then on
-        self._reads_parameter_sets = container[0] not in WITHOUT_HEADERS
+        self._annexb, self._codec = AnnexBConverter(codec, extradata), codec
+        self.file = file
+        self.failure: Exception | None = None
+        self.has_begun = False
+        self._is_closed = self._is_after_pause = False
         self._begin: int | None = None
-        self._is_after_pause = False
-        super().__init__(file, container)
+        self._last_dts: dict[int, int] = {}
+        name, options = container
+        self._reads_parameter_sets = name not in WITHOUT_HEADERS
+        self._is_limited = "movflags" in options
+        self._before_first = LOWEST_TICKS if "negative_cts_offsets" in options.get("movflags", "") else -1
+        options = {**ALWAYS, **options}
+        if isinstance(file, Playlist):
+            self._container: OutputContainer = av.open(
+                str(file.path), "w", format=name, container_options=options | file.options, io_open=file.open
+            )
+        else:
+            self._container = av.open(file, "w", format=name, container_options=options)
         try:
-            check_codec(codec, container[0])
-            if extradata and codec not in HEADERS_IN_PACKETS:
-                if not START_CODES.match(extradata):  # PyAV passes none to a muxer
-                    raise ValueError(f"{codec} has headers outside its packets; put decode ! encode before")
-                self._headers = extradata
-            self._video = self.container.add_mux_stream(codec, width=size[0], height=size[1])
-            self._klv: Stream | None = self.container.add_data_stream("klv") if with_klv else None
+            check_codec(codec, name)
+            self._headers = extradata if codec not in HEADERS_IN_PACKETS else b""
+            if self._headers and not START_CODES.match(extradata):  # PyAV passes none to a muxer
+                raise ValueError(f"{codec} has headers outside its packets; put decode ! encode before")
+            self._video = self._container.add_mux_stream(codec, rate, width=size[0], height=size[1])
+            self._klv: Stream | None = self._container.add_data_stream("klv") if with_klv else None
         except BaseException:
             self.close()
             raise
@@ -268,6 +152,19 @@ class PacketWriter(FileMuxer):
         packet.is_keyframe = True
         return self._write(packet, self._klv, ticks(pts), ticks(pts), 0)
 
+    def check_pause(self, pause: int) -> None:
+        """Checks that the container can hold a pause between two frames, in units of `TIME_BASE`.
+
+        Raises:
+            ValueError: it is too long.
+        """
+        if self._is_limited and pause > MAX_TICKS:
+            hours = 3600 * TIME_BASE.denominator
+            raise ValueError(
+                f"{self.file.path.suffix} holds pauses of up to {MAX_TICKS / hours:.1f} h between two "
+                f"frames, this is one of {pause / hours:.1f} h; write .mkv or .ts, or segments"
+            )
+
     def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
         try:
             self.check_pause(dts - self._last_dts.get(stream.index, dts))
@@ -279,22 +176,46 @@ class PacketWriter(FileMuxer):
             raise BadPacket(str(error)) from None
         self._is_after_pause = False
         packet.stream = stream
-        begin = pts if self._begin is None else self._begin
         try:
             packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, pts
             packet.duration = min(duration, MAX_TICKS)
         except OverflowError:
             raise BadPacket(f"its time of {pts / TIME_BASE.denominator:.3g} s is none") from None
         try:
-            self.mux(packet, can_play=pts - begin >= FRAGMENT_TICKS)
+            self._mux(packet)
         except FFmpegError as error:
             if not self.has_begun and not isinstance(error, InvalidDataError):
                 raise
             refusal = BadPacket(f"it cannot be written: {error.strerror}")
             self.failure = None if self.has_begun else refusal
             raise refusal from None
-        self.has_begun, self._begin = True, begin
+        self.has_begun = True
+        self._begin = pts if self._begin is None else self._begin
+        if pts - self._begin >= FRAGMENT_TICKS:
+            self.file.publish()
         return packet.size
+
+    def _mux(self, packet: Packet[Stream]) -> None:
+        if self.failure is None:
+            try:
+                self._order(packet)
+                self._container.mux_one(packet)
+            except Exception as error:
+                self.failure = error
+            self.failure = self.file.failure or self.failure
+        if self.failure is not None:
+            raise self.failure
+
+    def _order(self, packet: Packet[Stream]) -> None:
+        """Moves the decoding time above the last, and the presentation time not below it, and to 0 or more.
+
+        Reordered frames begin with decoding times below 0, which MP4 with negative offsets holds; moved, they
+        would shorten it.
+        """
+        lowest = self._last_dts.get(packet.stream_index, self._before_first) + 1
+        packet.dts = dts = max(packet.dts or 0, lowest)
+        packet.pts = max(packet.pts or 0, dts, 0)
+        self._last_dts[packet.stream_index] = dts
 
     def close(self) -> None:
         """Completes the file, or removes it where nothing could be written. Safe to call twice.
@@ -302,4 +223,54 @@ class PacketWriter(FileMuxer):
         Raises:
             OSError: writing failed.
         """
-        self.finish(is_kept=self.has_begun)
+        is_whole = False
+        try:
+            self._end()
+            is_whole = self.failure is None
+        finally:
+            if not self.has_begun:
+                self.file.discard()
+            elif is_whole:
+                self.file.finish()
+            else:
+                self.file.abandon()
+        if is_whole and self.file.failure is not None:
+            self.failure = self.file.failure
+            raise self.failure
+
+    def abandon(self) -> None:
+        """Leaves the file as it is after an error; never fails."""
+        with suppress(Exception):
+            self._end()
+        self.file.abandon()
+
+    def _end(self) -> None:
+        if not self._is_closed:
+            self._is_closed = True
+            self._container.close()
+
+
+def ticks(ns: int) -> int:
+    """A time in units of `TIME_BASE`."""
+    return round(Fraction(ns, SECOND_NS) / TIME_BASE)
+
+
+@cache
+def holds(name: str, codec: str) -> bool:
+    """Whether a container holds a codec; both by FFmpeg's names, each pair asked of FFmpeg once."""
+    if name in WITHOUT_HEADERS:
+        return codec in TRANSPORT_CODECS
+    with av.open(io.BytesIO(), "w", format=name) as container:
+        return codec in container.supported_codecs and not (name == "mov" and codec in NOT_IN_MOV)
+
+
+def check_codec(codec: str, name: str) -> None:
+    """Checks that a container holds a codec.
+
+    Raises:
+        ValueError: it does not; with what does.
+    """
+    if not holds(name, codec):
+        others = [suffix for suffix, (other, _) in FORMATS.items() if holds(other, codec)]
+        remedy = f"write {' or '.join(others)}, or encode" if others else "encode"
+        raise ValueError(f"{name} holds no {codec}; {remedy} to h264, h265 or mpeg4")
