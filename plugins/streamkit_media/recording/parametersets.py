@@ -2,21 +2,13 @@
 
 The muxers of MP4 and Matroska make the file's head of them without checks: a damaged count in one of H.265
 keeps them busy for minutes, with the interpreter's lock held. FFmpeg's bitstream filters check the range of
-every field; what they refuse may still be harmless, and is tried.
+every field; what they refuse and the decoder takes is harmless.
 
 Source: ITU-T H.264, 7.3.2; H.265, 7.3.2.
 """
 
 from __future__ import annotations
 
-import io
-import math
-import resource
-import subprocess
-import sys
-import time
-
-import av
 from av.bitstream import BitStreamFilterContext
 from av.codec.context import CodecContext
 from av.error import FFmpegError, InvalidDataError
@@ -29,9 +21,6 @@ from streamkit_media.nalunits import START_CODE, BadPacket, unit_type, units
 # layers, whose sequence parameter sets the filters do not know.
 CHECKED_TYPES = {"h264": frozenset({7}), "hevc": frozenset({32, 33})}
 
-TRIAL_LIMIT_S = 1  # of processor time, beside the start of the process that tries; milliseconds are enough
-START_LIMIT_S = 20.0  # of real time, for all of it
-
 
 def check_parameter_sets(codec: str, data: bytes) -> None:
     """Checks the parameter sets in a keyframe's packet.
@@ -41,8 +30,7 @@ def check_parameter_sets(codec: str, data: bytes) -> None:
         data: the packet, in Annex B.
 
     Raises:
-        BadPacket: a field of a set is out of its range or a set is cut short, and the packet does not decode,
-            or keeps the muxer busy.
+        BadPacket: a field of a set is out of its range or a set is cut short, and the packet does not decode.
     """
     kinds = CHECKED_TYPES.get(codec)
     if kinds is None:
@@ -53,8 +41,7 @@ def check_parameter_sets(codec: str, data: bytes) -> None:
     try:
         BitStreamFilterContext(f"{codec}_metadata", codec).filter(Packet(b"".join(sets)))
     except InvalidDataError:
-        # Some encoders break the rules in harmless ways.
-        if not _decodes(codec, data) or (codec == "hevc" and not _can_be_muxed(data)):
+        if not _decodes(codec, data):  # some encoders break the rules in harmless ways
             raise BadPacket("its parameter sets are damaged") from None
     except FFmpegError:
         return  # an extension that the filter does not know
@@ -70,32 +57,3 @@ def _decodes(codec: str, data: bytes) -> bool:
         return bool(context.decode(packet) or context.decode(None))
     except FFmpegError:
         return False
-
-
-def _can_be_muxed(data: bytes) -> bool:
-    """Whether the muxer ends with a packet of H.265, tried in a process that can be given up."""
-    command = [sys.executable, "-m", "streamkit_media.recording.parametersets", str(TRIAL_LIMIT_S)]
-    try:
-        done = subprocess.run(command, input=data, capture_output=True, timeout=START_LIMIT_S, check=False)
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode == 0
-
-
-def mux_stdin(limit_s: int) -> None:
-    """Writes one H.265 packet from stdin as Matroska to nowhere.
-
-    Fails where the muxer refuses the packet; the process is killed after `limit_s` more of processor time.
-    """
-    seconds = math.ceil(time.process_time()) + limit_s
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-    with av.open(io.BytesIO(), "w", format="matroska") as container:
-        packet = Packet(sys.stdin.buffer.read())
-        packet.stream = container.add_mux_stream("hevc", width=16, height=16)
-        packet.pts = packet.dts = 0
-        packet.is_keyframe = True
-        container.mux_one(packet)
-
-
-if __name__ == "__main__":
-    mux_stdin(int(sys.argv[1]))
