@@ -20,16 +20,10 @@ from typing_extensions import override
 from streamkit import ResourceError
 from streamkit_media.container import open_container, video_stream
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
-from streamkit_media.live.datagrams import (
-    BUFFER_BYTES,
-    OVERFLOWS,
-    TransportPackets,
-    datagram_address,
-    open_receiver,
-    overflows,
-)
 from streamkit_media.live.liveinput import LIVE_OPTIONS, ConnectionLost, LiveInput, Silence
+from streamkit_media.live.transportpackets import TransportPackets
 from streamkit_media.streams import nanoseconds, read_packets
+from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, overflows, source_address
 
 LOOK_S = 0.1
 NOTICE_S = 2.0  # how long a first connection waits before it reports what for
@@ -44,7 +38,7 @@ class DatagramInput(LiveInput):
     """Receives a transport stream at a UDP port.
 
     Args:
-        location, timeout_s: see `LiveInput` and `datagram_address`.
+        location, timeout_s: see `LiveInput` and `source_address`.
         counts: datagrams lost, overflowed (dropped by the kernel) and refused, over all connections.
         warn: called with a text when the kernel first drops datagrams.
         is_first: whether no connection was made before: it warns when nothing comes, a later one is reported
@@ -75,7 +69,7 @@ class DatagramInput(LiveInput):
     @override
     def open(self) -> InputContainer:
         try:
-            self._receiver = open_receiver(*datagram_address(self.location))
+            self._receiver = open_receiver(source_address(self.location))
         except OSError as error:
             raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
         self._receiver.settimeout(LOOK_S)
@@ -129,7 +123,7 @@ class DatagramInput(LiveInput):
         if total and not self._overflowed:
             self._warn(
                 f"{self.where}: datagrams come faster than they are read; allow a larger buffer with "
-                f"sysctl net.core.rmem_max={BUFFER_BYTES}"
+                f"sysctl net.core.rmem_max={RECEIVE_BUFFER_BYTES}"
             )
         self._counts["overflowed"] += max(0, total - self._overflowed)
         self._overflowed = max(self._overflowed, total)

@@ -12,10 +12,10 @@ from streamkit import Caps, Direction, PadTemplate, Presence, Property, Resource
 from streamkit.output.names import is_network
 from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
 from streamkit_media.live.datagraminput import DatagramInput
-from streamkit_media.live.datagrams import datagram_address
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence, UrlInput
 from streamkit_media.live.livesource import LiveSource
 from streamkit_media.streams import KLV_CAPS
+from streamkit_media.udp import source_address
 
 UDP = "udp"
 # What a server sends must not make FFmpeg open files.
@@ -93,7 +93,7 @@ class LiveSrc(LiveSource):
                 raise ResourceError(f"{self._where!r}: the port is missing; write uri=tcp://host:port")
             return
         try:
-            datagram_address(self.location)
+            source_address(self.location)
         except ValueError as error:
             raise ResourceError(f"{self._where!r}: {error}; write {self.example}") from None
 

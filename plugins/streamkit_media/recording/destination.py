@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 import io
-import ipaddress
-import socket
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import BinaryIO
-from urllib.parse import parse_qsl, urlsplit
 
 from streamkit.output.file import OutputFile
-from streamkit_media.datagram_socket import PACKET_BYTES, SocketAddress, datagram_socket
+from streamkit_media.udp import PACKET_BYTES, open_sender, target_address
 
 DATAGRAM_BYTES = 7 * PACKET_BYTES  # as many packets as fit into an Ethernet frame
-BUFFER_BYTES = 1 << 20  # a keyframe of high quality
 SEND_LIMIT_S = 1.0
-SHORT_TTL, MAX_TTL = 1, 255
 FOR_WRITING = 2  # FFmpeg's AVIO_FLAG_WRITE
 
 
@@ -133,10 +127,8 @@ class Datagrams(Destination):
         super().__init__(Path(location))
         self._lose = lose
         self._rest = b""
-        host, port, local, ttl = datagram_target(location)
-        prepare = partial(_prepare, local=local, ttl=ttl)
-        remedy = "check the address, and that of the interface"
-        self._socket = datagram_socket(host, port, prepare, {}, remedy)
+        self._socket = open_sender(target_address(location))
+        self._socket.settimeout(SEND_LIMIT_S)
 
     def write(self, data: bytes) -> int:
         """Sends what is there of whole packets: FFmpeg writes at the end of each frame."""
@@ -156,37 +148,3 @@ class Datagrams(Destination):
     def finish(self) -> None:
         """Closes the socket."""
         self._socket.close()
-
-
-def datagram_target(location: str) -> tuple[str, int, str, int]:
-    """The address in udp://HOST:PORT[?localaddr=ADDRESS][&ttl=HOPS].
-
-    Returns:
-        Host, port, address of the interface to send from ("" for the system's choice), and how many networks
-        a datagram to a group crosses.
-
-    Raises:
-        ValueError: it is no such URL.
-    """
-    parts = urlsplit(location)
-    fields = dict(parse_qsl(parts.query, keep_blank_values=True))
-    local, ttl = fields.pop("localaddr", ""), fields.pop("ttl", str(SHORT_TTL))
-    if not parts.hostname or not parts.port:
-        raise ValueError("the host or the port is missing")
-    if fields or not ttl.isdecimal() or not 1 <= int(ttl) <= MAX_TTL:
-        raise ValueError(f"it takes ?localaddr=ADDRESS and ttl= from 1 to {MAX_TTL} only")
-    return parts.hostname, parts.port, local, int(ttl)
-
-
-def _prepare(sender: socket.socket, target: SocketAddress, local: str, ttl: int) -> None:
-    sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
-    if local:
-        sender.bind((local, 0))
-    is_old = sender.family == socket.AF_INET
-    if ipaddress.ip_address(target[0].partition("%")[0]).is_multicast:
-        level = socket.IPPROTO_IP if is_old else socket.IPPROTO_IPV6
-        sender.setsockopt(level, socket.IP_MULTICAST_TTL if is_old else socket.IPV6_MULTICAST_HOPS, ttl)
-        if local and is_old:
-            sender.setsockopt(level, socket.IP_MULTICAST_IF, socket.inet_aton(local))
-    sender.connect(target)
-    sender.settimeout(SEND_LIMIT_S)

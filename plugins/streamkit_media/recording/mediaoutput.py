@@ -15,8 +15,9 @@ from streamkit.output.file import OutputFile
 from streamkit.output.names import is_network
 from streamkit.output.pipe import STANDARD_OUTPUT, standard_output
 from streamkit_media.container import MEDIA_ERRORS
-from streamkit_media.recording.destination import Datagrams, Playlist, datagram_target
+from streamkit_media.recording.destination import Datagrams, Playlist
 from streamkit_media.recording.packetwriter import FORMATS, HLS, ContainerFormat, Output
+from streamkit_media.udp import target_address
 
 SEGMENT_NS = 2 * SECOND_NS
 MAX_AHEAD_NS = 2 * SECOND_NS
@@ -69,7 +70,7 @@ class MediaOutput(OutputFileSink):
             if scheme != "udp":
                 rule = "location must be a file, - (the standard output), udp://HOST:PORT or NAME.m3u8 (HLS)"
                 raise ValueError(REMEDIES.get(scheme, rule))
-            datagram_target(self.location)
+            target_address(self.location)
         except ValueError as error:
             # The location stands last: with a secret at its end, what follows would be masked, too.
             raise PropertyError(f"{self.name}: {error}; got location={mask_secrets(self.location)}") from None

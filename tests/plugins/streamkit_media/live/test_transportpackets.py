@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit_media.live.datagrams import TransportPackets, rtp_payload_start
+from streamkit_media.live.transportpackets import TransportPackets, rtp_payload_start
 
 AsRtp = Callable[..., bytes]
 

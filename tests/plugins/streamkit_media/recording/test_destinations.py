@@ -21,7 +21,7 @@ import av
 import pytest
 
 from streamkit import DescriptionError, ElementFailure, FrameFlags, MessageKind, Pipeline
-from streamkit_media.recording.destination import datagram_target
+from streamkit_media.udp import UdpAddress, target_address
 from tests.slowness import patience
 
 COMMAND = [sys.executable, "-c", "from streamkit.cli.main import main; main()", "launch"]
@@ -244,8 +244,8 @@ def test_an_unknown_host_is_told_before_playing() -> None:
 
 def test_datagram_targets() -> None:
     """Host and port, interface, hops."""
-    assert datagram_target("udp://[ff15::1]:5000?localaddr=::1&ttl=3") == ("ff15::1", 5000, "::1", 3)
-    assert datagram_target("udp://@host:5000") == ("host", 5000, "", 1)
+    assert target_address("udp://[ff15::1]:5000?localaddr=::1&ttl=3") == UdpAddress("ff15::1", 5000, "::1", 3)
+    assert target_address("udp://@host:5000") == UdpAddress("host", 5000, "", 1)
 
 
 def test_a_playlist_holds_every_packet(clip: Path, tmp_path: Path) -> None:

@@ -2,12 +2,13 @@ import socket
 
 import pytest
 
-from streamkit_media.live.datagrams import (
+from streamkit_media.udp import (
     COUNT_OVERFLOWS,
     OVERFLOWS,
-    datagram_address,
+    UdpAddress,
     open_receiver,
     overflows,
+    source_address,
 )
 
 
@@ -16,19 +17,19 @@ from streamkit_media.live.datagrams import (
     [
         ("udp://239.1.2.3:5000", ("239.1.2.3", 5000, "")),
         ("udp://@239.1.2.3:5000?localaddr=10.0.0.1", ("239.1.2.3", 5000, "10.0.0.1")),
-        ("udp://@:5000", ("0.0.0.0", 5000, "")),
-        ("udp://:5000?localaddr=10.0.0.1", ("10.0.0.1", 5000, "10.0.0.1")),
+        ("udp://@:5000", ("", 5000, "")),
+        ("udp://:5000?localaddr=10.0.0.1", ("", 5000, "10.0.0.1")),
         ("udp://[ff02::1%eth0]:5000", ("ff02::1%eth0", 5000, "")),
     ],
 )
 def test_addresses(location: str, address: tuple[str, int, str]) -> None:
     """Host, group and interface are read from the URL; no host is every interface."""
-    assert datagram_address(location) == address
+    assert source_address(location) == UdpAddress(*address)
 
 
 def test_overflows_of_the_kernel_are_counted() -> None:
     """What a full buffer drops is told with the next datagram that is read."""
-    with open_receiver("127.0.0.1", 0) as receiver:
+    with open_receiver(UdpAddress("127.0.0.1", 0)) as receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         receiver.settimeout(5)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -59,4 +60,4 @@ def test_other_messages_of_the_kernel_are_no_overflows() -> None:
 def test_a_port_that_cannot_be_opened_has_a_remedy(host: str, reason: str) -> None:
     """An unknown name and an address of another machine are refused in plain words."""
     with pytest.raises(OSError, match=reason):
-        open_receiver(host, 5000)
+        open_receiver(UdpAddress(host, 5000))
