@@ -67,6 +67,7 @@ from streamkit.flow.metadata import Track as Track
 from streamkit.flow.metadata import Tracks as Tracks
 from streamkit.flow.metadata import TrackState as TrackState
 from streamkit.flow.record import TRACKS_CAPS as TRACKS_CAPS
+from streamkit.flow.record import TRACKS_SCHEMA as TRACKS_SCHEMA
 from streamkit.flow.record import TargetRecord as TargetRecord
 from streamkit.flow.record import TrackRecord as TrackRecord
 from streamkit.flow.record import decode_record as decode_record
@@ -84,6 +85,7 @@ from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps
 from streamkit.geometry.registration_status import RegistrationStatus as RegistrationStatus
 from streamkit.graph.pipeline import Pipeline as Pipeline
+from streamkit.graph.variables import variable_names as variable_names
 from streamkit.masking import mask_secrets as mask_secrets
 from streamkit.reader import SourceChoice as SourceChoice
 from streamkit.reader import VideoReader as VideoReader

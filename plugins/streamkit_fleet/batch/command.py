@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from streamkit import DescriptionError, Pipeline, StreamkitError
+from streamkit import DescriptionError, Pipeline, StreamkitError, variable_names
 from streamkit.masking import presentable
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from streamkit_fleet.batch.plan import BatchRecipe
 
 SET_BY_BATCH = ("input", "output")
-VARIABLE = re.compile(r"\$\{([A-Za-z_][A-Za-z0-9_-]*)")
 RECORDS = ".jsonl"  # the results whose parts can be joined
 
 
@@ -122,7 +121,7 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
 
 def missing_variable(text: str, given: Mapping[str, str]) -> str:
     """Which of `${input}` and `${output}` a description lacks, and what it may have instead; "" if none."""
-    found = list(dict.fromkeys(VARIABLE.findall(text)))
+    found = variable_names(text)
     missing = [name for name in SET_BY_BATCH if name not in found]
     if not missing:
         return ""
