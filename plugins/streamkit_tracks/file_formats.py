@@ -20,7 +20,6 @@ from streamkit.output.text import TextFormat
 
 Record = Mapping[str, Any]
 
-SCHEMA = "streamkit.tracks/1"
 CSV_COLUMNS = (
     "source", "seq", "epoch", "pts_ns", "capture_ns", "id", "state", "x", "y", "length", "width", "angle",
     "x0", "y0", "x1", "y1", "vx", "vy", "score", "age_ns", "lat", "lon",

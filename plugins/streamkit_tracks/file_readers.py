@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from streamkit import StreamError, TrackRecord, decode_record, encode_record
-from streamkit_tracks.file_formats import CSV_COLUMNS, MOT_CORNER, SCHEMA
+from streamkit import TRACKS_SCHEMA, StreamError, TrackRecord, decode_record, encode_record
+from streamkit_tracks.file_formats import CSV_COLUMNS, MOT_CORNER
 
 MOT_COLUMNS = 7
 MISSING = {
@@ -83,7 +83,7 @@ def write_lines(path: Path, output: Path) -> None:
 
 
 def _record(frame: Mapping[str, object], targets: list[dict[str, object]]) -> TrackRecord:
-    fields = {**frame, "schema": SCHEMA, "tracks": targets, "dropped": 0}
+    fields = {**frame, "schema": TRACKS_SCHEMA, "tracks": targets, "dropped": 0}
     # Numbers are text in CSV; those that are not finite become null in JSON, which is refused.
     return decode_record(encode_record(msgspec.convert(fields, TrackRecord, strict=False)))
 

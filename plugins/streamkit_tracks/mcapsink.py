@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from typing_extensions import override
 
-from streamkit import Frame, Property, TrackRecord, encode_record
-from streamkit_tracks.file_formats import SCHEMA
+from streamkit import TRACKS_SCHEMA, Frame, Property, TrackRecord, encode_record
 from streamkit_tracks.record_sink import RecordFileSink, require_library
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ class McapSink(RecordFileSink):
         assert self.file is not None
         self._writer: Any = self._mcap.Writer(PositionedWriter(self.file))
         self._writer.start(profile="", library="streamkit")
-        schema = self._writer.register_schema(SCHEMA, "jsonschema", _json_schema())
+        schema = self._writer.register_schema(TRACKS_SCHEMA, "jsonschema", _json_schema())
         self._channel = self._writer.register_channel(self.topic, "json", schema)
         self._due_s = 0.0
 
@@ -92,5 +91,5 @@ class PositionedWriter(io.BufferedWriter):
 
 
 def _json_schema() -> bytes:
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": SCHEMA}
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": TRACKS_SCHEMA}
     return json.dumps(schema | msgspec.json.schema(TrackRecord), indent=1).encode()

@@ -5,14 +5,13 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple, Self
 
-from streamkit import TrackRecord
+from streamkit import TRACKS_SCHEMA, TrackRecord
 from streamkit_zenoh.configuration import Reach, SessionMode, SessionSettings
 from streamkit_zenoh.keys import records_key
 from streamkit_zenoh.presence import published_keys
 from streamkit_zenoh.receiver import Counts, MessageReceiver
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, decode_message
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 
 LOOK_EVERY_S = 0.2
 CLOSE_LIMIT_S = 2.0

@@ -7,7 +7,17 @@ from collections.abc import Iterator
 import zenoh
 from typing_extensions import override
 
-from streamkit import TRACKS_CAPS, Caps, Frame, Property, ResourceError, Source, TrackRecord, encode_record
+from streamkit import (
+    TRACKS_CAPS,
+    TRACKS_SCHEMA,
+    Caps,
+    Frame,
+    Property,
+    ResourceError,
+    Source,
+    TrackRecord,
+    encode_record,
+)
 from streamkit_zenoh.connection import SessionElement
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
@@ -16,7 +26,7 @@ from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
 from streamkit_zenoh.wire.numbering import RecentDict
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA, record_frame
+from streamkit_zenoh.wire.records import record_frame
 
 LOOK_EVERY_S = 0.2
 STOP_LIMIT_S = 2.0

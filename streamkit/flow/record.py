@@ -15,7 +15,7 @@ from streamkit.flow.metadata import Detections, Registration, Track, TrackState
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.masking import mask_secrets
 
-SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
+TRACKS_SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"
 # Caps of frames whose data is a record in JSON.
 TRACKS_CAPS = Caps("application/x-tracks")
 MAX_AGE_NS = 24 * 3600 * 10**9  # no live stream is delayed by a day
@@ -179,7 +179,7 @@ def track_record(
     detections = frame.get(Detections) if provenance else None
     positions, _ = ground_positions(frame, ground_altitude_m)
     return TrackRecord(
-        schema=SCHEMA,
+        schema=TRACKS_SCHEMA,
         source=mask_secrets(source),
         seq=frame.seq,
         epoch=frame.epoch,
@@ -216,7 +216,7 @@ def decode_record(data: bytes | bytearray | memoryview | str) -> TrackRecord:
         return _DECODER.decode(data)
     except (ValueError, RecursionError) as error:
         size = len(data) if isinstance(data, str) else memoryview(data).nbytes
-        raise StreamError(f"not a track record ({SCHEMA}): {error} [{size} bytes]") from None
+        raise StreamError(f"not a track record ({TRACKS_SCHEMA}): {error} [{size} bytes]") from None
 
 
 def record_line(frame: Frame) -> bytes:

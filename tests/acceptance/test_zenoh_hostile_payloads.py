@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from streamkit import Frame, Pipeline, Registration, Tracks, raw_video_caps, track_record
+from streamkit import TRACKS_SCHEMA, Frame, Pipeline, Registration, Tracks, raw_video_caps, track_record
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
@@ -17,7 +17,6 @@ from streamkit_zenoh.wire.encodings import BadPayload, Codec, Encoding, encoding
 from streamkit_zenoh.wire.frame_header import frame_header, read_header
 from streamkit_zenoh.wire.images import ImageFormat, decode_image, encode_image
 from streamkit_zenoh.wire.numbering import read_attachment
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from tests.acceptance.zenoh_links import wait_for
 from tests.ports import free_port
 

@@ -6,13 +6,22 @@ import msgspec
 import zenoh
 from typing_extensions import override
 
-from streamkit import SHOWN_STATES, TRACKS_CAPS, Frame, StreamError, TrackRecord, record_line, track_record
+from streamkit import (
+    SHOWN_STATES,
+    TRACKS_CAPS,
+    TRACKS_SCHEMA,
+    Frame,
+    StreamError,
+    TrackRecord,
+    record_line,
+    track_record,
+)
 from streamkit_zenoh.keys import TRACK, TRACKS
 from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
 from streamkit_zenoh.publish.sender import Outgoing, Sender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA, without_pixels
+from streamkit_zenoh.wire.records import without_pixels
 
 
 class RecordSender(Sender):

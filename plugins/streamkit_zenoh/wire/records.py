@@ -15,8 +15,6 @@ from streamkit import (
     tracks_of,
 )
 
-TRACKS_SCHEMA = "streamkit.tracks/1"
-
 
 def without_pixels(frame: Frame) -> Frame:
     """The frame with only what its record needs, so that a queue of frames holds no pixels."""

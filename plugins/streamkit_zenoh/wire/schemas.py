@@ -7,10 +7,9 @@ from typing import Any
 
 import msgspec
 
-from streamkit import TrackRecord
+from streamkit import TRACKS_SCHEMA, TrackRecord
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA, FrameHeader
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA, VideoHeader
 

@@ -7,9 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from streamkit import TrackRecord, decode_record
+from streamkit import TRACKS_SCHEMA, TrackRecord, decode_record
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Codec, Encoding, encoding_of
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, DropCount, StatusRecord, StreamStatus
 
 FULL = b"""{"schema": "streamkit.tracks/1", "source": "uav/1", "seq": 120, "epoch": 2,
