@@ -31,4 +31,4 @@ def test_a_new_package_installs_and_passes_its_test(environment: Any, tmp_path: 
     text = environment.run("streamkit", "inspect", f"my{kind}").stdout
     assert f" of my-{kind} 0.1.0 (my_{kind}.element:My{kind.capitalize()})" in text
     launched = environment.run("streamkit", "launch", LINES[kind], cwd=tmp_path)
-    assert (launched.returncode, launched.stderr) == (0, "")
+    assert (launched.returncode, launched.stderr.count("\n")) == (0, 1), launched.stderr
