@@ -5,9 +5,9 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import BinaryIO, cast
 
@@ -38,6 +38,12 @@ class PushProcess:
     A thread sends it one message after another, and waits for the answer to each. The messages go through
     standard input, so that no password is in the list of processes.
 
+    Attributes:
+        is_opened: whether an order was given.
+        is_ready: whether the server records.
+        is_done: whether the recording has ended.
+        written: packets that are with the operating system.
+
     Raises:
         OSError: the process cannot be started.
     """
@@ -51,49 +57,33 @@ class PushProcess:
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        self._began = time.monotonic()
-        self._changed = threading.Condition()
-        self._messages: deque[PushOrder | PushPacket | None] = deque()
-        self._failure: PushFailure | None = None
-        self._sent = self._answers = 0
-        self.is_done = False  # whether the recording has ended
-        # A daemon: without a call of `close` it must not keep the interpreter from ending.
-        self._thread = threading.Thread(target=self._run, name="push", daemon=True)
-        self._thread.start()
-
-    @property
-    def is_opened(self) -> bool:
-        """Whether an order was sent."""
-        return self._sent > 0
-
-    @property
-    def is_ready(self) -> bool:
-        """Whether the server records; the first answer is that the process runs."""
-        return self._answers > 1
-
-    @property
-    def written(self) -> int:
-        """Packets that are with the operating system."""
-        return max(0, self._answers - 2)
+        self._stdin = cast("BinaryIO", self._process.stdin)
+        self._stdout = cast("BinaryIO", self._process.stdout)
+        self._start_limit_s = time.monotonic() + START_LIMIT_S
+        self.is_opened = self.is_ready = self.is_done = False
+        self._is_running = self._is_closed = False
+        self.written = self._sent = 0
+        self._thread = ThreadPoolExecutor(1, "push")
+        self._answers: deque[Future[None]] = deque([self._thread.submit(self._take_answer)])  # that it runs
 
     @property
     def pending(self) -> int:
         """Packets sent that are not with the operating system yet."""
-        return max(0, self._sent - 1) - self.written
+        return self._sent - self.written
 
-    def send(self, message: PushOrder | PushPacket) -> None:
-        """Queues a message, the first of which is an order; `check` raises a failure."""
+    def open(self, order: PushOrder) -> None:
+        """Has the process connect; `check` raises a failure, as for all further messages."""
+        self.is_opened = True
+        self._answers.append(self._thread.submit(self._connect, order))
+
+    def send(self, packet: PushPacket) -> None:
+        """Queues a packet."""
         self._sent += 1
-        self._queue(message)
+        self._answers.append(self._thread.submit(self._push, packet))
 
     def end(self) -> None:
         """Ends the recording once everything is written."""
-        self._queue(None)
-
-    def _queue(self, message: PushOrder | PushPacket | None) -> None:
-        with self._changed:
-            self._messages.append(message)
-            self._changed.notify_all()
+        self._answers.append(self._thread.submit(self._finish))
 
     def check(self, wait_s: float = 0.0) -> None:
         """Waits for the next answer, for `wait_s` at most.
@@ -101,58 +91,56 @@ class PushProcess:
         Raises:
             PushFailure: the connection has failed, or the process has not started in time.
         """
-        with self._changed:
-            if wait_s and self._failure is None:
-                self._changed.wait(wait_s)
-        if self._failure is not None:
-            raise self._failure
-        if not self._answers and time.monotonic() - self._began > START_LIMIT_S:
+        while self._answers:
+            try:
+                self._answers[0].result(wait_s)
+            except TimeoutError:
+                break
+            self._answers.popleft()
+            self._is_running, wait_s = True, 0.0
+        if not self._is_running and time.monotonic() > self._start_limit_s:
             raise PushFailure(f"the push process has not started within {START_LIMIT_S:g} s")
 
     def close(self, limit_s: float) -> None:
         """Ends the process; kills it where the recording has not ended in time. Safe to call twice."""
-        with self._changed:
-            self._messages.clear()
+        if self._is_closed:
+            return
+        self._is_closed = True
+        for answer in self._answers:
+            answer.cancel()
         self.end()
         try:
             self._process.wait(limit_s if self.is_ready else 0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait(KILL_LIMIT_S)
-        self._thread.join(KILL_LIMIT_S)
+        self._thread.shutdown()
+        self._stdout.close()
 
-    # The thread that speaks to the process.
+    # In the thread that speaks to the process.
 
-    def _run(self) -> None:
-        stdin, stdout = cast("BinaryIO", self._process.stdin), cast("BinaryIO", self._process.stdout)
-        failure: PushFailure | None = None
-        with stdout:
-            try:
-                self._take_answer(stdout)
-                while (message := self._next_message()) is not None:
-                    with suppress(BrokenPipeError):  # why it has ended is its answer
-                        write_message(stdin, message)
-                    self._take_answer(stdout)
-                with suppress(OSError):
-                    stdin.close()
-                if self.is_ready:
-                    self._take_answer(stdout, is_last=True)
-            except PushFailure as error:
-                failure = error
-            with suppress(OSError):
-                stdin.close()
-        with self._changed:
-            self._failure = failure
-            self._changed.notify_all()
+    def _connect(self, order: PushOrder) -> None:
+        self._exchange(order)
+        self.is_ready = True
 
-    def _next_message(self) -> PushOrder | PushPacket | None:
-        with self._changed:
-            while not self._messages:
-                self._changed.wait()
-            return self._messages.popleft()
+    def _push(self, packet: PushPacket) -> None:
+        self._exchange(packet)
+        self.written += 1
 
-    def _take_answer(self, stdout: BinaryIO, *, is_last: bool = False) -> None:
-        answer = read_message(stdout, PushAnswer)
+    def _finish(self) -> None:
+        with suppress(OSError):
+            self._stdin.close()
+        if self.is_ready:
+            self._take_answer()
+            self.is_done = True
+
+    def _exchange(self, message: PushOrder | PushPacket) -> None:
+        with suppress(BrokenPipeError):  # why it has ended is its answer
+            write_message(self._stdin, message)
+        self._take_answer()
+
+    def _take_answer(self) -> None:
+        answer = read_message(self._stdout, PushAnswer)
         if answer is None:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(KILL_LIMIT_S)
@@ -161,7 +149,3 @@ class PushProcess:
             raise PushFailure("its process has ended without an answer")
         if answer.failure:
             raise PushFailure(answer.failure, is_refused=answer.is_refused)
-        with self._changed:
-            self._answers += not is_last
-            self.is_done = is_last
-            self._changed.notify_all()

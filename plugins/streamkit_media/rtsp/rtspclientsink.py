@@ -178,7 +178,7 @@ class RtspClientSink(Endpoint, Sink):
         self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
         self._opened_s = time.monotonic()
         self._post_state("connecting", attempt=self._backoff.tries)
-        self._process.send(
+        self._process.open(
             PushOrder(
                 self._url,
                 {"rtsp_transport": self.transport.value, **self._tls_options},

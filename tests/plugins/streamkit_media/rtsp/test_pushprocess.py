@@ -25,7 +25,7 @@ def test_silence_is_distinguished_from_refusal(serve: Callable[[int], int]) -> N
     """A server that does not answer is silent; a port that is closed gives FFmpeg's reason."""
     for port, is_silent, reason in ((serve(0), True, "silent"), (1, False, "Connection refused")):
         process = PushProcess()
-        process.send(order(port))
+        process.open(order(port))
         failure = fails(process)
         process.close(0)
         process.close(0)
