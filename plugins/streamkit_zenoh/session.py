@@ -6,7 +6,7 @@ import ssl
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 import zenoh
@@ -92,23 +92,14 @@ def _call(
     function: Callable[[], Result], limit_s: float, cancelled: threading.Event | None = None
 ) -> Future[Result]:
     """Calls a function in a thread of its own; the result is not done if the limit is over or cancelled."""
-    future: Future[Result] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(function())
-        except Exception as error:
-            future.set_exception(error)
-
-    thread = threading.Thread(target=run, name="zenoh call", daemon=False)
-    thread.start()
+    executor = ThreadPoolExecutor(1, "zenoh call")
+    future = executor.submit(function)
     deadline_s = time.monotonic() + limit_s
     while not future.done() and (left_s := deadline_s - time.monotonic()) > 0:
         if cancelled is not None and cancelled.is_set():
             break
         wait([future], min(0.05, left_s))
-    if future.done():
-        thread.join()
+    executor.shutdown(wait=future.done())
     return future
 
 
