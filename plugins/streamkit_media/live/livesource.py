@@ -55,7 +55,6 @@ class LiveSource(Endpoint, Source):
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
         self._abandoned: list[LiveConnection] = []
-        self._received = 0
         self._next_seq = 0
         self._epoch = -1
         self._timeline = Timeline()
@@ -91,7 +90,7 @@ class LiveSource(Endpoint, Source):
     def received(self) -> int:
         """Packets received since the start; each is delivered, or counted in `drops` here or downstream."""
         connection = self._connection
-        return self._received + (connection.queue.statistics.received if connection is not None else 0)
+        return self._next_seq if connection is None else connection.next_seq
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """None: the server chooses."""
@@ -104,7 +103,7 @@ class LiveSource(Endpoint, Source):
             ResourceError: a connection failed and is not, or no longer, to be tried again.
         """
         while not self.over.is_set():
-            before, failure = self._received, None
+            before, failure = self._next_seq, None
             self._post_state("connecting", attempt=self._backoff.tries, transport=self.carrier)
             try:
                 yield from self._one_connection()
@@ -114,7 +113,7 @@ class LiveSource(Endpoint, Source):
                 self._disconnect(LEAVE_LIMIT_S)
             if self.over.is_set():
                 return
-            if failure is not None and self._received == before:
+            if failure is not None and self._next_seq == before:
                 if self.falls_back(failure):
                     continue
                 failure = self.with_remedy(failure)
@@ -195,7 +194,6 @@ class LiveSource(Endpoint, Source):
         if connection is None:
             return
         ended = connection.end(limit_s)
-        self._received += connection.queue.statistics.received
         if left := len(connection.queue):
             self.count_drop("the connection was left", left)
         self._next_seq = connection.next_seq
