@@ -12,33 +12,14 @@ import time
 from collections.abc import Callable, Sequence
 from types import FrameType
 
+from streamkit.service.restart_delay import FIRST_DELAY_S, RestartDelay
+
 RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # number of restarts before this one
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
 PR_SET_PDEATHSIG = 1
-FIRST_DELAY_S, MAX_DELAY_S = 1.0, 60.0
-SOUND_S = 60.0  # a run that lasted so long makes the next delay the first one again
 # The command line, in a process of its own.
 STREAMKIT_COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
 FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-class RestartDelay:
-    """Delays that double up to a minute while runs fail soon.
-
-    Args:
-        first_s: the first one, s.
-    """
-
-    def __init__(self, first_s: float = FIRST_DELAY_S) -> None:
-        self._first_s = self._next_s = first_s
-
-    def after(self, lasted_s: float) -> float:
-        """The delay before the next run, s, after one that lasted so long."""
-        if lasted_s >= SOUND_S:
-            self._next_s = self._first_s
-        delay_s = self._next_s
-        self._next_s = min(MAX_DELAY_S, 2 * delay_s)
-        return delay_s
 
 
 class Supervisor:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import enum
-import random
 from typing import ClassVar
 from urllib.parse import SplitResult, urlsplit
 
-from streamkit import Element, Property, ResourceError, mask_secrets
+from streamkit import Element, Property, ResourceError, RestartDelay, mask_secrets
 from streamkit_media.container import with_credentials
 from streamkit_media.live.addresses import PLAIN_OF, RTSP_SCHEMES, port_of
 from streamkit_media.live.reachability import trusted_authorities
 
-GROWTH = 2.0
-MIN_SHARE = 0.5  # jitter: many clients of one server that restarts are not to come back at the same moment
+JITTER = 0.5  # of the delays before retries
 
 
 class Reconnect(enum.StrEnum):
@@ -22,33 +20,6 @@ class Reconnect(enum.StrEnum):
     NEVER = "never"
     ON_ERROR = "on-error"
     ALWAYS = "always"
-
-
-class Backoff:
-    """Capped exponential delays with jitter.
-
-    Args:
-        first_s: the first delay before jitter, s.
-        cap_s: none is longer, s.
-        random_source: of the jitter.
-
-    Source: Brooker, Exponential Backoff and Jitter, "equal jitter".
-    """
-
-    def __init__(self, first_s: float, cap_s: float, random_source: random.Random) -> None:
-        self._first_s, self._cap_s, self._random = first_s, cap_s, random_source
-        self.tries = 0
-
-    def next_delay_s(self) -> float:
-        """The delay before the next try, which is counted."""
-        # Past 60 doublings every cap is reached; the power itself would overflow at a thousand.
-        longest = min(self._cap_s, self._first_s * GROWTH ** min(self.tries, 60))
-        self.tries += 1
-        return longest * self._random.uniform(MIN_SHARE, 1.0)
-
-    def reset(self) -> None:
-        """It worked: the next delay is the first one again."""
-        self.tries = 0
 
 
 class Endpoint(Element):
@@ -99,7 +70,7 @@ class Endpoint(Element):
             ResourceError: the location is no URL of the schemes, or the authorities' file is not there.
         """
         longest_s = max(self.max_retry_delay_s, self.retry_delay_s)
-        self._backoff = Backoff(self.retry_delay_s, longest_s, random.Random())
+        self._delay = RestartDelay(self.retry_delay_s, longest_s, JITTER)
         try:
             port_of(self.location)
         except ValueError as error:
@@ -153,7 +124,7 @@ class Endpoint(Element):
         Raises:
             ResourceError: the error, where there is to be no other try, or there were enough.
         """
-        tries, limit = self._backoff.tries, self.max_retries
+        tries, limit = self._delay.tries, self.max_retries
         if limit < 0 and not has_worked and self.reconnect is not Reconnect.ALWAYS:
             limit = 0
         is_enough = 0 <= limit <= tries
@@ -161,9 +132,9 @@ class Endpoint(Element):
             self._post_state("gave-up", attempt=tries, reason=str(error))
             raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
         reason = f"{self._where}: the stream has ended" if error is None else str(error)
-        delay_s = self._backoff.next_delay_s() * (not is_at_once)
-        self._post_state("retrying", attempt=self._backoff.tries, delay_s=round(delay_s, 3), reason=reason)
-        self.post_warning(f"{reason}; retrying ({self._backoff.tries}) in {delay_s:.1f} s")
+        delay_s = self._delay.after() * (not is_at_once)
+        self._post_state("retrying", attempt=self._delay.tries, delay_s=round(delay_s, 3), reason=reason)
+        self.post_warning(f"{reason}; retrying ({self._delay.tries}) in {delay_s:.1f} s")
         return delay_s
 
     def _post_state(self, state: str, **fields: object) -> None:

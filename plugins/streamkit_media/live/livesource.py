@@ -104,7 +104,7 @@ class LiveSource(Endpoint, Source):
         """
         while not self.over.is_set():
             before, failure = self._next_seq, None
-            self._post_state("connecting", attempt=self._backoff.tries, transport=self.carrier)
+            self._post_state("connecting", attempt=self._delay.tries, transport=self.carrier)
             try:
                 yield from self._one_connection()
             except ResourceError as error:
@@ -163,7 +163,7 @@ class LiveSource(Endpoint, Source):
         for kind, frame in connection.frames(self.over):
             if not known:
                 self._epoch += 1
-                self._backoff.reset()
+                self._delay.reset()
                 self._add_pads(connection.found)
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))

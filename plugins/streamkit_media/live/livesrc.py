@@ -110,7 +110,7 @@ class LiveSrc(LiveSource):
                 self.timeout_s,
                 self._counts,
                 self.post_warning,
-                is_first=self._epoch < 0 and not self._backoff.tries,
+                is_first=self._epoch < 0 and not self._delay.tries,
                 low_latency=self.low_latency,
             )
         return UrlInput(self._url, {**self._tls_options, "protocol_whitelist": PROTOCOLS}, self.timeout_s)

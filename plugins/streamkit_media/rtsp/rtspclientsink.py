@@ -105,7 +105,7 @@ class RtspClientSink(Endpoint, Sink):
                 self._finish()
             except PushFailure as failure:
                 self._schedule_retry(failure)
-            if self._backoff.tries and time.monotonic() < self._retry_s:
+            if self._delay.tries and time.monotonic() < self._retry_s:
                 self.post_warning(f"{self._where}: the stream ended while there was no connection")
 
     @override
@@ -177,7 +177,7 @@ class RtspClientSink(Endpoint, Sink):
         self._zero, self._last_dts = min(pts, dts), -TICK_NS
         self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
         self._opened_s = time.monotonic()
-        self._post_state("connecting", attempt=self._backoff.tries)
+        self._post_state("connecting", attempt=self._delay.tries)
         self._process.open(
             PushOrder(
                 self._url,
@@ -247,7 +247,7 @@ class RtspClientSink(Endpoint, Sink):
         if failure.is_silent:
             self._post_state("stalled", reason=error)
         if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
-            self._backoff.reset()
+            self._delay.reset()
         delay_s = self._retry(
             ResourceError(error), has_worked=self._was_connected, is_final=failure.is_refused
         )
