@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from streamkit import StateError, StreamkitError
+from streamkit import StateError, StreamkitError, exit_with_error
 from streamkit.masking import presentable
 
 START_LIMIT_S = 60.0  # of a Ray that `up` has just started
@@ -33,8 +33,7 @@ def _exit_on_error() -> Iterator[None]:
     try:
         yield
     except StreamkitError as error:
-        typer.echo(f"error: {presentable(str(error))}", err=True)
-        raise typer.Exit(1) from None
+        exit_with_error(str(error))
 
 
 @contextmanager

@@ -9,12 +9,20 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Literal, NoReturn
+from typing import Annotated, Literal
 
 import msgspec
 import typer
 
-from streamkit import MessageKind, Pipeline, RecordFile, StreamkitError, TrackState, read_tracks
+from streamkit import (
+    MessageKind,
+    Pipeline,
+    RecordFile,
+    StreamkitError,
+    TrackState,
+    exit_with_error,
+    read_tracks,
+)
 from streamkit.output.file import write_whole
 from streamkit.output.pipe import STANDARD_OUTPUT
 from streamkit_tracks.file_formats import KINDS
@@ -63,7 +71,7 @@ def tracks(
     try:
         found = list_targets(records)
     except (OSError, StreamkitError) as error:
-        fail(str(error))
+        exit_with_error(str(error))
     if records.is_cut_off:
         typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
     as_lines = [msgspec.json.encode(target).decode() for target in found] if as_json else table_lines(found)
@@ -100,7 +108,8 @@ def convert(
     """Converts the tracks of a finished run to another format, by the suffix of the output."""
     kind = form or ("jsonl" if str(output) == STANDARD_OUTPUT else FORMS.get(output.suffix.lower()))
     if kind is None:
-        fail(f"{output}: the name must end in {ENDINGS}, it ends in {output.suffix!r}; or give --format")
+        rule = f"the name must end in {ENDINGS}, it ends in {output.suffix!r}; or give --format"
+        exit_with_error(f"{output}: {rule}")
     sink = "mcapsink" if kind == "mcap" else f"tracksink format={kind} points={points}"
     try:
         with json_lines(file) as records:
@@ -110,7 +119,7 @@ def convert(
             else:
                 write_records(records, number, sink, output)
     except (OSError, StreamkitError) as error:
-        fail(str(error))
+        exit_with_error(str(error))
 
 
 @contextlib.contextmanager
@@ -124,7 +133,7 @@ def json_lines(file: Path) -> Iterator[Path]:
     suffix = file.suffix.lower()
     if suffix not in READERS:
         if suffix in FORMS and suffix != ".jsonl":
-            fail(f"{file}: {suffix} cannot be read; give one of .jsonl, {', '.join(READERS)}")
+            exit_with_error(f"{file}: {suffix} cannot be read; give one of .jsonl, {', '.join(READERS)}")
         yield file
         return
     typer.echo(f"note: {file}: {MISSING[suffix]}", err=True)
@@ -205,13 +214,7 @@ def table_lines(found: list[TargetSummary]) -> list[str]:
 def check_run(file: Path, count: int, wanted: int | None) -> int:
     """The number of the run to read of `count`, by default the last; exits where there is no such run."""
     if wanted is not None and wanted > count:
-        fail(f"{file}: no run {wanted}, it has {count}")
+        exit_with_error(f"{file}: no run {wanted}, it has {count}")
     if wanted is None and count > 1:
         typer.echo(f"note: {file} has {count} runs, this is run {count}; see --run", err=True)
     return wanted or count
-
-
-def fail(text: str, code: int = 1) -> NoReturn:
-    """Prints an error and exits."""
-    typer.echo(f"error: {text}", err=True)
-    raise typer.Exit(code)

@@ -11,9 +11,11 @@ import sys
 import webbrowser
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from streamkit import exit_with_error
 
 if TYPE_CHECKING:
     from streamkit_view.server import ViewServer
@@ -51,26 +53,26 @@ def view(
     try:
         from streamkit_view.session import run_server
     except ImportError as error:
-        _fail(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
+        exit_with_error(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import LOG, Access, is_loopback
     from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.playback import PlayedPipeline, is_run, is_source, unplayable
 
     sources = [text for text in what if is_source(text)]
     if sources and len(what) > 1:
-        _fail(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
+        exit_with_error(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
     for text in [*what, video]:
         if Path(text).suffix.lower() in FILE_SUFFIXES and not is_source(text):
-            _fail(f"{text}: there is no such file")
+            exit_with_error(f"{text}: there is no such file")
     if any(map(is_run, sources)) != bool(video):
-        _fail("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
+        exit_with_error("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
     for text in filter(None, [*sources, video]):
         if reason := unplayable(text, with_records=text == video):
-            _fail(reason)
+            exit_with_error(reason)
     try:
         base = None if basemap is None else read_basemap(basemap)
     except InvalidBasemap as error:
-        _fail(f"--basemap {error}")
+        exit_with_error(f"--basemap {error}")
     host, bound = _bind(listen)
     token = secrets.token_urlsafe(24)
     # Until the server handles signals itself: what was started is ended by this process only.
@@ -90,7 +92,7 @@ def view(
             LOG.addHandler(logging.StreamHandler(sys.stderr))
             run_server(what, bound, access, connect, config, playback, base, begins=_stop_on_signals)
         except (OSError, ValueError) as error:
-            _fail(str(error))
+            exit_with_error(str(error))
 
 
 def _stop_on_signals(server: ViewServer) -> None:
@@ -104,19 +106,14 @@ def _bind(listen: str) -> tuple[str, socket.socket]:
     host, _, port = listen.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdecimal() or int(port) > 65535:
-        _fail(f"--listen must be HOST:PORT, got {listen}; write for example 127.0.0.1:8090")
+        exit_with_error(f"--listen must be HOST:PORT, got {listen}; write for example 127.0.0.1:8090")
     try:
         family, *_, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
         return host, socket.create_server(address, family=family, backlog=BACKLOG)
     except OSError as error:
-        _fail(f"--listen {listen}: {error.strerror or error}; name another address")
+        exit_with_error(f"--listen {listen}: {error.strerror or error}; name another address")
 
 
 def _url(host: str, port: int, token: str) -> str:
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
     return f"http://{shown}:{port}/?token={token}"
-
-
-def _fail(message: str) -> NoReturn:
-    typer.echo(f"error: {message}", err=True)
-    raise typer.Exit(1)

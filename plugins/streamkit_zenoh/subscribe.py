@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
-from streamkit import write_remedy
+from streamkit import exit_with_error, write_remedy
 
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
@@ -82,9 +82,9 @@ def subscribe(
             ends_with_publisher=not stay,
         )
     except ValueError as error:
-        _fail(str(error), 2)
+        exit_with_error(str(error), 2)
     except OSError as error:
-        _fail(str(error), 1)
+        exit_with_error(str(error))
     code, message = 0, ""
     try:
         with printer_for(form.value, subscriber, gaps, age, count is not None) as printer:
@@ -156,11 +156,6 @@ def _others(subscriber: TrackSubscriber) -> str:
     keys = subscriber.published_keys()
     more = f" and {len(keys) - MAX_KEYS} more" if len(keys) > MAX_KEYS else ""
     return f"no publisher has this key; others have {', '.join(keys[:MAX_KEYS])}{more}" if keys else ""
-
-
-def _fail(message: str, code: int) -> NoReturn:
-    typer.echo(f"error: {message}", err=True)
-    raise typer.Exit(code)
 
 
 def _leave(code: int) -> NoReturn:

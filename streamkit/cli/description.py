@@ -116,10 +116,15 @@ def read_description(
         fail_usage(f"cannot read the description {file}: {reason}")
 
 
+def exit_with_error(text: str, code: int = 1) -> NoReturn:
+    """Prints an error on stderr, and ends the command with an exit code."""
+    typer.echo(coloured(f"error: {presentable(text)}"), err=True)
+    raise typer.Exit(code)
+
+
 def fail_usage(message: str) -> NoReturn:
-    """Exits with a usage error."""
-    typer.echo(coloured(f"error: {presentable(message)}"), err=True)
-    raise typer.Exit(USAGE_EXIT)
+    """Ends the command with a usage error."""
+    exit_with_error(message, USAGE_EXIT)
 
 
 def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:

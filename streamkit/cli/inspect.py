@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from streamkit.cli.completion import complete_element
-from streamkit.cli.description import fail_usage
+from streamkit.cli.description import exit_with_error, fail_usage
 from streamkit.errors import DescriptionError, PluginBroken
 from streamkit.output.colour import coloured
 
@@ -46,8 +46,7 @@ def inspect(
     except DescriptionError as error:
         fail_usage(str(error))
     except PluginBroken as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(1) from error
+        exit_with_error(str(error))
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
     else:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from streamkit.cli.commands import SUMMARY, application
+from streamkit.cli.description import exit_with_error
 from streamkit.masking import presentable
 
 DEFAULT = Path("~/.local/share/man/man1")
@@ -29,8 +30,7 @@ def man(
             (target / f"{name}.1").write_text(text, encoding="utf-8")
             count += 1
     except OSError as error:
-        typer.echo(presentable(f"error: {folder} cannot be written: {error.strerror}"), err=True)
-        raise typer.Exit(1) from None
+        exit_with_error(f"{folder} cannot be written: {error.strerror}")
     typer.echo(f"{count} pages in {presentable(str(target))}; read them with: man streamkit")
 
 

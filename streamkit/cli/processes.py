@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from streamkit.cli.description import Description, exit_with_error
 from streamkit.errors import ElementFailure
 from streamkit.graph.parse import ElementNode, parse
 from streamkit.graph.processes.balance import balanced_cuts
@@ -15,7 +16,6 @@ from streamkit.handoff.library_threads import available_cores
 from streamkit.masking import mask_secrets, presentable
 
 if TYPE_CHECKING:
-    from streamkit.cli.description import Description
     from streamkit.element.base import Element
     from streamkit.errors import Place
     from streamkit.graph.graph import Graph
@@ -31,8 +31,7 @@ def choose_processes(source: Description, pipeline: Pipeline) -> Description:
     try:
         found = with_processes(source, pipeline)
     except ElementFailure as error:
-        typer.echo(presentable(f"error: {error}"), err=True)
-        raise typer.Exit(1) from None
+        exit_with_error(str(error))
     text = "one process is best" if found is source else mask_secrets(found.text.strip())
     typer.echo(presentable(f"note: --processes auto: {text}"), err=True)
     return found

@@ -8,11 +8,11 @@ import re
 import signal
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from streamkit import DescriptionError, Pipeline, StreamkitError, variable_names
+from streamkit import DescriptionError, Pipeline, StreamkitError, exit_with_error, variable_names
 from streamkit.masking import presentable
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def batch(
     recipe = _recipe(file, settings or [], suffix, part_s, overlap_s)
     files = _results(pattern, suffix)
     if not files:
-        _fail(f"no file matches {pattern!r}", 2)
+        exit_with_error(f"no file matches {pattern!r}", 2)
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -92,9 +92,9 @@ def batch(
             )  # fmt: skip
             driver.run()
     except (OSError, StreamkitError) as error:
-        _fail(str(error), 1)
+        exit_with_error(str(error))
     except KeyboardInterrupt:
-        _fail("interrupted; the same command does what is left", 130)
+        exit_with_error("interrupted; the same command does what is left", 130)
     typer.echo(f"{len(files) - failed} of {len(files)} files are done: {output}", err=True)
     raise typer.Exit(int(failed > 0))
 
@@ -105,17 +105,17 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
 
     for setting in settings:
         if not setting.partition("=")[0] or "=" not in setting:
-            _fail(f"--set takes NAME=VALUE, got {setting!r}", 2)
+            exit_with_error(f"--set takes NAME=VALUE, got {setting!r}", 2)
     variables = dict(setting.split("=", 1) for setting in settings)
     try:
         text = file.read_text("utf-8")
         if missing := missing_variable(text, variables):
-            _fail(f"{file} {missing}", 2)
+            exit_with_error(f"{file} {missing}", 2)
         Pipeline.parse(text, {**variables, "input": "input", "output": f"output{suffix}"})
     except DescriptionError as error:
-        _fail(f"{file}: {error}", 2)
+        exit_with_error(f"{file}: {error}", 2)
     except (OSError, UnicodeDecodeError) as error:
-        _fail(f"cannot read the description {file}: {error}", 2)
+        exit_with_error(f"cannot read the description {file}: {error}", 2)
     return BatchRecipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
 
 
@@ -140,8 +140,3 @@ def _results(pattern: str, suffix: str) -> dict[str, str]:
     base = fixed if fixed.is_dir() else fixed.parent
     found = sorted(path for path in map(Path, glob.glob(pattern, recursive=True)) if path.is_file())
     return {str(path.absolute()): f"{path.relative_to(base)}{suffix}" for path in found}
-
-
-def _fail(text: str, code: int) -> NoReturn:
-    typer.echo(f"error: {presentable(text)}", err=True)
-    raise typer.Exit(code)

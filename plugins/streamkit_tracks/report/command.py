@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from streamkit import Pipeline, RecordFile, StreamError, StreamkitError
-from streamkit_tracks.command import RecordsArgument, RunOption, check_run, fail
+from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error
+from streamkit_tracks.command import RecordsArgument, RunOption, check_run
 from streamkit_tracks.report.page import build_page, cost_table, read_costs
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
@@ -34,18 +34,18 @@ def report(
 ) -> None:
     """Writes a page about a finished run: map, time line of the targets, age, registration, pictures."""
     if output.suffix.lower() not in PAGE_SUFFIXES:
-        fail(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
+        exit_with_error(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
     try:
         found = read_run(file, run)
         if not found.times_s:
-            fail(f"{file}: no record in it")
+            exit_with_error(f"{file}: no record in it")
         costs = "" if stats is None else cost_table(read_costs(stats))
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
         write_page(found, file.name, output, frame, crops, costs)
     except (OSError, StreamkitError) as error:
-        fail(str(error))
+        exit_with_error(str(error))
     except ImportError as error:
-        fail(f"{error}; install the extra: pip install 'streamkit[report]'")
+        exit_with_error(f"{error}; install the extra: pip install 'streamkit[report]'")
     typer.echo(f"wrote {output}")
 
 
