@@ -56,7 +56,7 @@ class MosaicPad:
         begins = isinstance(event, FlushStart)
         if begins:
             with self._lock:
-                self._is_flushing, self._has_ended = True, False
+                self._is_flushing = True
                 self._frames.clear()
                 self._frames.reopen()
                 self._events.pop(GapEvent, None)
@@ -66,7 +66,10 @@ class MosaicPad:
         if pad is not None:
             pad.send_event(event)
         if not begins:
-            self._is_flushing = False
+            with self._lock:
+                self._is_flushing = False
+                if self._has_ended:
+                    self._frames.end()
 
     def serve(self, stopping: threading.Event) -> None:
         """The body of the thread: sends frames and events until EOS or until the pipeline stops."""

@@ -16,7 +16,7 @@ from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError, did_you_mean
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
-from streamkit.flow.events import FlowStop, Flushing
+from streamkit.flow.events import EOS, FlowStop, Flushing
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.handoff.bounded_queue import POLL_S
 
@@ -44,16 +44,14 @@ class Element(PadOwner):
         stopping: set while the pipeline stops; every wait of an element checks it.
         clock: the pipeline's clock.
         timing: the pipeline's running time.
-        waking: set to end waits: the pipeline stops, is paused, or flushes.
         lock: guards state that threads of the element share.
-        changed: the condition on `lock` to wait on; `wake` and flushes notify it.
+        changed: the condition on `lock` to wait on; `wake` notifies it, as each change of state does.
         is_flushing: whether a flush is in progress; frames are refused.
         flushes: number of flushes started; a wait during which it grows is cancelled.
         drops: number of frames not delivered, by reason.
         results: number of things that the element has made, such as tracks, by name in the plural.
         outcomes: number of frames by what the element has found of each, such as "lost".
         has_failed: whether a call by the engine has raised in this run; the element is then not drained.
-        has_left: whether its thread has sent EOS and ended; after a flush, another one has to do so again.
         activity: name, start (perf_counter, ns) and frame of the current call by the engine, else None.
         is_waiting: whether the element waits on purpose; the watchdog then ignores it.
         waited_ns: time of calls with frames in which it waited on purpose, ns; not counted as work.
@@ -85,9 +83,10 @@ class Element(PadOwner):
         self.factory = type(self).__name__.lower()
         self.name = name or self.factory
         self.parent = ""
-        self.stopping, self.waking = threading.Event(), threading.Event()
+        self.stopping = threading.Event()
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
+        self._woken = threading.Event()  # ends waits for a time of the clock
         self.is_flushing = False
         self.flushes = self.waited_ns = 0
         self.clock: Clock = SystemClock()
@@ -100,7 +99,7 @@ class Element(PadOwner):
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
-        self.is_playing = self.is_waiting = self.has_failed = self.has_left = False
+        self.is_playing = self.is_waiting = self.has_failed = False
         self.set_in_text: dict[str, Any] = {}
         for key, value in properties.items():
             self.set_property(key, value)
@@ -133,8 +132,9 @@ class Element(PadOwner):
     # Called by authors.
 
     def wake(self) -> None:
-        """Notifies every thread that waits on `changed`."""
+        """Makes every thread that waits look again at what it waits for."""
         with self.changed:
+            self._woken.set()
             self.changed.notify_all()
 
     def post_warning(self, text: str, code: str = "") -> None:
@@ -157,19 +157,19 @@ class Element(PadOwner):
     def wait_until_due(self, running_time_ns: int) -> bool:
         """Waits until a running time, across pauses; False if the pipeline stops or flushes."""
         flushes = self.flushes
-        with self.waiting():
-            while not self.clock.wait_until(self.timing.due_ns(running_time_ns), self.waking):
-                if not self.wait_while_paused(flushes):
-                    return False
+        while not self.wait_on_clock(self.timing.due_ns(running_time_ns)):
+            if not self.wait_while_paused(flushes):
+                return False
         return True
 
     def wait_while_paused(self, flushes: int | None = None) -> bool:
         """Waits until the pipeline plays; False if it stops, flushes, or has begun to since `flushes`."""
         flushes = self.flushes if flushes is None else flushes
-        with self.waiting():
-            while not self.stopping.is_set() and not self.is_flushing and self.flushes == flushes:
-                if self.timing.running.wait(POLL_S):
-                    return not self.stopping.is_set() and self.flushes == flushes
+        with self.changed, self.waiting():
+            while not self.must_give_up(flushes):
+                if self.timing.running.is_set():
+                    return True
+                self.changed.wait(POLL_S)
         return False
 
     def wait_for(self, condition: Callable[[], bool], poll_s: float = POLL_S) -> None:
@@ -180,7 +180,7 @@ class Element(PadOwner):
         """
         flushes = self.flushes
         while self.flushes != flushes or not condition():
-            if self.stopping.is_set() or self.is_flushing or self.flushes != flushes:
+            if self.must_give_up(flushes):
                 raise Flushing(self.name)
             with self.waiting():
                 self.changed.wait(poll_s)
@@ -257,23 +257,56 @@ class Element(PadOwner):
 
     def halt(self) -> None:
         """Ends the element's waits because the pipeline stops."""
-        self.waking.set()
+        self.stopping.set()
+        self.wake()
 
     def flush(self, *, begins: bool) -> None:
         """Begins or ends a flush, which drops held frames and ends waits; called in the flushing thread."""
-        self.is_flushing = begins
-        if begins:
-            self.flushes += 1
-            self.waking.set()
-        elif self.timing.running.is_set():
-            self.rearm()
+        with self.lock:
+            self.is_flushing = begins
+            if begins:
+                self.flushes += 1
         self.wake()
 
-    def rearm(self) -> None:
-        """Lets new waits block again, but for a stop; waits in progress keep the event that woke them."""
-        self.waking = threading.Event()
-        if self.stopping.is_set():  # looked at after: `halt` may have set the event before
-            self.waking.set()
+    def must_give_up(self, flushes: int) -> bool:
+        """Whether a wait has to end: the pipeline stops, flushes, or has begun to since `flushes`."""
+        return self.stopping.is_set() or self.is_flushing or self.flushes != flushes
+
+    def wait_on_clock(self, due_ns: int) -> bool:
+        """Waits until a time of the clock; False once the element is woken, and while it is paused."""
+        with self.lock:
+            if self._woken.is_set():
+                self._woken = threading.Event()
+            woken = self._woken  # set by whatever changes from here on
+            if self.must_give_up(self.flushes) or not self.timing.running.is_set():
+                return False
+        with self.waiting():
+            return self.clock.wait_until(due_ns, woken)
+
+    def wait_while_flushing(self) -> None:
+        """Waits until no flush is in progress.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
+        with self.changed:
+            while self.is_flushing and not self.stopping.is_set():
+                self.changed.wait(POLL_S)
+        if self.stopping.is_set():
+            raise Flushing(self.name)
+
+    def send_eos(self) -> None:
+        """Sends EOS through every src pad; once more if it has met a flush, which drops frames only.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
+        for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
+            while True:
+                self.wait_while_flushing()
+                with contextlib.suppress(Flushing):
+                    pad.send_event(EOS)
+                    break
 
     def pads_changed(self) -> None:
         """Pads were added or removed, or push differently, while the graph streams."""

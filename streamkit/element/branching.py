@@ -21,6 +21,7 @@ from streamkit.flow.events import (
     EosEvent,
     Event,
     FlowStop,
+    Flushing,
     FlushStart,
     FlushStop,
     GapEvent,
@@ -126,10 +127,14 @@ class Combine(Element):
         if self._has_ended or not sinks or not all(sink.is_eos for sink in sinks):
             return
         self._has_ended = True
-        with self.guarded():
-            for frame in () if self.has_failed else self.drain():
-                self.push_output(frame)
-        self.src_pad.send_event(EOS)
+        try:
+            with self.guarded():
+                for frame in () if self.has_failed else self.drain():
+                    self.push_output(frame)
+            self.src_pad.send_event(EOS)
+        except Flushing:
+            self._has_ended = False  # EOS has met a flush, and comes once more
+            raise
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Adds an input, also while others stream."""
@@ -141,12 +146,6 @@ class Combine(Element):
         with self.combine_lock:
             super().release_pad(pad)
             self._send_eos_if_all_ended()
-
-    def flush(self, *, begins: bool) -> None:
-        """A flush lets inputs that have ended start again."""
-        super().flush(begins=begins)
-        if not begins:
-            self._has_ended = False
 
     def pads_changed(self) -> None:
         """Sends the segment again before the next frame."""

@@ -71,7 +71,7 @@ class Pad:
         caps: current caps, or None before negotiation.
         segment: maps timestamps to running time.
         push: sends a frame to the peer (src pads, while the graph plays).
-        is_eos: whether EOS has passed.
+        is_eos: whether EOS has passed; a flush leaves it so.
         awaits_first_frame: whether it joins a running stream with its next frame; until then only EOS passes.
         known_caps: cached result of `query_caps`, or None.
     """
@@ -100,6 +100,11 @@ class Pad:
     def is_src(self) -> bool:
         """Whether it is a src pad."""
         return self.template.direction is Direction.SRC
+
+    @property
+    def has_upstream_ended(self) -> bool:
+        """Whether EOS was sent to this sink pad, and so no frame follows."""
+        return self.peer is not None and self.peer.is_eos
 
     def link(self, sink: Pad) -> None:
         """Links this src pad to a sink pad."""
@@ -207,10 +212,9 @@ class Pad:
             self.segment = event.segment
         elif isinstance(event, EosEvent) and self.is_src:  # of a sink pad, the element sets it
             self.is_eos = True
-        elif isinstance(event, FlushStart | FlushStop):
-            self.is_eos = False
-            if not self.is_src:
-                self.element.flush(begins=isinstance(event, FlushStart))
+        elif isinstance(event, FlushStart | FlushStop) and not self.is_src:
+            self.is_eos = self.is_eos and self.has_upstream_ended
+            self.element.flush(begins=isinstance(event, FlushStart))
 
     def reset(self) -> None:
         """Resets the state of an earlier run."""

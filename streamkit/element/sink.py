@@ -118,11 +118,10 @@ class Sink(Element):
     def _wait_for_time(self, frame: Frame, running_time_ns: int) -> bool:
         """Waits until a frame is due, across pauses; False if it is too late."""
         flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
-        with self.waiting():
-            while not self.clock.wait_until(self.timing.due_ns(due_ns), self.waking):
-                if self.stopping.is_set() or self.is_flushing or self.flushes != flushes:
-                    raise Flushing(self.name)
-                self._hold(frame)
+        while not self.wait_on_clock(self.timing.due_ns(due_ns)):
+            if self.must_give_up(flushes):
+                raise Flushing(self.name)
+            self._hold(frame)
         late_ns = self.clock_ns() - self.timing.due_ns(due_ns)
         if self.max_lateness < 0 or late_ns <= self.max_lateness:
             return True

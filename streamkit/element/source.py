@@ -13,7 +13,6 @@ from streamkit.element.base import AT_WORK, IDLE, Element
 from streamkit.element.pad import Pad
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import (
-    EOS,
     CapsEvent,
     DiscontinuityEvent,
     EndOfStream,
@@ -39,17 +38,15 @@ class Source(Element):
     is_live: bool = False
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self.over, self._resumed, self._flush_over = threading.Event(), threading.Event(), threading.Event()
+        self.over = threading.Event()
         self._segment = Segment()
         self.begin_run()
         super().__init__(name, **properties)
 
     def begin_run(self) -> None:
         """Resets the state of an earlier run."""
-        self._finishing = self._renegotiates = self._has_sent_all = self.has_left = False
+        self._renegotiates = False
         self.over.clear()
-        self._resumed.set()
-        self._flush_over.set()
         self._epochs: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
         self._segment_epoch: int | None = None
@@ -80,24 +77,15 @@ class Source(Element):
     def query_live(self) -> bool:
         return self.is_live
 
-    def set_paused(self, paused: bool) -> None:
-        """Pauses or resumes the source between two frames."""
-        if paused:
-            self._resumed.clear()
-        else:
-            self._resumed.set()
-
     def finish(self) -> None:
         """Ends the stream with EOS after the current frame; cancels a wait for the next one."""
-        self._finishing = True
         self.over.set()
-        self._resumed.set()
-        self.waking.set()
+        self.wake()
         self.interrupt()
 
-    def wait_while_paused(self, flushes: int | None = None) -> bool:
-        """Waits until the pipeline plays; False if the stream ends, stops or flushes."""
-        return not self.over.is_set() and super().wait_while_paused(flushes)
+    @override
+    def must_give_up(self, flushes: int) -> bool:
+        return self.over.is_set() or super().must_give_up(flushes)
 
     def renegotiate(self) -> None:
         """Renegotiates caps with downstream before the next frame."""
@@ -105,45 +93,15 @@ class Source(Element):
 
     def halt(self) -> None:
         """Ends streaming before the next frame because the pipeline stops."""
-        super().halt()
         self.over.set()
-        self._resumed.set()
-        self._flush_over.set()
-
-    def flush(self, *, begins: bool) -> None:
-        """Pauses the source for the duration of a flush; the frame in flight is dropped."""
-        with self.lock:  # see `_send_eos`
-            super().flush(begins=begins)
-        if begins:
-            self._flush_over.clear()
-        else:
-            self._flush_over.set()
+        super().halt()
 
     def stream(self) -> None:
         """Body of the source's thread: negotiates, pushes every frame, then EOS."""
-        if not self._has_sent_all:
-            with contextlib.suppress(EndOfStream), self.guarded():
-                self._negotiate_first()
-                self._push_all()
-        self._send_eos()
-
-    def _send_eos(self) -> None:
-        """Sends EOS; again after a flush, which has dropped it on its way."""
-        self._has_sent_all = True
-        while not self.stopping.is_set():
-            flushes = self.flushes
-            try:
-                for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
-                    pad.send_event(EOS)
-            except Flushing:
-                if self.flushes == flushes:
-                    raise
-            with self.lock:  # a flush from now on finds that the thread has left
-                self.has_left = self.flushes == flushes
-            if self.has_left:
-                return
-            self._wait_for_flush_end()
-        raise Flushing(self.name)
+        with contextlib.suppress(EndOfStream), self.guarded():
+            self._negotiate_first()
+            self._push_all()
+        self.send_eos()
 
     def _negotiate_first(self) -> None:
         pad = next(self.src_pads(), None)
@@ -171,9 +129,8 @@ class Source(Element):
                         return
                     self._push(item, main)
                 except Flushing:
-                    if not self.stopping.is_set():
-                        self.count_drop("flushed")  # the frame that met the flush is lost
-                    self._wait_for_flush_end()
+                    self.wait_while_flushing()
+                    self.count_drop("flushed")  # the frame that met the flush is lost
         finally:
             self.at_work[0] = IDLE
             close = getattr(frames, "close", None)
@@ -182,7 +139,7 @@ class Source(Element):
 
     def _push(self, item: Frame | tuple[str, Frame] | Event, main: Pad | None) -> None:
         """Pushes a frame through its pad, or sends an event through all pads."""
-        if self.is_live and not self._resumed.is_set():
+        if self.is_live and self._is_paused():
             self.count_drop("paused")  # stale by the time the pipeline resumes
         elif isinstance(item, Frame):
             pad = main or self.src_pad
@@ -194,17 +151,6 @@ class Source(Element):
         else:
             for pad in list(self.src_pads()):
                 pad.send_event(item)
-
-    def _wait_for_flush_end(self) -> None:
-        """Waits until a flush ends.
-
-        Raises:
-            Flushing: the pipeline stops.
-        """
-        while not self._flush_over.wait(POLL_S) and not self.stopping.is_set():
-            continue
-        if self.stopping.is_set():
-            raise Flushing(self.name)
 
     def _prepared(self, pad: Pad, frame: Frame) -> Frame:
         """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""
@@ -235,15 +181,21 @@ class Source(Element):
             self._segment = Segment(frame.pts or 0, None, self.timing.running_time_ns() if is_late else 0)
         pad.send_event(SegmentEvent(self._segment))
 
+    def _is_paused(self) -> bool:
+        return not (self.timing.running.is_set() or self.over.is_set())
+
     def _must_end(self) -> bool:
-        while not self._resumed.wait(POLL_S) and not self.stopping.is_set():
-            continue
+        """Whether the stream ends before the next frame; waits while a live source is paused."""
+        if self.is_live and self._is_paused():
+            with self.changed:
+                while self._is_paused():
+                    self.changed.wait(POLL_S)
         if self.stopping.is_set():
             raise Flushing(self.name)
         if self._renegotiates:
             self._renegotiates = False
             self._renegotiate()
-        return self._finishing
+        return self.over.is_set()
 
     def _renegotiate(self) -> None:
         """Sends the caps again if downstream still accepts them, else chooses others."""

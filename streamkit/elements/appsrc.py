@@ -200,7 +200,7 @@ class AppSrc(Source):
             self.on_need_data.emit(self, self.max_bytes)
         with self.changed:
             while not self.pending.items:
-                if self._closed or self._finishing or self.stopping.is_set():
+                if self._closed or self.over.is_set():
                     return None
                 self.changed.wait(POLL_S)
             item = self.pending.popleft()

@@ -15,7 +15,6 @@ from streamkit.flow.events import (
     CapsEvent,
     EndOfStream,
     Event,
-    Flushing,
     FlushStart,
     FlushStop,
     Segment,
@@ -77,7 +76,7 @@ class Concat(Combine):
         with self.changed:
             self.wait_for(lambda: self._active() is pad or pad.name not in self.pads)
         if pad.name not in self.pads:
-            raise Flushing(self.name)
+            raise EndOfStream(self.name)
 
     def _active(self) -> Pad | None:
         return next((pad for pad in list(self.pads.values()) if not pad.is_src and not pad.is_eos), None)
@@ -87,7 +86,7 @@ class Concat(Combine):
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Makes events wait for their turn; EOS of the current input starts the next one."""
-        if not isinstance(event, CapsEvent | SegmentEvent | FlushStart | FlushStop):
+        if not (pad.is_eos or isinstance(event, CapsEvent | SegmentEvent | FlushStart | FlushStop)):
             self._wait_for_turn(pad)
         super().receive_event(pad, event)
         self.wake()

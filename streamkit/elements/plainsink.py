@@ -64,6 +64,6 @@ class PlainSink(Sink):
         self._has_ended = True
 
     def flush(self, *, begins: bool) -> None:
-        """A flush lets the sink accept frames again."""
+        """A flush lets the sink accept frames again, unless EOS has come from upstream."""
         super().flush(begins=begins)
-        self._has_ended = False
+        self._has_ended = self._has_ended and self.pads["sink"].has_upstream_ended

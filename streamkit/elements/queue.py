@@ -93,7 +93,6 @@ class Queue(Element):
         self._refusal: type[FlowStop] | None = None  # frames are refused: `Flushing` during a flush or stop
         self._has_tail_gap = self._has_head_gap = False  # a frame was dropped at that end
         self._pushing_thread = 0  # the thread that may be downstream, or 0
-        self._flushes_met = 0  # of those that began before the last item was taken
         super().__init__(name, **properties)
         self._apply_limits()
 
@@ -195,8 +194,6 @@ class Queue(Element):
         with self.lock:
             if begins:
                 self._refusal = self._refusal or Flushing
-                if EOS in pending.items:
-                    pending.items.remove(EOS)
             else:
                 if self._pushing_thread != threading.get_ident():
                     self.changed.wait_for(lambda: not self._pushing_thread, PARK_S)
@@ -214,8 +211,6 @@ class Queue(Element):
             self.pending.reset()
             self._refusal = None
             self._has_head_gap = self._has_tail_gap = False
-            self._flushes_met = self.flushes
-            self.has_left = False
 
     def stream(self) -> None:
         """Body of the queue's thread: sends frames and events in order, until EOS."""
@@ -226,16 +221,17 @@ class Queue(Element):
                 item: Frame | Event | None
                 try:
                     while True:
-                        item = None
+                        item, flushes = None, self.flushes
                         item = self._take()
                         if isinstance(item, Frame):
                             src.push(item)
                         else:
                             src.send_event(item)
                             if isinstance(item, EosEvent):
-                                self._leave()
                                 return
                 except Flushing:
+                    if item is not None and self.flushes == flushes:
+                        raise  # not because of a flush
                     self._park(item)
         except EndOfStream:
             self._refuse(EndOfStream)
@@ -263,7 +259,6 @@ class Queue(Element):
                     raise Flushing(self.name)
                 if pending.items and (not self._has_thresholds or self._may_read()):
                     item = pending.popleft()
-                    self._flushes_met = self.flushes
                     if self._waiting_threads:
                         self.changed.notify_all()
                     if self._has_head_gap and isinstance(item, Frame):
@@ -292,29 +287,24 @@ class Queue(Element):
         )
         return is_past_thresholds or not isinstance(pending.items[-1], Frame) or pending.is_full()
 
-    def _leave(self) -> None:
-        """Ends the thread after EOS; raises `Flushing` if a flush began while EOS was sent."""
-        with self.lock:
-            if self._flushes_met != self.flushes:
-                raise Flushing(self.name)
-            self.has_left = True
-
     def _park(self, item: Frame | Event | None) -> None:
-        """Waits until a flush ends, which has dropped an item on its way; without one, ends streaming."""
+        """Waits until the flush ends that an item has met, which drops a frame, and keeps EOS.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
         with self.lock:
-            is_flush = self._flushes_met != self.flushes
-            self._flushes_met = self.flushes
             self._pushing_thread = 0
             self.changed.notify_all()
-            while is_flush and self._refusal is Flushing and not self.stopping.is_set():
+            while self._refusal is Flushing and not self.stopping.is_set():
                 self._wait()
-            if not is_flush or self.stopping.is_set():
+            if self.stopping.is_set():
                 raise Flushing(self.name)
             self._pushing_thread = threading.get_ident()
+            if isinstance(item, EosEvent):
+                self.pending.append(item)
         if isinstance(item, Frame):
             self.count_drop("flushed")
-        elif isinstance(item, EosEvent):
-            self.receive_event(self.pads["sink"], item)
 
     def _refuse(self, stop: type[FlowStop]) -> None:
         """Drops queued frames; every later push raises the reason."""

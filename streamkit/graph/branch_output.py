@@ -14,7 +14,7 @@ from streamkit.element.branching import Split
 from streamkit.element.pad import Pad
 from streamkit.element.sink import OnError, Sink
 from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
-from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, SegmentEvent
+from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, Flushing, SegmentEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
@@ -45,7 +45,7 @@ class BranchOutput:
         with self._sending:
             if self._src.awaits_first_frame:
                 self._join(frame)
-            if self._is_removed or self._has_failed:
+            if self._is_closed():
                 self._end()
                 if self._has_failed:
                     self._src.element.count_drop("branch dropped after its failure")
@@ -59,6 +59,10 @@ class BranchOutput:
                 if not is_expendable(self._src):
                     raise
                 self._src.element.count_drop("branch has ended")
+            except Flushing:
+                if not self._is_removed:
+                    raise
+                self._src.element.count_drop("branch was removed")
 
     def remove(self, timeout_s: float) -> None:
         """Ends the branch: EOS goes out behind the frame on its way, which has `timeout_s` to arrive."""
@@ -89,6 +93,9 @@ class BranchOutput:
         """Links a branch that has failed again, for the next run."""
         if self._entry is not None and self._src.peer is None:
             self._src.link(self._entry)
+
+    def _is_closed(self) -> bool:
+        return self._is_removed or self._has_failed
 
     def _join(self, frame: Frame) -> None:
         src = self._src

@@ -253,29 +253,34 @@ class Streaming(Protocol):
 
 
 class StreamingThread(threading.Thread):
-    """The thread of one element.
+    """A thread that streams into an element or out of it.
 
     Args:
-        element: a `Streaming`.
+        element: named in errors; EOS follows them downstream of it.
+        stream: body of the thread.
         failed: called with the error that ended streaming.
         ended: called last in any case.
     """
 
     def __init__(
-        self, element: Element, failed: Callable[[Exception], None], ended: Callable[[], None]
+        self,
+        element: Element,
+        stream: Callable[[], None],
+        failed: Callable[[Exception], None],
+        ended: Callable[[], None],
     ) -> None:
         super().__init__(name=f"streamkit:{element.name}")
         self.element = element
         self.has_ended = False
+        self._stream = stream
         self._failed = failed
         self._ended = ended
 
     def run(self) -> None:
         """Streams; after an error reports it and sends EOS, so that other branches finish."""
         element = self.element
-        assert isinstance(element, Streaming)
         try:
-            element.stream()
+            self._stream()
         except NotLinked as stop:
             cause = NotNegotiated(f"pad {stop} is not linked; link it to a sink")
             self._fail(element.failure(cause))

@@ -75,8 +75,7 @@ class ElementCall(threading.Thread):
 
     def interrupt(self) -> None:
         """Makes the element end its waits, and gives the call some time to return."""
-        self._element.stopping.set()
-        self._element.waking.set()
+        self._element.halt()
         with contextlib.suppress(Exception):
             self._element.interrupt()
         self.join(CANCEL_GRACE_S)
@@ -99,7 +98,6 @@ def start_element(element: Element, started: list[Element], limits: CallLimits) 
     """
     started.append(element)
     element.stopping.clear()
-    element.rearm()
     element.is_flushing = False
     if not _overrides(element, "start"):
         return

@@ -87,9 +87,6 @@ class Playback:
         compose_chains(local, self.chains)
         self.branches.reset()
         threads = self.add_threads(filter(graph.is_local, graph.from_sinks()))
-        for source in self._sources():
-            if self.is_live and not self._timing.running.is_set():
-                source.set_paused(source.is_live)
         self.is_streaming = True
         self.cpu_began_ns = time.process_time_ns()
 
@@ -105,20 +102,20 @@ class Playback:
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
         """Makes threads, not started yet, for the sources and queues among the elements."""
-        streaming = []
+        made = []
         for element in elements:
             if isinstance(element, Sink):
                 element.begin_run()
             elif isinstance(element, Streaming):
                 element.begin_run()
-                streaming.append(element)
-        return self._add_threads(streaming)
-
-    def _add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
-        made = [StreamingThread(element, self.fail, self._thread_ended) for element in elements]
-        with self._lock:
-            self._threads += made
+                made.append(self._add_thread(element, element.stream))
         return made
+
+    def _add_thread(self, element: Element, stream: Callable[[], None]) -> StreamingThread:
+        thread = StreamingThread(element, stream, self.fail, self._thread_ended)
+        with self._lock:
+            self._threads.append(thread)
+        return thread
 
     def join(self, deadline: float, elements: Iterable[Element]) -> list[str]:
         """Waits until the threads of some elements end; returns the names of those that did not."""
@@ -156,25 +153,19 @@ class Playback:
         """Pauses running time; sinks hold their next frame."""
         self._expect_preroll()  # before: a sink holds its next frame, and says so once, as soon as time stops
         self._timing.pause()
-        for element in self._graph.elements:
-            element.waking.set()
-            if isinstance(element, Source) and element.is_live:
-                element.set_paused(True)
         self._refresh()
 
     def resume(self) -> None:
         """Resumes rendering."""
-        self._timing.resume()  # first: a flush that ends from now on rearms its elements itself
-        for element in self._graph.elements:
-            if not element.is_flushing:
-                element.rearm()
+        self._timing.resume()
         self._refresh()
-        for source in self._sources():
-            source.set_paused(False)
 
     def _refresh(self) -> None:
+        """Makes chains and waits follow the running time, which has begun or ended."""
         for chain in list(self.chains):
             chain.refresh()
+        for element in self._graph.elements:
+            element.wake()
 
     def _expect_preroll(self) -> None:
         self.end.expect_preroll([] if self.is_live else self._sinks())
@@ -192,11 +183,6 @@ class Playback:
             return
         for root in roots:
             root.flush(begins=False)
-        # EOS may have been on its way: sources send it again, and queues that have passed it on wait for it.
-        left = [element for element in self._graph.local() if element.has_left]
-        for thread in self._add_threads(left):
-            thread.element.has_left = False
-            thread.start()
 
     # Called by elements, as their host.
 
@@ -276,13 +262,12 @@ class Playback:
             chain = Chain(src)
             self.chains.append(chain)
             src.is_eos = False  # from now on EOS reaches the branch
-        for thread in threads:
-            thread.start()
         self.branches.join(src, chain.push)
         src.element.pads_changed()
-        has_ended = any(pad.peer is not None and pad.peer.is_eos for pad in src.element.sink_pads())
-        if has_ended and not src.is_eos:
-            self.end.remove(sinks)  # nothing comes to them any more
+        if any(pad.has_upstream_ended for pad in src.element.sink_pads()):
+            threads.append(self._add_thread(elements[0], src.element.send_eos))
+        for thread in threads:
+            thread.start()
 
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
         """Removes a branch; the run no longer waits for its sinks."""

@@ -87,7 +87,7 @@ class ProcessLink(Element):
         self._encoder = StreamEncoder()
         self._has_sent_eos = self._is_refused = self._has_gap = False
         # Of the reading half.
-        self._is_first_of_epoch = self._has_received_all = self.has_left = False
+        self._is_first_of_epoch = False
         self._epoch_offset = self._number_offset = self._highest_epoch = 0
         self._highest_number = -1
 
@@ -234,37 +234,24 @@ class ProcessLink(Element):
 
     def stream(self) -> None:
         """Body of the reading thread: sends frames and events on, in order, until EOS."""
-        while self.reads and not self._has_received_all:
+        while self.reads:
             try:
-                self._wait_for_flush_end()
+                self.wait_while_flushing()
                 connection = self._connection()
                 if self._used is not None:
                     self._begin_epoch()
                 self._used = connection
                 self._forward(connection)
-                self._has_received_all = True
+                break
             except EndOfStream:
-                self._has_received_all = True
+                break
             except ChannelClosed:
                 pass  # `Processes` decides whether there is another
             except Flushing:
                 if self.stopping.is_set():
                     raise
         if self.reads:
-            self._send_eos()
-
-    def _send_eos(self) -> None:
-        """Sends EOS; again after a flush, which has dropped it on its way."""
-        while not self.has_left:
-            self._wait_for_flush_end()
-            flushes = self.flushes
-            try:
-                self.pads["src"].send_event(EOS)
-            except Flushing:
-                if self.flushes == flushes:
-                    raise
-            with self.lock:  # a flush from now on finds that the thread has left
-                self.has_left = self.flushes == flushes
+            self.send_eos()
 
     def flush(self, *, begins: bool) -> None:
         """Begins or ends a flush, which drops what is on the way."""
@@ -272,13 +259,6 @@ class ProcessLink(Element):
             super().flush(begins=begins)
             if self.writes and self._newest is not None:
                 self._newest.counts[FLUSHED] = self._newest.counts[SENT]
-
-    def _wait_for_flush_end(self) -> None:
-        with self.changed:
-            while self.is_flushing and not self.stopping.is_set():
-                self.changed.wait(POLL_S)
-        if self.stopping.is_set():
-            raise Flushing(self.name)
 
     def _begin_epoch(self) -> None:
         """Those of a new writer belong to a new epoch."""
@@ -321,8 +301,7 @@ class ProcessLink(Element):
         frame = src.announce_caps(self._continued(frame))
         is_over = False
         try:
-            if self.is_flushing:
-                self._wait_for_flush_end()
+            self.wait_while_flushing()
             if connection.counts[TAKEN] < connection.counts[FLUSHED]:
                 raise Flushing(self.name)
             src.push(frame)

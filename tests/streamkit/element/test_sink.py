@@ -147,7 +147,7 @@ def test_a_frame_that_comes_amid_a_flush_is_not_waited_for() -> None:
 def test_no_wait_blocks_again_once_the_pipeline_stops() -> None:
     """A flush in another thread may end at that moment."""
     sink = Keeping("k")
-    sink.stopping.set()
     sink.halt()
-    sink.rearm()
-    assert sink.waking.is_set()
+    sink.flush(begins=True)
+    sink.flush(begins=False)
+    assert not sink.wait_on_clock(sink.clock_ns() + 3600 * 10**9)

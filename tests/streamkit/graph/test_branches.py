@@ -311,11 +311,70 @@ def test_a_branch_that_is_added_after_the_end_of_the_stream_is_not_waited_for() 
     with Pipeline.parse("fakesrc num-buffers=3 name=f ! tee name=t t. ! queue ! fakesink") as pipeline:
         pipeline.pause()
         assert pipeline.wait_prerolled(10)
-        while not pipeline["f"].has_left:
+        while not pipeline["t"].pads["sink"].has_upstream_ended:
             time.sleep(0.001)
         pipeline.add_branch("t", "queue ! fakesink")
         pipeline.play()
         assert pipeline.wait(10) is not None
+
+
+@pytest.mark.parametrize("branch", ["queue ! appsink name=added", "appsink name=added"])
+def test_a_branch_that_is_added_after_the_end_of_the_stream_ends_at_once(branch: str) -> None:
+    """It gets EOS as it joins, not only as it leaves."""
+    with Pipeline.parse("fakesrc num-buffers=0 ! tee name=t ! fakesink") as pipeline:
+        pipeline.play()
+        assert pipeline.wait(10) is not None
+        pipeline.add_branch("t", branch)
+        assert pipeline["added"].pull(10.0) is None
+
+
+def test_the_failure_of_a_branch_that_ends_at_once_is_reported(register: Register) -> None:
+    """Nobody waits for the thread that sends EOS to it."""
+    failing = threading.Event()
+
+    class Fails(Sink):
+        """Fails at EOS, once it may."""
+
+        sink = "ANY"
+
+        def drain(self) -> None:
+            failing.wait(10)
+            raise ValueError("bad")
+
+    register(fails=Fails)
+    with Pipeline.parse("fakesrc num-buffers=0 name=f ! tee name=t ! queue ! fakesink") as pipeline:
+        pipeline.pause()
+        while not pipeline["t"].pads["sink"].has_upstream_ended:
+            time.sleep(0.001)
+        pipeline.add_branch("t", "fails")
+        pipeline.play()
+        failing.set()
+        message = pipeline.wait(10)
+    assert message is not None
+    assert str(message.error) == "fails0: ValueError: bad"
+
+
+def test_a_branch_that_leaves_with_a_frame_on_its_way_stops_no_other(register: Register) -> None:
+    """The frame that waits for room in the branch is lost; those that follow reach the others."""
+
+    class Holds(Sink):
+        """Takes no second frame."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            self.stopping.wait(20)
+
+    register(holds=Holds)
+    with Pipeline.parse("fakesrc num-buffers=50 ! queue ! tee name=t ! fakesink name=k") as pipeline:
+        pipeline.pause()
+        branch = pipeline.add_branch("t", "queue max-size-buffers=1 ! holds")
+        pipeline.play()
+        while pipeline["k"].count < 3:
+            time.sleep(0.001)
+        pipeline.remove_branch(branch, timeout_s=0.1)
+        assert pipeline.wait(10) is not None
+        assert pipeline["k"].count == 50
 
 
 def test_the_bins_of_a_branch_have_names_of_their_own() -> None:
