@@ -8,12 +8,12 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from streamkit.element.pad import Pad, PadOwner
-from streamkit.element.property import PropertyDeclaration, declared_properties
+from streamkit.element.property_owner import PropertyOwner
 from streamkit.element.timing import Timing
-from streamkit.errors import ElementFailure, NotNegotiated, PropertyError, StateError, did_you_mean
+from streamkit.errors import ElementFailure, NotNegotiated, StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.events import EOS, FlowStop, Flushing
@@ -29,7 +29,7 @@ log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
 
 
-class Element(PadOwner):
+class Element(PadOwner, PropertyOwner):
     """One element of a graph.
 
     Authors subclass `Source`, `Transform`, `Sink`, `Combine` or `Split`. They declare pads as caps in `sink`
@@ -58,25 +58,9 @@ class Element(PadOwner):
         at_work: one byte, "1" during a call, else "0"; in memory shared with the crash reporter.
     """
 
-    properties: ClassVar[dict[str, PropertyDeclaration]] = {}
-    defaults: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     uri_schemes: ClassVar[tuple[str, ...]] = ()
     rank: ClassVar[int] = 0
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        cls.properties = declared_properties(cls)
-        for item in vars(cls).values():
-            if isinstance(item, PropertyDeclaration):
-                item.check_declaration()
-        cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
-
-    def __new__(cls, *_: Any, **__: Any) -> Self:
-        """A new element, its properties at their defaults."""
-        self = super().__new__(cls)
-        self.__dict__.update(cls.defaults)
-        return self
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         super().__init__()
@@ -99,8 +83,7 @@ class Element(PadOwner):
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
-        self.is_playing = self.is_waiting = self.has_failed = False
-        self.set_in_text: dict[str, Any] = {}
+        self.is_waiting = self.has_failed = False
         for key, value in properties.items():
             self.set_property(key, value)
 
@@ -319,43 +302,6 @@ class Element(PadOwner):
         """The error of this element for an exception."""
         return ElementFailure(self.name, self.factory, cause, "" if frame is None else frame.describe())
 
-    def set_property(self, name: str, value: Any) -> None:
-        """Sets a property by name, with dashes or underscores; ignores a read-only one with a warning.
-
-        Raises:
-            PropertyError: the property does not exist, refuses the value, or cannot change while playing.
-        """
-        declaration = self.find_property(name)
-        if name.replace("-", "_") in declaration.aliases:
-            text = f"property {name} is called {declaration.spelling} now; use that name"
-            self.post_warning(text, "renamed-property")
-        if declaration.readonly:
-            declaration.check(value, self.name)
-            text = f"property {declaration.spelling} can only be read; the value is ignored"
-            self.post_warning(text, "read-only-property")
-            return
-        if self.is_playing and not declaration.live:
-            raise PropertyError(
-                f"{self.name}: property {name} cannot change while playing; stop the pipeline to set it"
-            )
-        setattr(self, declaration.attribute, value)
-
-    @classmethod
-    def declaration_of(cls, name: str) -> PropertyDeclaration | None:
-        """The declaration of a property by its name or an alias, or None."""
-        plain = name.replace("-", "_")
-        found = cls.properties.get(plain)
-        return found or next((item for item in cls.properties.values() if plain in item.aliases), None)
-
-    @classmethod
-    def find_property(cls, name: str) -> PropertyDeclaration:
-        """The declaration of a property; raises `PropertyError` with a suggestion if it does not exist."""
-        declaration = cls.declaration_of(name)
-        if declaration is None:
-            hint = did_you_mean(name, [known.replace("_", "-") for known in cls.properties])
-            raise PropertyError(f"{cls.__name__.lower()} has no property {name!r}{hint and '; ' + hint}")
-        return declaration
-
     def query_live(self) -> bool:
         """Whether the element's output comes from a live source; asks upstream."""
         return any(pad.peer.element.query_live() for pad in self.sink_pads() if pad.peer is not None)
@@ -376,8 +322,3 @@ class Element(PadOwner):
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         """The function that is called with each frame of a sink pad."""
         raise StateError(f"{pad.path}: {type(self).__name__} takes no frames")
-
-    def properties_set(self) -> dict[str, Any]:
-        """The properties set in the description, as JSON values."""
-        declared = ((name, self.find_property(name)) for name in self.set_in_text)
-        return {name: found.to_json(getattr(self, found.attribute)) for name, found in declared}

@@ -243,6 +243,7 @@ class PadOwner:
         cls.pad_templates = {template.name: template for template in (*found, *cls.templates)}
 
     def __init__(self) -> None:
+        super().__init__()
         self.pads: dict[str, Pad] = {
             template.name: Pad(cast("Element", self), template, template.name)
             for template in self.pad_templates.values()

@@ -1,0 +1,88 @@
+"""PropertyOwner: the properties of an element, as its class declares them."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Self
+
+from streamkit.element.property import PropertyDeclaration, declared_properties
+from streamkit.errors import PropertyError, did_you_mean
+
+
+class PropertyOwner:
+    """The properties of an element, and the declarations of its class.
+
+    Attributes:
+        properties: declarations by name.
+        defaults: default values by attribute.
+        set_in_text: values given in the description, by the name of the property.
+        is_playing: whether the pipeline streams; only live properties may change then.
+    """
+
+    properties: ClassVar[dict[str, PropertyDeclaration]] = {}
+    defaults: ClassVar[dict[str, Any]] = {}
+    name: str
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.properties = declared_properties(cls)
+        for item in vars(cls).values():
+            if isinstance(item, PropertyDeclaration):
+                item.check_declaration()
+        cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
+
+    def __new__(cls, *_: Any, **__: Any) -> Self:
+        """A new element, its properties at their defaults."""
+        self = super().__new__(cls)
+        self.__dict__.update(cls.defaults)
+        return self
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.set_in_text: dict[str, Any] = {}
+        self.is_playing = False
+
+    def post_warning(self, text: str, code: str = "") -> None:
+        """Posts a warning message."""
+        raise NotImplementedError
+
+    def set_property(self, name: str, value: Any) -> None:
+        """Sets a property by name, with dashes or underscores; ignores a read-only one with a warning.
+
+        Raises:
+            PropertyError: the property does not exist, refuses the value, or cannot change while playing.
+        """
+        declaration = self.find_property(name)
+        if name.replace("-", "_") in declaration.aliases:
+            text = f"property {name} is called {declaration.spelling} now; use that name"
+            self.post_warning(text, "renamed-property")
+        if declaration.readonly:
+            declaration.check(value, self.name)
+            text = f"property {declaration.spelling} can only be read; the value is ignored"
+            self.post_warning(text, "read-only-property")
+            return
+        if self.is_playing and not declaration.live:
+            raise PropertyError(
+                f"{self.name}: property {name} cannot change while playing; stop the pipeline to set it"
+            )
+        setattr(self, declaration.attribute, value)
+
+    @classmethod
+    def declaration_of(cls, name: str) -> PropertyDeclaration | None:
+        """The declaration of a property by its name or an alias, or None."""
+        plain = name.replace("-", "_")
+        found = cls.properties.get(plain)
+        return found or next((item for item in cls.properties.values() if plain in item.aliases), None)
+
+    @classmethod
+    def find_property(cls, name: str) -> PropertyDeclaration:
+        """The declaration of a property; raises `PropertyError` with a suggestion if it does not exist."""
+        declaration = cls.declaration_of(name)
+        if declaration is None:
+            hint = did_you_mean(name, [known.replace("_", "-") for known in cls.properties])
+            raise PropertyError(f"{cls.__name__.lower()} has no property {name!r}{hint and '; ' + hint}")
+        return declaration
+
+    def properties_set(self) -> dict[str, Any]:
+        """The properties set in the description, as JSON values."""
+        declared = ((name, self.find_property(name)) for name in self.set_in_text)
+        return {name: found.to_json(getattr(self, found.attribute)) for name, found in declared}
