@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
+RETRY_S = 0.01
 
 
 class Element(PadOwner, PropertyOwner):
@@ -284,12 +285,14 @@ class Element(PadOwner, PropertyOwner):
         Raises:
             Flushing: the pipeline stops.
         """
-        for pad in [pad for pad in self.src_pads() if not pad.is_eos]:
-            while True:
-                self.wait_while_flushing()
-                with contextlib.suppress(Flushing):
+        while pads := [pad for pad in self.src_pads() if not pad.is_eos]:
+            self.wait_while_flushing()
+            try:
+                for pad in pads:
                     pad.send_event(EOS)
-                    break
+            except Flushing:  # downstream the flush may not be over yet
+                with self.changed:
+                    self.changed.wait(RETRY_S)
 
     def pads_changed(self) -> None:
         """Pads were added or removed, or push differently, while the graph streams."""

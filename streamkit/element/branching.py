@@ -21,7 +21,6 @@ from streamkit.flow.events import (
     EosEvent,
     Event,
     FlowStop,
-    Flushing,
     FlushStart,
     FlushStop,
     GapEvent,
@@ -41,7 +40,6 @@ class Combine(Element):
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.combine_lock = threading.RLock()
         self._last_input: Pad | None = None
-        self._has_ended = False
         super().__init__(name, **properties)
 
     def combine(self, pad_name: str, frame: Frame) -> Frame | Iterable[Frame] | None:
@@ -124,17 +122,12 @@ class Combine(Element):
     def _send_eos_if_all_ended(self) -> None:
         """Ends the stream, once, when every input has ended."""
         sinks = list(self.sink_pads())
-        if self._has_ended or not sinks or not all(sink.is_eos for sink in sinks):
+        if self.src_pad.is_eos or not sinks or not all(sink.is_eos for sink in sinks):
             return
-        self._has_ended = True
-        try:
-            with self.guarded():
-                for frame in () if self.has_failed else self.drain():
-                    self.push_output(frame)
-            self.src_pad.send_event(EOS)
-        except Flushing:
-            self._has_ended = False  # EOS has met a flush, and comes once more
-            raise
+        with self.guarded():
+            for frame in () if self.has_failed else self.drain():
+                self.push_output(frame)
+        self.src_pad.send_event(EOS)
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Adds an input, also while others stream."""
@@ -151,7 +144,7 @@ class Combine(Element):
         """Sends the segment again before the next frame."""
         self._last_input = None
         if not any(pad.is_eos for pad in self.sink_pads()):
-            self._has_ended = False
+            self.src_pad.is_eos = False
 
 
 class Split(Element):

@@ -15,6 +15,7 @@ from streamkit.flow.events import (
     CapsEvent,
     EosEvent,
     Event,
+    Flushing,
     FlushStart,
     FlushStop,
     NotLinked,
@@ -25,8 +26,6 @@ from streamkit.flow.events import (
 if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.flow.frame import Frame
-
-PADS_LOCK = threading.Lock()  # threads rarely add or remove pads
 
 
 class Direction(enum.StrEnum):
@@ -71,7 +70,7 @@ class Pad:
         caps: current caps, or None before negotiation.
         segment: maps timestamps to running time.
         push: sends a frame to the peer (src pads, while the graph plays).
-        is_eos: whether EOS has passed; a flush leaves it so.
+        is_eos: whether EOS has passed: it was sent (src pads) or taken (sink pads). A flush leaves it so.
         awaits_first_frame: whether it joins a running stream with its next frame; until then only EOS passes.
         known_caps: cached result of `query_caps`, or None.
     """
@@ -192,9 +191,11 @@ class Pad:
             src.peer.store_event(event)
             try:
                 onward = src.peer.element.pass_event(src.peer, event)
-            except Exception:
+            except Exception as error:
                 if isinstance(event, CapsEvent):
                     src.caps = src.peer.caps = None  # the peer is not configured: its next frame fails, too
+                elif isinstance(event, EosEvent) and isinstance(error, Flushing):
+                    self.is_eos = src.is_eos = False  # it will be sent once more
                 raise
 
     def receive_event(self, event: Event) -> None:
@@ -235,6 +236,7 @@ class PadOwner:
     templates: ClassVar[tuple[PadTemplate, ...]] = ()
     pad_templates: ClassVar[dict[str, PadTemplate]] = {}
     name: str
+    lock: threading.RLock
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -275,7 +277,7 @@ class PadOwner:
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Makes a pad from a request or sometimes template, with the given name or the next number."""
-        with PADS_LOCK:
+        with self.lock:
             number = self._next_numbers.pop(template.name, None)
             if not name or "%u" in name:
                 name = self._next_name(template, number)
@@ -298,6 +300,6 @@ class PadOwner:
     def release_pad(self, pad: Pad) -> None:
         """Unlinks and removes a request pad."""
         pad.unlink()
-        with PADS_LOCK:
+        with self.lock:
             self.pads.pop(pad.name, None)
             self._next_numbers.pop(pad.template.name, None)

@@ -106,8 +106,6 @@ class Transform(Element):
                     self.push_to_side_pad(*item)
                 else:
                     self.src_pad.push(self.announce_src_caps(item))
-        for pad in list(self.src_pads()):
-            pad.is_eos = True
 
     def side_pads(self) -> list[Pad]:
         """Linked src pads other than `src`."""

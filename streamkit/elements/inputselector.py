@@ -136,9 +136,8 @@ class InputSelector(Combine):
     def _send_eos_if_all_ended(self) -> None:
         active = self._active()
         self.wake()
-        if active is None or not active.is_eos or self._has_ended:
+        if active is None or not active.is_eos or self.src_pad.is_eos:
             return
-        self._has_ended = True
         for kept in self._cached.pop(active.name, ()):
             self.push_output(kept, active)
         self.src_pad.send_event(EOS)

@@ -16,7 +16,6 @@ from streamkit.element.property_text import UINT, UINT64, Choice
 from streamkit.elements.frame_report import Callbacks
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import (
-    EOS,
     EndOfStream,
     EosEvent,
     Event,
@@ -235,9 +234,8 @@ class Queue(Element):
                     self._park(item)
         except EndOfStream:
             self._refuse(EndOfStream)
-            src.send_event(EOS)
         except NotLinked:
-            had_ended = self.pads["sink"].is_eos
+            had_ended = self.pads["sink"].has_upstream_ended
             self._refuse(NotLinked)
             if had_ended:  # else the next push raises it upstream
                 raise
@@ -248,6 +246,7 @@ class Queue(Element):
             with self.lock:
                 self._pushing_thread = 0
                 self.changed.notify_all()
+        self.send_eos()  # to branches that have not ended
 
     def _take(self) -> Frame | Event:
         """Waits until the queue may be read; takes the oldest item."""

@@ -378,3 +378,9 @@ def test_every_frame_that_a_flush_drops_is_counted() -> None:
         lost = sum(row.total_dropped for row in pipeline.statistics())
     assert lost >= 5
     assert received + lost == 40
+
+
+def test_a_queue_that_is_linked_to_nothing_is_an_error() -> None:
+    """Also where its source has sent all before: no later push raises it."""
+    with pytest.raises(ElementFailure, match=r"^queue0: pad queue0.src is not linked; link it to a sink$"):
+        Pipeline.parse("fakesrc num-buffers=1 ! queue").run(timeout_s=10)
