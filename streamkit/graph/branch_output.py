@@ -5,7 +5,6 @@ A branch behind a tee whose sinks all have `on-error=drop-branch` fails alone.
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable
 
@@ -36,7 +35,7 @@ class BranchOutput:
     def __init__(self, src: Pad, send: Callable[[Frame], None], survives: Survives) -> None:
         self._src, self._send, self._survives = src, send, survives
         self._entry = src.peer
-        self._is_removed = self._has_failed = self._has_sent_eos = False
+        self._is_removed = self._has_failed = False
         self._sending = threading.RLock()  # held while a frame or EOS is on its way into the branch
         src.push = self.push
 
@@ -106,17 +105,16 @@ class BranchOutput:
             src.send_event(SegmentEvent(above.segment))
 
     def _end(self) -> None:
-        if self._has_sent_eos:
-            return
-        self._has_sent_eos = True
         src = self._src
-        if self._has_failed:
-            with contextlib.suppress(FlowStop, StreamkitError):
+        try:
+            if not src.is_eos:
                 src.send_event(EOS)
+        except (FlowStop, StreamkitError):
+            if not self._has_failed:
+                raise
+        if self._has_failed:
             src.unlink()
             src.push = self.push
-        elif not src.is_eos:
-            src.send_event(EOS)
 
 
 class BranchOutputs:
@@ -136,9 +134,8 @@ class BranchOutputs:
         self._outputs: dict[Pad, BranchOutput] = {}
         self._dropped: set[Element] = set()  # sinks
 
-    def reset(self) -> None:
-        """Forgets an earlier run, and opens the branches that may be dropped or removed."""
-        self._outputs, self._dropped = {}, set()
+    def open(self) -> None:
+        """Opens the branches that may be dropped or removed."""
         for element in self._graph.local():
             for src in list(element.src_pads()):
                 src.awaits_first_frame = False

@@ -13,7 +13,7 @@ from streamkit.element.pad import Pad, Presence
 from streamkit.element.source import Source
 from streamkit.errors import StateError
 from streamkit.graph.bins import Bin
-from streamkit.graph.link import DelayedLink
+from streamkit.graph.delayed_link import DelayedLink
 from streamkit.graph.processes.process_link import ProcessLink
 
 

@@ -1,10 +1,10 @@
-"""Links: selects the pads for a `!`; delayed links wait for sometimes pads."""
+"""Links: selects the pads for a `!`."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
@@ -190,40 +190,3 @@ def _nothing_free(element: Element, direction: Direction, place: Place) -> Descr
         )
     kind = "sink" if direction is Direction.SINK else "source"
     return DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
-
-
-@dataclass(slots=True)
-class DelayedLink:
-    """A link that is tried whenever its source adds a pad.
-
-    Attributes:
-        request: the link, whose source adds the pad.
-        make: makes a link, with its caps filter.
-        has_succeeded: whether it has linked a pad.
-    """
-
-    request: LinkRequest
-    make: Callable[[LinkRequest], object]
-    has_succeeded: bool = False
-
-    @property
-    def source(self) -> Element:
-        """The element that adds the pad."""
-        return self.request.source
-
-    @property
-    def description(self) -> str:
-        """The link as text."""
-        request = self.request
-        src = f"{request.source.name}.{request.src_name}"
-        return f"{src} ! {request.sink.name}{'.' if request.sink_name else ''}{request.sink_name}"
-
-    def try_link(self, pad: Pad) -> None:
-        """Links a new pad if it matches."""
-        request = self.request
-        is_awaited = pad.element is request.source and pad.is_src and pad.peer is None
-        is_named = request.src_name in ("", pad.name, pad.template.name)
-        if is_awaited and is_named and (request.every_pad or not self.has_succeeded):
-            with contextlib.suppress(DescriptionError):
-                self.make(replace(request, src_name=pad.name))
-                self.has_succeeded = True

@@ -13,8 +13,9 @@ from streamkit.errors import DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.flow.video import misspelt_fields
 from streamkit.graph.bins import BinTree
+from streamkit.graph.delayed_link import DelayedLink
 from streamkit.graph.graph import Graph
-from streamkit.graph.link import DelayedLink, LinkRequest, awaits_pads, choose_pads
+from streamkit.graph.link import LinkRequest, awaits_pads, choose_pads
 
 
 @dataclass(frozen=True, slots=True)

@@ -60,7 +60,7 @@ class Pipeline:
         self._lock = threading.RLock()
         self._started: list[Element] = []
         self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
-        self._processes = Processes(graph, self.bus.post)
+        self._processes = Processes(graph, self.bus.post, self._playback, self.timing)
 
     @classmethod
     def parse(
@@ -134,7 +134,7 @@ class Pipeline:
             self.timing.running.set()
             self.bus.flush()
             try:
-                self._processes.start(self._playback, self.timing, self.watchdog_s, self._cancelled)
+                self._processes.start(self._playback, self.watchdog_s, self._cancelled)
                 for element in self.graph.from_sinks():
                     self._adopt(element)
             except BaseException:
@@ -156,7 +156,6 @@ class Pipeline:
             if self.state is State.NULL:
                 self.ready()
             begins = self.state is State.READY
-            self._set_playing(True)
             self._change_state(State.PLAYING)
             if self.is_live:
                 self.timing.latency_ns = self.latency().minimum_ns
@@ -181,7 +180,6 @@ class Pipeline:
                 self.ready()
             if self.state is State.READY:
                 self.timing.pause()
-                self._set_playing(True)
                 self._change_state(State.PAUSED)
                 self._playback.begin(self.watchdog_s, self.stop, self.ends_with_program)
                 self._processes.stream("pause")
@@ -204,9 +202,13 @@ class Pipeline:
     def flush(self) -> None:
         """Drops all frames in flight, for example to jump to the newest of a live feed."""
         with self._lock, self._processes.flushing():
-            if self.state in (State.PAUSED, State.PLAYING):
-                self._playback.flush(begins=True)
-                self._playback.flush(begins=False)
+            self.flush_here(begins=True)
+            self.flush_here(begins=False)
+
+    def flush_here(self, *, begins: bool) -> None:
+        """Begins or ends a flush in this process, as one of those between which a frame may be."""
+        if self.state in (State.PAUSED, State.PLAYING):
+            self._playback.flush(begins=begins)
 
     def cancel(self) -> None:
         """Cancels a start or stop in progress, or the next start; safe in any thread or signal handler.
@@ -334,10 +336,6 @@ class Pipeline:
             return
         start_element(element, self._started, self._limits())
         element.is_playing = self.state in (State.PAUSED, State.PLAYING)
-
-    def _set_playing(self, value: bool) -> None:
-        for element in self.graph.elements:
-            element.is_playing = value
 
     def _end_streaming(self, elements: list[Element]) -> list[str]:
         wake_elements(elements, self.bus.post)

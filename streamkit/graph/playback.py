@@ -8,19 +8,18 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 from streamkit.element.base import Element
-from streamkit.element.pad import Direction, Pad
+from streamkit.element.pad import Pad
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
-from streamkit.errors import ElementFailure, NotNegotiated, StateError
+from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
-from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
+from streamkit.graph.delayed_link import report_missing_pads
 from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.graph import Graph, upstream, walk
-from streamkit.graph.link import RAW_VIDEO, DelayedLink
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import ElementStatistics, RetiredChains, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
@@ -79,13 +78,13 @@ class Playback:
             element.drops.clear()
             element.has_failed, element.waited_ns = False, 0
             element.outcomes.clear()
+            element.is_playing = True
         self.end.expect_end(self._sinks())
         self._expect_preroll()
         remember_caps(graph)
-        self.chains = []
-        self._retired = RetiredChains()
+        self.chains = []  # without those of pads that `start` has added
         compose_chains(local, self.chains)
-        self.branches.reset()
+        self.branches.open()
         threads = self.add_threads(filter(graph.is_local, graph.from_sinks()))
         self.is_streaming = True
         self.cpu_began_ns = time.process_time_ns()
@@ -230,16 +229,7 @@ class Playback:
         Raises:
             ElementFailure: no pad of the element is linked, for example because a decoder is missing.
         """
-        waiting = [
-            link
-            for link in self._graph.delayed_links
-            if link.source is element and not (link.has_succeeded or link.request.every_pad)
-        ]
-        if waiting and all(pad.peer is None for pad in element.src_pads()):
-            raise ElementFailure(element.name, element.factory, _unlinked(element, waiting[0]))
-        for link in waiting:
-            text = f"the stream has no pad for {link.description}; {_pads_text(element)}"
-            self._bus.post(Message(MessageKind.WARNING, element.name, text, {"code": "delayed-link"}))
+        report_missing_pads(element, self._graph.delayed_links, self._bus.post)
         for other in list(self._graph.elements):
             for pad in other.sink_pads():
                 if pad.peer is None and not pad.is_eos:
@@ -304,32 +294,3 @@ class Playback:
 
     def _sources(self) -> list[Source]:
         return [element for element in self._graph.local() if isinstance(element, Source)]
-
-
-def _unlinked(element: Element, link: DelayedLink) -> NotNegotiated:
-    """The error for an element of which the stream has no pad that fits the element downstream."""
-    media = [pad.caps.name for pad in element.src_pads() if pad.caps is not None and not pad.caps.is_any]
-    coded = next((name for name in media if name.startswith(("video/", "image/"))), "video/x-raw")
-    takes_video = any(
-        template.direction is Direction.SINK and template.caps.can_intersect(RAW_VIDEO)
-        for template in link.request.sink.pad_templates.values()
-    )
-    if coded != "video/x-raw" and takes_video and not link.request.src_name:
-        sink = link.request.sink.name
-        return NotNegotiated(
-            f"gives coded packets ({coded}), which {sink} does not take: put decode between, "
-            f"{element.name} ! decode ! {sink}"
-        )
-    return NotNegotiated(
-        f"none of its pads is linked: the stream has no pad for {link.description}; {_pads_text(element)}; "
-        "insert an element that accepts them"
-    )
-
-
-def _pads_text(element: Element) -> str:
-    """The src pads of an element with their media types, for a warning."""
-    pads = [
-        pad.name if pad.caps is None or pad.caps.is_any else f"{pad.name} with {pad.caps.name}"
-        for pad in element.src_pads()
-    ]
-    return f"it has {', '.join(pads)}" if pads else "it has none at all"

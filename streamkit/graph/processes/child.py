@@ -74,7 +74,7 @@ class Child:
             "play": self._play,
             "pause": self._pipeline.pause,
             "stop": self._stop,
-            "flush": lambda begins: self._pipeline._playback.flush(begins=begins),
+            "flush": lambda begins: self._pipeline.flush_here(begins=begins),
             "finish": self._pipeline.finish,
             "ping": lambda: None,  # the answer shows that the interpreter runs
             "connect": self._connect,

@@ -12,18 +12,16 @@ from msgspec import structs
 from streamkit.element.base import Element
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
-from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.processes.process_link import LOST, ProcessLink
 from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 MAIN = "main"
-LOST = "lost with the process that had them"
 
 
 def merge_statistics(
     graph: Graph,
     own: Mapping[Element, ElementStatistics],
     reported: Mapping[Bin, Mapping[Element, ElementStatistics]],
-    lost: Mapping[ProcessLink, int],
 ) -> list[ElementStatistics]:
     """Replaces the rows of elements by those of the processes that run them.
 
@@ -31,7 +29,6 @@ def merge_statistics(
         graph: the whole graph.
         own: a row for each element, from the main process, which counts all messages.
         reported: the same from the other processes; empty before the first answer.
-        lost: by link, frames on the way through connections that were replaced.
 
     Returns:
         The rows. A process link has what its writing half took in and its reading half sent on.
@@ -44,10 +41,11 @@ def merge_statistics(
         if not isinstance(element, ProcessLink):
             return structs.replace(of(graph.homes.get(element)), errors=mine.errors, warnings=mine.warnings)
         first, last = map(of, graph.process_links[element])
+        lost = element.lost()
         return structs.replace(
             mine, frames_in=first.frames_in, frames_out=last.frames_out, busy_ns=first.busy_ns,
             age_ns=last.age_ns, pads=[first.pads[0], last.pads[1]],
-            dropped=mine.dropped | ({LOST: lost[element]} if lost[element] else {}),
+            dropped=mine.dropped | ({LOST: lost} if lost else {}),
         )  # fmt: skip
 
     return [row(element, mine) for element, mine in own.items()]

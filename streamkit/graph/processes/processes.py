@@ -29,7 +29,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
-from streamkit.graph.processes.connection import COUNTS, SENT, TAKEN
+from streamkit.graph.processes.connection import COUNTS
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
 from streamkit.graph.processes.process_link import ProcessLink
@@ -52,38 +52,36 @@ class Processes:
     Args:
         graph: the whole graph; the elements of other processes stand in it for queries and properties.
         post: posts a message on the bus.
+        playback: the first run.
+        timing: the running time, which the children follow.
     """
 
-    def __init__(self, graph: Graph, post: Callable[[Message], None]) -> None:
+    def __init__(
+        self, graph: Graph, post: Callable[[Message], None], playback: Playback, timing: Timing
+    ) -> None:
         self._graph = graph
         self._post = post
         self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
         self._links = list(graph.process_links)
         self._connecting = threading.Lock()
-        # Of each connection of this run.
-        self._counts: dict[ProcessLink, list[memoryview]] = {link: [] for link in self._links}
         self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
-        self._playback: Playback | None = None
+        self._playback, self._timing = playback, timing
         self._stopping = threading.Event()
         self._watchdog_s = 0.0
-        self._timing = Timing(lambda: graph.elements[0].clock)
         self._order: Literal["", "play", "pause"] = ""  # the last order to every child; "" before streaming
         self._is_finishing = False
         self._ordering = threading.Lock()  # the last order that a child gets is the newest
 
     # Called by the pipeline.
 
-    def start(
-        self, playback: Playback, timing: Timing, watchdog_s: float, cancelled: threading.Event
-    ) -> None:
+    def start(self, playback: Playback, watchdog_s: float, cancelled: threading.Event) -> None:
         """Starts every child and makes its elements ready.
 
         Raises:
             ElementFailure: an element could not start, or that was cancelled; the children are ended.
         """
-        self._playback, self._timing, self._watchdog_s = playback, timing, watchdog_s
+        self._playback, self._watchdog_s = playback, watchdog_s
         self._order, self._is_finishing = "", False
-        self._counts = {link: [] for link in self._links}
         self._stopping.clear()
         parts = list(self._parts.values())
         if not parts:
@@ -157,11 +155,7 @@ class Processes:
         if not self._parts:
             return list(rows.values())
         reported = {home: part.rows() for home, part in self._parts.items()}
-        lost = {
-            link: sum(earlier[SENT] - earlier[TAKEN] for earlier in counts[:-1])
-            for link, counts in self._counts.items()
-        }
-        return merge_statistics(self._graph, rows, reported, lost)
+        return merge_statistics(self._graph, rows, reported)
 
     def statistics(self) -> list[ProcessStatistics]:
         """The counters of every child."""
@@ -198,7 +192,7 @@ class Processes:
         """
         counts, descriptor = make_numbers(COUNTS)
         with self._connecting:  # both ends get the connections of two restarts in the same order
-            self._counts[link].append(counts)
+            link.counts.append(counts)
             for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
                 if home is None:
                     link.connect(end, counts)
@@ -211,7 +205,6 @@ class Processes:
     # Reports and the end of a child, in its thread.
 
     def _reported(self, part: Part, report: Report) -> None:
-        assert self._playback is not None
         if isinstance(report, Dropped):
             part.elements[report.number].count_drop(report.reason, report.count)
         elif isinstance(report, Posted):
@@ -233,8 +226,7 @@ class Processes:
         """Everything in a process has ended; a failure upstream of it is reported first."""
         self._await_messages(other for other in self._parts.values() if other is not part)
         part.has_ended = True
-        if self._playback is not None:
-            self._playback.ended_elsewhere(part.sinks)
+        self._playback.ended_elsewhere(part.sinks)
 
     def _await_messages(self, parts: Iterable[Part]) -> None:
         """Waits until what some processes have posted so far is on the bus: answers come after it."""
@@ -268,10 +260,10 @@ class Processes:
             return
         try:
             child = part.spawn(self._reported, self._ended)
-            for number, (link, ends) in enumerate(self._graph.process_links.items()):
-                if part.home in ends and link.is_given_up:
-                    part.order("give-up", number)
-                elif part.home in ends:
+            for link in self._links_of(part):
+                if link.is_given_up:
+                    part.order("give-up", self._links.index(link))
+                else:
                     self._connect(link)
             _await(part.order("ready"), self._stopping)
             if not self._stopping.is_set():
@@ -295,15 +287,17 @@ class Processes:
 
     def _fail(self, part: Part, error: Exception) -> None:
         """An element of a child has failed, or the child has died."""
-        assert self._playback is not None
         self._playback.fail(error)  # first: EOS, which the links now send, would end the run without an error
         part.has_ended = True
-        for number, (link, ends) in enumerate(self._graph.process_links.items()):
-            if part.home in ends:
-                link.give_up()
-                for home in ends:
-                    if home is not None and home is not part.home:
-                        self._parts[home].order("give-up", number)
+        for link in self._links_of(part):
+            link.give_up()
+            for home in self._graph.process_links[link]:
+                if home is not None and home is not part.home:
+                    self._parts[home].order("give-up", self._links.index(link))
+
+    def _links_of(self, part: Part) -> list[ProcessLink]:
+        """The links that end in a process."""
+        return [link for link, ends in self._graph.process_links.items() if part.home in ends]
 
 
 def _await(answer: Future[Any], cancelled: threading.Event, limit_s: float = math.inf) -> None:

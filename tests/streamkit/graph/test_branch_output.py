@@ -132,6 +132,7 @@ class EventPad(Pad):
     __slots__ = ("during_caps", "events")
 
     def send_event(self, event: Event) -> None:
+        super().send_event(event)
         self.events.append(type(event))
         if isinstance(event, CapsEvent):
             self.during_caps()

@@ -79,3 +79,18 @@ def test_counters_of_a_process_outlive_it() -> None:
         processes = pipeline.process_statistics()
     assert rows["identity0"].frames_in == rows["identity0"].frames_out == 20
     assert processes[1].frames == 20
+
+
+def test_frames_in_a_link_are_counted_when_the_pipeline_stops() -> None:
+    """Those that the process downstream has not taken; one may be in the hand of the thread upstream."""
+    text = "fakesrc ! ( process=true identity ) ! appsink name=out max-buffers=1"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert pipeline["out"].pull(LIMIT_S) is not None
+        while pipeline.statistics()[1].frames_in < 10:
+            time.sleep(0.001)
+    links = [row for row in pipeline.statistics() if row.factory == "processlink"]
+    assert len(links) == 2
+    for row in links:
+        assert row.dropped["pipeline stopped"] > 0
+        assert row.frames_in - row.frames_out - row.total_dropped in (0, 1)

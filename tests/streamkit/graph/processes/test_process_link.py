@@ -108,6 +108,22 @@ def test_a_frame_that_meets_a_flush_is_counted() -> None:
         link.disconnect()
 
 
+def test_a_reader_that_connects_after_a_flush_gets_the_eos_from_before_it() -> None:
+    """The threads upstream are over; the flush drops frames only."""
+    first, second = ProcessLink("first"), ProcessLink("second")
+    writer = writer_to(first)
+    for event in (EOS, FLUSH_START, FLUSH_STOP):
+        writer.pads["sink"].receive_event(event)
+    connect(writer, second)
+    second.reads = True
+    thread = threading.Thread(target=second.stream)
+    thread.start()
+    thread.join(LIMIT_S)
+    assert second.pads["src"].is_eos
+    for link in (writer, first, second):
+        link.disconnect()
+
+
 def test_a_flush_needs_no_reader() -> None:
     """As while its process is started again: nothing is on the way to it."""
     writer = ProcessLink("writer")

@@ -1,0 +1,124 @@
+"""LinkReader: the half of a process link in the downstream process."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from typing import TYPE_CHECKING
+
+from streamkit.crossing.channel import ChannelClosed
+from streamkit.crossing.stream_codec import StreamDecoder
+from streamkit.errors import StreamkitError
+from streamkit.flow.events import DiscontinuityEvent, EndOfStream, EosEvent, Event, FlowStop, Flushing
+from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.graph.processes.connection import FLUSHED, TAKEN, Connection
+from streamkit.handoff.bounded_queue import POLL_S
+
+if TYPE_CHECKING:
+    from streamkit.graph.processes.process_link import ProcessLink
+
+
+class LinkReader:
+    """Sends on the frames and events that come in one run, in a thread of its own, until EOS.
+
+    If the writing process is started again, the frames that follow belong to a new epoch.
+    """
+
+    def __init__(self, link: ProcessLink) -> None:
+        self._link = link
+        self._pad = link.pads["src"]
+        self._is_first_of_epoch = False
+        self._epoch_offset = self._number_offset = self._highest_epoch = 0
+        self._highest_number = -1
+
+    def run(self) -> None:
+        """Sends on what comes, over one connection after another.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
+        has_begun = is_over = False
+        while not is_over:
+            try:
+                self._link.wait_while_flushing()
+                connection = self._link.connection()
+                if has_begun:
+                    self._begin_epoch()
+                has_begun = True
+                self._forward(connection)
+                is_over = True
+            except EndOfStream:
+                is_over = True
+            except ChannelClosed:
+                pass  # `Processes` decides whether there is another
+            except Flushing:
+                if self._link.stopping.is_set():
+                    raise
+
+    def _begin_epoch(self) -> None:
+        """Those of a new writer belong to a new epoch."""
+        self._epoch_offset = self._highest_epoch + 1
+        self._number_offset = self._highest_number + 1 if self._link.renumbers else 0
+        self._is_first_of_epoch = True
+        event = DiscontinuityEvent(self._epoch_offset, "the process upstream was started again")
+        self._pad.send_event(event)
+
+    def _forward(self, connection: Connection) -> None:
+        """Sends on what comes through a connection, until EOS."""
+        link = self._link
+        decoder = StreamDecoder(link.packages)
+        while True:
+            if link.stopping.is_set():
+                raise Flushing(link.name)
+            for message in link.receive(connection.channel, POLL_S):
+                item = decoder.decode(message, connection.channel)
+                if isinstance(item, EosEvent):
+                    link.before_end()
+                    return
+                try:
+                    if isinstance(item, Frame):
+                        self._push(item, decoder, connection)
+                    elif item is not None:
+                        self._send_on(item)
+                except Flushing:
+                    if link.stopping.is_set():
+                        raise
+                    if isinstance(item, Frame):
+                        link.count_drop("flushed")
+                item = None  # else its slot would be in use until the next one
+
+    def _send_on(self, event: Event) -> None:
+        if isinstance(event, DiscontinuityEvent):
+            event = dataclasses.replace(event, epoch=event.epoch + self._epoch_offset)
+        self._pad.send_event(event)
+
+    def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
+        frame = self._pad.announce_caps(self._continued(frame))
+        is_over = False
+        try:
+            self._link.wait_while_flushing()
+            if connection.counts[TAKEN] < connection.counts[FLUSHED]:
+                raise Flushing(self._link.name)
+            self._pad.push(frame)
+        except Flushing:
+            raise
+        except (FlowStop, StreamkitError):
+            is_over = True
+            raise
+        finally:
+            del frame  # its slot may be free now
+            connection.counts[TAKEN] += 1
+            with contextlib.suppress(ChannelClosed):
+                connection.channel.send(decoder.done(is_over=is_over), (), self._link.stopping.is_set)
+
+    def _continued(self, frame: Frame) -> Frame:
+        """The frame with the epoch and number that follow those from before a restart."""
+        self._link.last_frame[0] = frame.seq
+        epoch, seq = frame.epoch + self._epoch_offset, frame.seq + self._number_offset
+        self._highest_epoch = max(self._highest_epoch, epoch)
+        self._highest_number = max(self._highest_number, seq)
+        if self._epoch_offset:
+            flags = frame.flags | FrameFlags.DISCONTINUITY if self._is_first_of_epoch else frame.flags
+            self._is_first_of_epoch = False
+            frame = frame.replace(epoch=epoch, seq=seq, flags=flags)
+        return frame

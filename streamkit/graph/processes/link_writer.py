@@ -1,0 +1,128 @@
+"""LinkWriter: the half of a process link in the upstream process."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from streamkit.crossing.channel import ChannelClosed
+from streamkit.crossing.stream_codec import LinkMessage, StreamEncoder
+from streamkit.flow.events import (
+    EOS,
+    CapsEvent,
+    EndOfStream,
+    EosEvent,
+    Event,
+    FlowStop,
+    Flushing,
+    FlushStart,
+    FlushStop,
+    SegmentEvent,
+)
+from streamkit.flow.frame import Frame, FrameFlags
+from streamkit.graph.processes.connection import SENT, TAKEN, Connection
+from streamkit.handoff.bounded_queue import POLL_S
+
+if TYPE_CHECKING:
+    from streamkit.graph.processes.process_link import ProcessLink
+
+
+class LinkWriter:
+    """Sends the frames and events of one run to the reading process, in the thread of the elements upstream.
+
+    If that process is started again, the frames on the way are lost, and the next one is a discontinuity.
+    """
+
+    def __init__(self, link: ProcessLink) -> None:
+        self._link = link
+        self._pad = link.pads["sink"]
+        self._used: Connection | None = None
+        self._encoder = StreamEncoder()
+        self._has_sent_eos = self._is_refused = self._has_gap = False
+
+    def send_event(self, event: Event) -> None:
+        """Sends an event in order with the frames, but no flush: each process begins its own."""
+        if isinstance(event, FlushStart | FlushStop):
+            return
+        # Set before: a reader that connects between the sending and this would never get it.
+        self._has_sent_eos = isinstance(event, EosEvent)
+        link = self._link
+        with link.waiting():
+            while link.writes and not (self._is_refused or link.is_given_up):
+                with contextlib.suppress(ChannelClosed, EndOfStream):
+                    channel = self._connection().channel
+                    channel.send(self._encoder.event(event), (), link.stopping.is_set)
+                    return  # it is sent, or the pipeline stops
+
+    def reconnected(self) -> None:
+        """There is a new reader: sends it EOS if no thread may be left to do it."""
+        if self._has_sent_eos:
+            with contextlib.suppress(FlowStop):
+                self.send_event(EOS)
+
+    def put(self, frame: Frame) -> None:
+        """Sends a frame; to another reader, if the first one dies meanwhile and is started again.
+
+        Raises:
+            FlowStop: the reader wants no more, or the pipeline stops.
+        """
+        with self._link.waiting():
+            while True:
+                with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
+                    connection = self._connection()
+                    self._wait_for_room(connection)
+                    if self._has_gap:
+                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+                    if self._send(frame, connection):
+                        self._has_gap = False
+                        return
+
+    def _connection(self) -> Connection:
+        """The open connection; a new reader gets caps and segment first.
+
+        Raises:
+            FlowStop: there will be none, or the reader wants no more.
+            ChannelClosed: the new reader has ended, too.
+        """
+        link, pad = self._link, self._pad
+        if self._is_refused:
+            raise EndOfStream(link.name)
+        connection = link.connection()
+        if self._used is not None and self._used is not connection:
+            self._encoder, self._has_gap = StreamEncoder(), True
+            for event in (CapsEvent(pad.caps), SegmentEvent(pad.segment)) if pad.caps is not None else ():
+                connection.channel.send(self._encoder.event(event), (), link.stopping.is_set)
+        self._used = connection
+        return connection
+
+    def _wait_for_room(self, connection: Connection) -> None:
+        """Reads what the reader has taken; waits while `capacity` frames are on the way."""
+        link, wait_s = self._link, 0.0
+        while True:
+            for message in link.receive(connection.channel, wait_s):
+                kind, released, is_over = msgspec.msgpack.decode(message)
+                if kind != LinkMessage.DONE:
+                    raise ValueError("the reading process has sent something unreadable")
+                for number in released:
+                    self._encoder.slots.release(number)
+                if is_over:
+                    self._is_refused = True
+                    raise EndOfStream(link.name)
+            if link.stopping.is_set() or link.is_flushing:
+                raise Flushing(link.name)
+            if connection.counts[SENT] - connection.counts[TAKEN] < link.capacity:
+                return
+            wait_s = POLL_S
+
+    def _send(self, frame: Frame, connection: Connection) -> bool:
+        """Sends a frame, and counts it; False if that was cancelled."""
+        is_sent = False
+        connection.counts[SENT] += 1
+        try:
+            is_sent = self._encoder.send_frame(frame, connection.channel, self._link.stopping.is_set)
+        finally:
+            if not is_sent:
+                connection.counts[SENT] -= 1
+        return is_sent
