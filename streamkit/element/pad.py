@@ -71,7 +71,8 @@ class Pad:
         segment: maps timestamps to running time.
         push: sends a frame to the peer (src pads, while the graph plays).
         is_eos: whether EOS has passed: it was sent (src pads) or taken (sink pads). A flush leaves it so.
-        awaits_first_frame: whether it joins a running stream with its next frame; until then only EOS passes.
+        awaits_first_frame: whether it joins a running stream with its next frame; until then only EOS and
+            flushes pass.
         known_caps: cached result of `query_caps`, or None.
     """
 
@@ -180,7 +181,7 @@ class Pad:
 
         Elements that only forward it are visited in a loop, so that chains may have any length.
         """
-        if self.awaits_first_frame and not isinstance(event, EosEvent):
+        if self.awaits_first_frame and not isinstance(event, EosEvent | FlushStart | FlushStop):
             return
         onward: tuple[Pad, Event] | None = (self, event)
         while onward is not None:

@@ -72,8 +72,6 @@ class BranchOutput:
             try:
                 with self._sending:
                     self._end()
-            except FlowStop:
-                pass
             except Exception as failure:
                 failures.append(failure)
 
@@ -109,7 +107,9 @@ class BranchOutput:
         try:
             if not src.is_eos:
                 src.send_event(EOS)
-        except (FlowStop, StreamkitError):
+        except FlowStop:
+            pass  # other branches go on
+        except StreamkitError:
             if not self._has_failed:
                 raise
         if self._has_failed:

@@ -8,7 +8,7 @@ from streamkit import Caps, ElementFailure, Frame, MessageKind, Pipeline, Proper
 from streamkit.element.pad import Direction, Pad, PadTemplate
 from streamkit.elements.tee import Tee
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import CapsEvent, EosEvent, Event
+from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing
 from streamkit.graph.branch_output import BranchOutput
 
 Register = Callable[..., None]
@@ -158,3 +158,22 @@ def test_a_branch_that_leaves_while_it_joins_gets_no_frame(leave: Callable[[Bran
     assert sent == []
     assert src.events.count(EosEvent) == 1
     assert tee.drops.total() == (2 if leave is BranchOutput.fail else 0)
+
+
+class Stopping(Sink):
+    """Takes nothing more, as once its branch has been removed."""
+
+    sink = "ANY"
+
+    def receive_event(self, pad: Pad, event: Event) -> None:
+        raise Flushing(self.name)
+
+
+def test_a_branch_that_stops_as_it_gets_eos_ends_no_other() -> None:
+    """The thread that brings the next frame sends EOS if it comes before the one that removes the branch."""
+    src = Pad(Tee("t"), PadTemplate("src_%u", Direction.SRC, ANY), "src_0")
+    src.link(Stopping("s").pads["sink"])
+    output = BranchOutput(src, lambda _: None, lambda *_: False)
+    with output._sending:
+        output.remove(0.0)
+        src.push(Frame(b"", Caps("text/x-raw")))

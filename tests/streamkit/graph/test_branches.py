@@ -318,6 +318,19 @@ def test_a_branch_that_is_added_after_the_end_of_the_stream_is_not_waited_for() 
         assert pipeline.wait(10) is not None
 
 
+def test_a_flush_reaches_the_eos_of_a_branch_that_got_no_frame() -> None:
+    """Its sink holds EOS in the thread of a queue, for which the flush would wait."""
+    with Pipeline.parse("appsrc name=in ! queue ! tee name=t ! queue ! fakesink") as pipeline:
+        pipeline.pause()
+        pipeline.add_branch("t", "fakesink name=added")
+        pipeline["in"].end()
+        assert pipeline.wait_prerolled(10)
+        pipeline.flush()
+        assert pipeline["added"].flushes == 1
+        pipeline.play()
+        assert pipeline.wait(10) is not None
+
+
 @pytest.mark.parametrize("branch", ["queue ! appsink name=added", "appsink name=added"])
 def test_a_branch_that_is_added_after_the_end_of_the_stream_ends_at_once(branch: str) -> None:
     """It gets EOS as it joins, not only as it leaves."""
