@@ -27,7 +27,16 @@ from statistics import median
 import numpy as np
 import zenoh
 
-from streamkit import Frame, Pipeline, Registration, TrackRecord, Tracks, raw_video_caps, track_record
+from streamkit import (
+    TRACKS_SCHEMA,
+    Frame,
+    Pipeline,
+    Registration,
+    TrackRecord,
+    Tracks,
+    raw_video_caps,
+    track_record,
+)
 from streamkit_zenoh import TrackSubscriber
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
@@ -35,7 +44,6 @@ from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.frame_header import frame_header
 from streamkit_zenoh.wire.images import ImageFormat, encode_image
 from streamkit_zenoh.wire.numbering import Stamp
-from streamkit_zenoh.wire.records import TRACKS_SCHEMA
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
 
 KEY = "fuzz/1"
