@@ -138,10 +138,10 @@ class Element(PadOwner, PropertyOwner):
         """The pipeline's monotonic clock, ns."""
         return self.clock.monotonic_ns()
 
-    def wait_until_due(self, running_time_ns: int) -> bool:
-        """Waits until a running time, across pauses; False if the pipeline stops or flushes."""
+    def wait_until_due(self, running_time_ns: int, delay_ns: int = 0) -> bool:
+        """Waits until `delay_ns` after a running time, across pauses; False if the pipeline stops or flushes."""
         flushes = self.flushes
-        while not self.wait_on_clock(self.timing.due_ns(running_time_ns)):
+        while not self.wait_on_clock(self.timing.due_ns(running_time_ns) + delay_ns):
             if not self.wait_while_paused(flushes):
                 return False
         return True

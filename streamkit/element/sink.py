@@ -117,12 +117,12 @@ class Sink(Element):
 
     def _wait_for_time(self, frame: Frame, running_time_ns: int) -> bool:
         """Waits until a frame is due, across pauses; False if it is too late."""
-        flushes, due_ns = self.flushes, running_time_ns + self.ts_offset - self.render_delay
-        while not self.wait_on_clock(self.timing.due_ns(due_ns)):
+        flushes, delay_ns = self.flushes, self.ts_offset - self.render_delay
+        while not self.wait_on_clock(self.timing.due_ns(running_time_ns) + delay_ns):
             if self.must_give_up(flushes):
                 raise Flushing(self.name)
             self._hold(frame)
-        late_ns = self.clock_ns() - self.timing.due_ns(due_ns)
+        late_ns = self.clock_ns() - self.timing.due_ns(running_time_ns) - delay_ns
         if self.max_lateness < 0 or late_ns <= self.max_lateness:
             return True
         self.count_drop("too late")
@@ -171,7 +171,7 @@ class Sink(Element):
     def _end(self, pad: Pad) -> None:
         """Waits for the end of the last frame rendered, and for a paused pipeline to play, then drains."""
         self._hold(None)
-        if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns + self.ts_offset):
+        if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns, self.ts_offset):
             raise Flushing(self.name)
         if all(other.is_eos for other in self.sink_pads() if other is not pad and other.peer is not None):
             if not self.has_failed:

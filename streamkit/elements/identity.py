@@ -148,7 +148,7 @@ class Identity(Transform):
     def _hold(self, pts_ns: int) -> None:
         """Waits until the running time of a timestamp."""
         segment = OPEN_SEGMENT if self.single_segment else self.pads["sink"].segment
-        if not self.wait_until_due(segment.running_time_ns(pts_ns) + self.ts_offset):
+        if not self.wait_until_due(segment.running_time_ns(pts_ns), self.ts_offset):
             raise Flushing(self.name)
 
     def _check_timestamp(self, frame: Frame) -> None:

@@ -102,6 +102,24 @@ def test_sync_waits_for_each_frames_time(register: Register) -> None:
         assert pipeline["k"].kept == ["a/b", 0, 1, "drained"]
 
 
+@pytest.mark.parametrize(
+    "text", ["keeping name=k sync=true ts-offset={}", "identity sync=true ts-offset={} ! keeping name=k"]
+)
+def test_an_offset_delays_the_first_frame_too(register: Register, text: str) -> None:
+    """As in GStreamer, though running time starts with that frame."""
+    register(keeping=Keeping)
+    clock = ManualClock()
+    with Pipeline.parse("appsrc name=in ! " + text.format(3_000_000_000), clock=clock) as pipeline:
+        pipeline.play()
+        pipeline["in"].push(Frame(b"", ANYTHING, seq=0, arrival_ns=1, pts=0))
+        assert clock.wait_for_waiter()
+        assert pipeline["k"].kept == ["a/b"]
+        clock.advance(3)
+        pipeline["in"].end()
+        assert pipeline.wait(10) is not None
+        assert pipeline["k"].kept == ["a/b", 0, "drained"]
+
+
 def test_a_new_epoch_restarts_running_time() -> None:
     """Timestamps restart after a discontinuity without a wait."""
     clock = ManualClock()
