@@ -194,13 +194,13 @@ class VideoRate(Transform):
             self._drop("another is nearer to the tick")
         self._held, self._held_ns, self._uses = frame, time_ns, 0
 
-    def _emit(self) -> Frame:
-        """Returns the held frame with the timestamp of the next tick."""
+    def _emit(self, *, counts_repeat: bool = True) -> Frame:
+        """Returns the held frame with the timestamp of the next tick; counts it if it was used before."""
         assert self._held is not None
         start_ns, end_ns = self._tick_ns(), self._tick_ns(1)
         self._ticks += 1
         self._uses += 1
-        if self._uses > 1:
+        if counts_repeat and self._uses > 1:
             self._repeated += 1
             self._post_count("duplicate", self._repeated)
         return self._numbered(self._held, start_ns, end_ns - start_ns)
@@ -269,9 +269,7 @@ class VideoRate(Transform):
         if segment.stop_ns is None and duration_ns is not None and self._uses:
             yield from self._filling(self._held_ns + int(duration_ns / (self.rate or 1.0)))
             return
-        repeated = self._repeated
-        yield self._emit()
-        self._repeated = repeated
+        yield self._emit(counts_repeat=False)  # the end of the stream, as GStreamer counts it
         if segment.stop_ns is None:
             return
         limit_ns = self._held_ns + self.max_closing_segment_duplication_duration

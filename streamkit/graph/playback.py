@@ -78,6 +78,7 @@ class Playback:
             element.drops.clear()
             element.has_failed, element.waited_ns = False, 0
             element.outcomes.clear()
+            element.results.clear()
             element.is_playing = True
         self.end.expect_end(self._sinks())
         self._expect_preroll()

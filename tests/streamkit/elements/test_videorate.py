@@ -2,11 +2,16 @@
 
 import threading
 import time
+from collections.abc import Iterator
+from fractions import Fraction
 
+import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Pipeline
+from streamkit import ElementFailure, Frame, Message, MessageKind, Pipeline, raw_video_caps
 from tests.slowness import patience
+
+CAPS = raw_video_caps("GRAY8", 4, 4, Fraction(10))
 
 
 @pytest.mark.parametrize("more", ["", "drop-only=true", "skip-to-first=true"])
@@ -44,3 +49,26 @@ def test_an_infinite_timestamp_is_refused() -> None:
     text = "videotestsrc num-buffers=3 ! videorate rate=1e-305 ! video/x-raw, framerate=10/1 ! fakesink"
     with pytest.raises(ElementFailure, match="rate=1e-305 makes the time of the frame infinite"):
         Pipeline.parse(text).run(timeout_s=10.0)
+
+
+def test_the_last_message_has_the_number_of_duplicates() -> None:
+    """Also where the held frame is sent once more at the end of a stream whose end is unknown."""
+    text = "appsrc name=in ! videorate name=v silent=false ! video/x-raw, framerate=30/1 ! fakesink"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        for seq, pts in enumerate((0, 100_000_000)):
+            pipeline["in"].push(Frame(np.zeros((4, 4), np.uint8), CAPS, seq=seq, pts=pts))
+        pipeline["in"].end()
+        counts = [
+            message.fields["count"]
+            for message in _until_the_end(pipeline)
+            if message.fields.get("name") == "duplicate"
+        ]
+        assert counts[-1] == pipeline["v"].duplicate == len(counts) > 0
+
+
+def _until_the_end(pipeline: Pipeline) -> Iterator[Message]:
+    while (message := pipeline.bus.pop(10.0, (MessageKind.ELEMENT, MessageKind.EOS))) is not None:
+        if message.kind is MessageKind.EOS:
+            return
+        yield message

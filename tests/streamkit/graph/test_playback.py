@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -457,6 +458,15 @@ def test_a_thousand_runs_leak_nothing() -> None:
         assert len(gc.get_objects()) - before < 500
         assert set(threading.enumerate()) <= threads
         assert pipeline["k"].count == 2
+
+
+def test_counters_start_again_with_each_run(tmp_path: Path) -> None:
+    """Files of an earlier run are not counted."""
+    text = f"fakesrc num-buffers=2 ! filesink name=k location={tmp_path / 'out'}"
+    with Pipeline.parse(text) as pipeline:
+        for _ in range(2):
+            pipeline.run(timeout_s=10)
+            assert pipeline["k"].results == {"files": 1}
 
 
 def test_end_of_stream_from_a_sink_ends_the_source(register: Register) -> None:
