@@ -139,7 +139,7 @@ class Element(PadOwner, PropertyOwner):
         return self.clock.monotonic_ns()
 
     def wait_until_due(self, running_time_ns: int, delay_ns: int = 0) -> bool:
-        """Waits until `delay_ns` after a running time, across pauses; False if the pipeline stops or flushes."""
+        """Waits until `delay_ns` after a running time, across pauses; False at a stop or flush."""
         flushes = self.flushes
         while not self.wait_on_clock(self.timing.due_ns(running_time_ns) + delay_ns):
             if not self.wait_while_paused(flushes):
