@@ -190,9 +190,19 @@ class ElementFailure(StreamkitError, RuntimeError):
         factory: element type.
         frame: the current frame, for example "frame seq=12 pts=0.480 s", or "".
         cause: the exception.
+        place: where it left the element's code, as "file.py:12"; "" if it is an error of streamkit.
+        traceback: its traceback as text; "" if it is an error of streamkit.
     """
 
-    def __init__(self, element: str, factory: str, cause: BaseException, frame: str = "") -> None:
+    def __init__(
+        self,
+        element: str,
+        factory: str,
+        cause: BaseException,
+        frame: str = "",
+        place: str = "",
+        traceback: str = "",
+    ) -> None:
         what = str(cause).removeprefix(f"{element}: ") or type(cause).__name__
         if not isinstance(cause, StreamkitError):
             what = f"{type(cause).__name__}: {what}"
@@ -204,3 +214,5 @@ class ElementFailure(StreamkitError, RuntimeError):
         self.factory = factory
         self.frame = presentable(frame)
         self.cause = cause
+        self.place = place
+        self.traceback = traceback

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import inspect
 import math
 import os
 import signal
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from streamkit.cli.crash_report import CrashReport
@@ -22,7 +19,6 @@ from streamkit.service.monitor import Monitor
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
-    from streamkit.element.base import Element
     from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.statistics import RunStatistics
 
@@ -246,30 +242,12 @@ class Run:
 
     def _fail(self, text: str, error: Exception | None = None) -> int:
         """Prints an error; of an unexpected exception also the place, and with -v the traceback."""
-        cause = error.__cause__ if error is not None else None
-        source = error.element if isinstance(error, ElementFailure) else ""
-        if cause is not None and not isinstance(cause, StreamkitError):
+        if isinstance(error, ElementFailure) and error.place:
             if self.verbose:
-                self.display.print_line("".join(traceback.format_exception(cause, chain=False)).rstrip())
-            element = next((e for e in self.pipeline.graph.elements if e.name == source), None)
-            text += f" ({place_of(cause, element)})"
+                self.display.print_line(error.traceback)
+            text += f" ({error.place})"
         self.display.print_line(f"error: {text}")
         return 1
-
-
-def place_of(error: BaseException, element: Element | None) -> str:
-    """File and line where an exception left the code of an element, as "file.py:12".
-
-    The engine refuses what an element has returned: then the file and class, as "file.py, class Blur".
-    """
-    frames: list[traceback.FrameSummary] = traceback.extract_tb(error.__traceback__)
-    if element is not None:
-        file = Path(inspect.getfile(type(element)))
-        own = [frame for frame in frames if file.parent in Path(frame.filename).parents]
-        if not own:
-            return f"{file.name}, class {type(element).__name__}"
-        frames = own
-    return f"{Path(frames[-1].filename).name}:{frames[-1].lineno}"
 
 
 @contextlib.contextmanager

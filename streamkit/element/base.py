@@ -10,10 +10,11 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from streamkit.element.code_place import place_of, traceback_of
 from streamkit.element.pad import Pad, PadOwner
 from streamkit.element.property_owner import PropertyOwner
 from streamkit.element.timing import Timing
-from streamkit.errors import ElementFailure, NotNegotiated, StateError
+from streamkit.errors import ElementFailure, NotNegotiated, StateError, StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.events import EOS, FlowStop, Flushing
@@ -303,7 +304,11 @@ class Element(PadOwner, PropertyOwner):
 
     def failure(self, cause: BaseException, frame: Frame | None = None) -> ElementFailure:
         """The error of this element for an exception."""
-        return ElementFailure(self.name, self.factory, cause, "" if frame is None else frame.describe())
+        where = "" if frame is None else frame.describe()
+        if isinstance(cause, StreamkitError):
+            return ElementFailure(self.name, self.factory, cause, where)
+        place, text = place_of(cause, type(self)), traceback_of(cause)
+        return ElementFailure(self.name, self.factory, cause, where, place, text)
 
     def query_live(self) -> bool:
         """Whether the element's output comes from a live source; asks upstream."""

@@ -44,13 +44,15 @@ class Order(msgspec.Struct, tag=True):
 
 
 class Failure(msgspec.Struct, tag=True):
-    """An exception; `kind` is the class of the cause, `frame` what the element was called with."""
+    """An exception; `kind` is the class of the cause, the rest as in `ElementFailure`."""
 
     kind: str
     text: str
     element: str = ""
     factory: str = ""
     frame: str = ""
+    place: str = ""
+    traceback: str = ""
 
 
 class OrderResult(msgspec.Struct, tag=True):
@@ -89,7 +91,10 @@ def encode_failure(error: BaseException) -> Failure:
     """An exception in a form that crosses."""
     if isinstance(error, ElementFailure):
         cause = error.cause
-        return Failure(type(cause).__name__, str(cause), error.element, error.factory, error.frame)
+        return Failure(
+            type(cause).__name__, str(cause), error.element, error.factory, error.frame,
+            error.place, error.traceback,
+        )  # fmt: skip
     return Failure(type(error).__name__, str(error))
 
 
@@ -105,7 +110,9 @@ def decode_failure(failure: Failure) -> Exception:
         cause = StreamkitError(f"{failure.kind}: {failure.text}" if failure.text else failure.kind)
     if not failure.element:
         return cause
-    return ElementFailure(failure.element, failure.factory, cause, failure.frame)
+    return ElementFailure(
+        failure.element, failure.factory, cause, failure.frame, failure.place, failure.traceback
+    )
 
 
 def encode_message(message: Message) -> Posted:

@@ -1,6 +1,7 @@
 """`streamkit launch` with bins in processes: one Ctrl-C ends all, and with -e files are completed."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -61,3 +62,16 @@ def test_a_death_is_an_error_of_the_command() -> None:
     )  # fmt: skip
     assert done.returncode == 1
     assert "error: doomed0: the process of bin0 has ended with code 7 [at frame seq=9]" in done.stderr
+
+
+def test_an_exception_of_an_element_is_told_with_its_place() -> None:
+    """File and line as in one process, and with -v the traceback."""
+    done = subprocess.run(
+        [STREAMKIT, "launch", "-v", "fakesrc ! ( process=true doomed how=raise at=3 ) ! fakesink"],
+        capture_output=True, text=True, timeout=LIMIT_S, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert done.returncode == 1
+    error = r"error: doomed0: ValueError: as the test wants \[at frame seq=3.*\] \(\w+\.py:\d+\)$"
+    assert re.search(error, done.stderr, re.MULTILINE), done.stderr
+    assert 'raise ValueError("as the test wants")' in done.stderr
