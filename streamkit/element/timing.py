@@ -32,6 +32,7 @@ class Timing:
         with self._lock:
             self._base_ns = self._paused_ns = None
             self.latency_ns = 0
+        self.running.set()
 
     def begin(self) -> None:
         """Starts running time now, for live sources."""

@@ -131,7 +131,6 @@ class Pipeline:
                 raise error.element.failure(error) from None
             self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
             self.timing.reset()
-            self.timing.running.set()
             self.bus.flush()
             try:
                 self._processes.start(self._playback, self.watchdog_s, self._cancelled)

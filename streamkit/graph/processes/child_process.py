@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from typing import Any
 
 import msgspec
@@ -107,20 +107,9 @@ class ChildProcess(threading.Thread):
             with contextlib.suppress(ChannelClosed):  # the thread then ends the answer
                 is_sent = self._control.send(message, descriptors, lambda: time.monotonic() > deadline)
         if not is_sent and self._take_answer(number) is not None:
-            answer.set_exception(self._silence(limit_s))
+            text = f"the process of {self._home} has not answered for {limit_s:g} s"
+            answer.set_exception(ProcessDied(text))
         return answer
-
-    def ask(self, name: str, *arguments: Any, limit_s: float = ANSWER_LIMIT_S) -> Any:
-        """Sends an order and waits for the answer.
-
-        Raises:
-            ProcessDied: the process has ended, or does not answer in time.
-            Exception: the order failed.
-        """
-        answer = self.order(name, *arguments, limit_s=limit_s)
-        if not wait([answer], limit_s).done:
-            raise self._silence(limit_s)
-        return answer.result()
 
     def kill(self, reason: str = "") -> None:
         """Ends the process at once."""
@@ -132,9 +121,6 @@ class ChildProcess(threading.Thread):
     def death(self) -> ProcessDied:
         """The error for the end of the process."""
         return ProcessDied(f"the process of {self._home} {self.reason or 'has ended'}")
-
-    def _silence(self, limit_s: float) -> ProcessDied:
-        return ProcessDied(f"the process of {self._home} has not answered for {limit_s:g} s")
 
     # The thread.
 

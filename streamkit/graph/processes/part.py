@@ -8,7 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from typing import Any
 
 import msgspec
@@ -20,7 +20,7 @@ from streamkit.element.sink import Sink
 from streamkit.errors import ElementFailure, ProcessDied, StreamkitError
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
-from streamkit.graph.processes.child_process import ChildProcess
+from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
 from streamkit.graph.processes.orders import QUERIES, Counters, Report, Setup
 from streamkit.graph.statistics import ElementStatistics
 
@@ -118,11 +118,9 @@ class Part:
 
         The last known if it does not answer; empty before it first did.
         """
-        child = self.child
         with contextlib.suppress(ProcessDied):
-            if child is not None:
-                found = child.ask("statistics", limit_s=STATISTICS_LIMIT_S)
-                self._counters = msgspec.convert(found, Counters)
+            found = self.ask("statistics", limit_s=STATISTICS_LIMIT_S)
+            self._counters = msgspec.convert(found, Counters)
         return self._counters
 
     def begin_stop(self, limit_s: float) -> None:
@@ -148,12 +146,22 @@ class Part:
         answer.set_exception(ProcessDied(f"the process of {self.home.name} does not run"))
         return answer
 
+    def ask(self, name: str, *arguments: Any, limit_s: float = ANSWER_LIMIT_S) -> Any:
+        """Sends an order and waits for the answer.
+
+        Raises:
+            ProcessDied: the process does not run, has ended, or does not answer in time.
+            Exception: the order failed.
+        """
+        answer = self.order(name, *arguments, limit_s=limit_s)
+        if not wait([answer], limit_s).done:
+            raise ProcessDied(f"the process of {self.home.name} has not answered for {limit_s:g} s")
+        return answer.result()
+
     def try_ask(self, name: str, *arguments: Any) -> None:
         """Sends an order and waits for its end, or that of the process."""
-        child = self.child
         with contextlib.suppress(ProcessDied):
-            if child is not None:
-                child.ask(name, *arguments)
+            self.ask(name, *arguments)
 
     def _make_proxy(self, element: Element, number: int) -> None:
         """Sends changes of properties to the process of an element, and answers queries from there."""
@@ -165,10 +173,8 @@ class Part:
             self.try_ask("set", number, name, ValueEncoder().encode(getattr(element, name)))
 
         def ask(method: str) -> Any:
-            child = self.child
             with contextlib.suppress(ProcessDied):
-                if child is not None:
-                    return self._values.decode(child.ask("query", number, method))
+                return self._values.decode(self.ask("query", number, method))
             return getattr(type(element), method)(element)
 
         vars(element)["property_changed"] = forward
