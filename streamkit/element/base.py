@@ -11,13 +11,14 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from streamkit.element.code_place import place_of, traceback_of
-from streamkit.element.pad import Pad, PadOwner
+from streamkit.element.pad import Pad
+from streamkit.element.pad_owner import PadOwner
 from streamkit.element.property_owner import PropertyOwner
 from streamkit.element.timing import Timing
 from streamkit.errors import ElementFailure, NotNegotiated, StateError, StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.clock import Clock, SystemClock
-from streamkit.flow.events import EOS, FlowStop, Flushing
+from streamkit.flow.events import FlowStop, Flushing
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.handoff.bounded_queue import POLL_S
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
-RETRY_S = 0.01
 
 
 class Element(PadOwner, PropertyOwner):
@@ -279,21 +279,6 @@ class Element(PadOwner, PropertyOwner):
                 self.changed.wait(POLL_S)
         if self.stopping.is_set():
             raise Flushing(self.name)
-
-    def send_eos(self) -> None:
-        """Sends EOS through every src pad; once more if it has met a flush, which drops frames only.
-
-        Raises:
-            Flushing: the pipeline stops.
-        """
-        while pads := [pad for pad in self.src_pads() if not pad.is_eos]:
-            self.wait_while_flushing()
-            try:
-                for pad in pads:
-                    pad.send_event(EOS)
-            except Flushing:  # downstream the flush may not be over yet
-                with self.changed:
-                    self.changed.wait(RETRY_S)
 
     def pads_changed(self) -> None:
         """Pads were added or removed, or push differently, while the graph streams."""

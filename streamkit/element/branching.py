@@ -99,9 +99,10 @@ class Combine(Element):
             self.send_segment(pad)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
-        """Forwards EOS when every input has ended, caps and segments before the frames, the rest at once."""
+        """Forwards EOS and the end of a flush after the last input's, the rest in order or at once."""
         if isinstance(event, FlushStart | FlushStop):
-            self.src_pad.send_event(event)
+            if isinstance(event, FlushStart) or not self.is_flushing:
+                self.src_pad.send_event(event)
             return
         with self.combine_lock:
             if isinstance(event, EosEvent):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import enum
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING
 
-from streamkit.errors import NotNegotiated, StateError
+from streamkit.errors import NotNegotiated
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import (
+    EOS,
     OPEN_SEGMENT,
     CapsEvent,
     EosEvent,
@@ -26,6 +26,8 @@ from streamkit.flow.events import (
 if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.flow.frame import Frame
+
+RETRY_S = 0.01
 
 
 class Direction(enum.StrEnum):
@@ -71,6 +73,7 @@ class Pad:
         segment: maps timestamps to running time.
         push: sends a frame to the peer (src pads, while the graph plays).
         is_eos: whether EOS has passed: it was sent (src pads) or taken (sink pads). A flush leaves it so.
+        is_flushing: whether a flush of this sink pad is in progress; its element's ends with the last one.
         awaits_first_frame: whether it joins a running stream with its next frame; until then only EOS and
             flushes pass.
         known_caps: cached result of `query_caps`, or None.
@@ -84,7 +87,7 @@ class Pad:
         self.caps: Caps | None = None
         self.segment: Segment = OPEN_SEGMENT
         self.push: Callable[[Frame], None] = self.not_linked
-        self.is_eos = False
+        self.is_eos = self.is_flushing = False
         self.awaits_first_frame = False
         self.known_caps: Caps | None = None
 
@@ -199,6 +202,21 @@ class Pad:
                     self.is_eos = src.is_eos = False  # it will be sent once more
                 raise
 
+    def send_eos(self) -> None:
+        """Sends EOS downstream; once more if it has met a flush, which drops frames only.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
+        element = self.element
+        while not self.is_eos:
+            element.wait_while_flushing()
+            try:
+                self.send_event(EOS)
+            except Flushing:  # downstream the flush may not be over yet
+                with element.changed:
+                    element.changed.wait(RETRY_S)
+
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""
         self.store_event(event)
@@ -215,92 +233,13 @@ class Pad:
         elif isinstance(event, EosEvent) and self.is_src:  # of a sink pad, the element sets it
             self.is_eos = True
         elif isinstance(event, FlushStart | FlushStop) and not self.is_src:
+            self.is_flushing = isinstance(event, FlushStart)
             self.is_eos = self.is_eos and self.has_upstream_ended
-            self.element.flush(begins=isinstance(event, FlushStart))
+            if self.is_flushing or not any(pad.is_flushing for pad in self.element.sink_pads()):
+                self.element.flush(begins=self.is_flushing)
 
     def reset(self) -> None:
         """Resets the state of an earlier run."""
         self.caps = None
         self.segment = OPEN_SEGMENT
-        self.is_eos = False
-
-
-class PadOwner:
-    """The pads of an element, and the templates that its class declares.
-
-    Attributes:
-        pads: by name.
-    """
-
-    sink: ClassVar[str | Caps] = ""
-    src: ClassVar[str | Caps] = ""
-    templates: ClassVar[tuple[PadTemplate, ...]] = ()
-    pad_templates: ClassVar[dict[str, PadTemplate]] = {}
-    name: str
-    lock: threading.RLock
-
-    def __init_subclass__(cls, **kwargs: Any) -> None:
-        super().__init_subclass__(**kwargs)
-        always = {side: getattr(cls, side) for side in Direction}
-        found = [PadTemplate(str(side), side, Caps(caps)) for side, caps in always.items() if caps]
-        cls.pad_templates = {template.name: template for template in (*found, *cls.templates)}
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.pads: dict[str, Pad] = {
-            template.name: Pad(cast("Element", self), template, template.name)
-            for template in self.pad_templates.values()
-            if template.presence is Presence.ALWAYS
-        }
-        self._next_numbers: dict[str, int] = {}
-
-    def sink_pads(self) -> Iterator[Pad]:
-        """The sink pads."""
-        return (pad for pad in tuple(self.pads.values()) if not pad.is_src)
-
-    def src_pads(self) -> Iterator[Pad]:
-        """The src pads."""
-        return (pad for pad in tuple(self.pads.values()) if pad.is_src)
-
-    @property
-    def sink_caps(self) -> Caps:
-        """Current caps of the pad `sink`; ANY before negotiation."""
-        return self._caps_of("sink")
-
-    @property
-    def src_caps(self) -> Caps:
-        """Current caps of the pad `src`; ANY before negotiation."""
-        return self._caps_of("src")
-
-    def _caps_of(self, pad_name: str) -> Caps:
-        pad = self.pads.get(pad_name)
-        return ANY if pad is None or pad.caps is None else pad.caps
-
-    def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
-        """Makes a pad from a request or sometimes template, with the given name or the next number."""
-        with self.lock:
-            number = self._next_numbers.pop(template.name, None)
-            if not name or "%u" in name:
-                name = self._next_name(template, number)
-            if name in self.pads:
-                raise StateError(f"{self.name}: a pad {name!r} is there already")
-            pad = self.pads[name] = Pad(cast("Element", self), template, name)
-        return pad
-
-    def _next_name(self, template: PadTemplate, number: int | None) -> str:
-        """The template's name with a number, else with the one after the highest number in use."""
-        head, mark, tail = template.name.partition("%u")
-        if not mark:
-            return template.name
-        if number is None:
-            taken = [name[len(head) : len(name) - len(tail)] for name in self.pads if template.matches(name)]
-            number = max(map(int, taken), default=-1) + 1
-        self._next_numbers[template.name] = number + 1
-        return f"{head}{number}{tail}"
-
-    def release_pad(self, pad: Pad) -> None:
-        """Unlinks and removes a request pad."""
-        pad.unlink()
-        with self.lock:
-            self.pads.pop(pad.name, None)
-            self._next_numbers.pop(pad.template.name, None)
+        self.is_eos = self.is_flushing = False

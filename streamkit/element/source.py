@@ -101,7 +101,8 @@ class Source(Element):
         with contextlib.suppress(EndOfStream), self.guarded():
             self._negotiate_first()
             self._push_all()
-        self.send_eos()
+        for pad in list(self.src_pads()):
+            pad.send_eos()
 
     def _negotiate_first(self) -> None:
         pad = next(self.src_pads(), None)

@@ -246,7 +246,7 @@ class Queue(Element):
             with self.lock:
                 self._pushing_thread = 0
                 self.changed.notify_all()
-        self.send_eos()  # to branches that have not ended
+        src.send_eos()  # to branches that have not ended
 
     def _take(self) -> Frame | Event:
         """Waits until the queue may be read; takes the oldest item."""

@@ -19,7 +19,7 @@ from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
 from streamkit.graph.delayed_link import report_missing_pads
 from streamkit.graph.element_calls import Watchdog
-from streamkit.graph.graph import Graph, upstream, walk
+from streamkit.graph.graph import Graph, downstream, upstream, walk
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import ElementStatistics, RetiredChains, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
@@ -173,9 +173,11 @@ class Playback:
     def flush(self, *, begins: bool) -> None:
         """Begins to drop all frames in flight, or lets sources continue with their next frame."""
         roots = self._graph.roots()
-        if begins:
-            for root in roots:
-                root.flush(begins=True)
+        if begins:  # upstream first: a thread that the flush unwinds finds that it has begun there, too
+            reached = set(walk(roots, downstream))
+            for element in filter(self._graph.is_local, reversed(self._graph.from_sinks())):
+                if element in reached:
+                    element.flush(begins=True)
         for pad in [pad for root in roots for pad in root.src_pads()]:
             pad.send_event(FLUSH_START if begins else FLUSH_STOP)
         if begins:
@@ -256,7 +258,7 @@ class Playback:
         self.branches.join(src, chain.push)
         src.element.pads_changed()
         if any(pad.has_upstream_ended for pad in src.element.sink_pads()):
-            threads.append(self._add_thread(elements[0], src.element.send_eos))
+            threads.append(self._add_thread(elements[0], src.send_eos))
         for thread in threads:
             thread.start()
 

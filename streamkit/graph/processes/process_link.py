@@ -87,7 +87,7 @@ class ProcessLink(Element):
         """Body of the reading thread: sends frames and events on, in order, until EOS."""
         if self.reads:
             self._reader.run()
-            self.send_eos()
+            self.pads["src"].send_eos()
 
     def flush(self, *, begins: bool) -> None:
         """Begins or ends a flush, which drops what is on the way."""

@@ -326,7 +326,7 @@ def test_a_flush_reaches_the_eos_of_a_branch_that_got_no_frame() -> None:
         pipeline["in"].end()
         assert pipeline.wait_prerolled(10)
         pipeline.flush()
-        assert pipeline["added"].flushes == 1
+        assert pipeline["added"].flushes > 0
         pipeline.play()
         assert pipeline.wait(10) is not None
 

@@ -489,3 +489,30 @@ def test_end_of_stream_from_a_sink_ends_the_source(register: Register) -> None:
     with Pipeline.parse("fakesrc ! queue ! sated name=k") as pipeline:
         pipeline.run(timeout_s=10)
         assert pipeline["k"].count == 2
+
+
+def test_a_flush_of_several_sources_leaves_every_thread_working(register: Register) -> None:
+    """One thread holds a frame in the sink when the flush comes there from the other source first."""
+
+    class Slow(Showing):
+        """Gives the thread that it wakes the time to unwind."""
+
+        def flush(self, *, begins: bool) -> None:
+            super().flush(begins=begins)
+            time.sleep(0.05)
+
+    register(slow=Slow)
+    text = "funnel name=f ! slow name=k  appsrc name=b ! f.  appsrc name=a ! queue name=q ! f."
+    with Pipeline.parse(text) as pipeline:
+        pipeline.pause()
+        pipeline["a"].push(Frame(b"", ANYTHING, seq=0, arrival_ns=1))
+        assert pipeline["k"].wait_for(1)
+        pipeline.flush()
+        pipeline.play()
+        pipeline["a"].push(Frame(b"", ANYTHING, seq=1, arrival_ns=1))
+        assert pipeline["k"].wait_for(2)
+        assert is_streaming("q")
+        for name in "ab":
+            pipeline[name].end()
+        assert pipeline.wait(10) is not None
+        assert pipeline["k"].reported == [("preroll", 0), ("render", 1)]
