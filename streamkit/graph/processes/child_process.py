@@ -45,6 +45,8 @@ class ChildProcess(threading.Thread):
         silence_limit_s: after which the process is killed, if it does not answer; 0 is never. Holds once it
             is set up: importing may hold the interpreter for long.
         reason: why the process has ended, in words; "" while it runs.
+        has_died: whether it has ended in another way than by an order to stop, or was killed for its silence.
+        is_reported: whether its end was reported, as it came while the pipeline did not stop.
 
     Args:
         home: name of the bin.
@@ -66,6 +68,7 @@ class ChildProcess(threading.Thread):
     ) -> None:
         super().__init__(name=f"streamkit:process:{home}")
         self.reason = ""
+        self.has_died = self.is_reported = False
         self.silence_limit_s = setup.watchdog_s
         self._home = home
         self._setup, self._marks, self._processes = setup, marks, processes
@@ -113,7 +116,8 @@ class ChildProcess(threading.Thread):
 
     def kill(self, reason: str = "") -> None:
         """Ends the process at once."""
-        self.reason = self.reason or reason
+        if not self.reason:
+            self.reason, self.has_died = reason, bool(reason)
         process = self._process
         if process is not None and process.poll() is None:
             process.kill()
@@ -213,6 +217,7 @@ class ChildProcess(threading.Thread):
                 self._process.wait(END_LIMIT_S)
         self._control.close()
         code = self._process.returncode or 0
+        self.has_died = self.has_died or code != 0
         if code < 0:
             name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
             self.reason = self.reason or f"was ended by signal {-code} ({name})"

@@ -177,8 +177,9 @@ class Processes:
                 child.join(max(0.0, deadline - time.monotonic()))
                 child.kill("" if is_cancelled else "has not ended in time and was killed")
                 child.join()
-                if child.reason.startswith("has not"):
-                    self._post(Message(MessageKind.WARNING, part.home.name, str(child.death())))
+                if child.has_died and not (child.is_reported or is_cancelled):
+                    failure = part.failure(child.death(), -1)
+                    self._post(Message(MessageKind.WARNING, failure.element, f"at the stop: {failure}"))
                 part.child = None if part.child is child else part.child
             if part.ending is not None:
                 part.ending.join()
@@ -240,6 +241,7 @@ class Processes:
             continue
         if self._stopping.is_set():
             return
+        child.is_reported = True
         # Number of the newest frame that has come to this process.
         last_received = max((link.last_frame[0] for link in self._links if link.reads), default=-1)
         failure = part.failure(child.death(), last_received)

@@ -30,7 +30,7 @@ class Plain:
 
 
 class Doomed(Transform):
-    """Dies in a chosen way at a chosen frame, or at the start (-2)."""
+    """Dies in a chosen way at a chosen frame, or at the start (-2) or the stop (-3)."""
 
     sink = src = "ANY"
     how: str = Property("", live=True)
@@ -39,6 +39,10 @@ class Doomed(Transform):
 
     def start(self):
         if self.at == -2:
+            self.die()
+
+    def stop(self):
+        if self.at == -3:
             self.die()
 
     def transform(self, frame):

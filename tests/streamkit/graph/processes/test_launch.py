@@ -64,6 +64,17 @@ def test_a_death_is_an_error_of_the_command() -> None:
     assert "error: doomed0: the process of bin0 has ended with code 7 [at frame seq=9]" in done.stderr
 
 
+def test_a_death_at_the_stop_is_a_warning() -> None:
+    """Everything has been delivered, but a file of the process may not be whole."""
+    done = subprocess.run(
+        [STREAMKIT, "launch", "fakesrc num-buffers=3 ! ( process=true doomed how=abort at=-3 ) ! fakesink"],
+        capture_output=True, text=True, timeout=LIMIT_S, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    warning = "warning: doomed0: at the stop: doomed0: the process of bin0 was ended by signal 6 (SIGABRT)"
+    assert warning in done.stderr
+
+
 def test_an_exception_of_an_element_is_told_with_its_place() -> None:
     """File and line as in one process, and with -v the traceback."""
     done = subprocess.run(
