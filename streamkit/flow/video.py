@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 CHANNELS = {"BGR": 3, "RGB": 3, "BGRA": 4, "RGBA": 4}
 LUMA_FORMATS = ("GRAY8", "I420", "NV12")
+FORMATS = (*LUMA_FORMATS, *CHANNELS)
 LUMA_CAPS = "video/x-raw, format={ GRAY8, I420, NV12 }"
 
 FIELDS = (
@@ -28,7 +29,7 @@ FIELDS = (
 def misspelt_fields(caps: Caps) -> list[str]:
     """A line for each field of raw video that it does not have, and whose name is like one that it has.
 
-    A whole number for the frame rate counts as misspelt, too: it is a fraction, and fits no other caps.
+    A decimal number for the frame rate counts as misspelt, too: it is a fraction, and fits no other caps.
     """
     unknown = [
         (name, did_you_mean(name, FIELDS))
@@ -38,10 +39,18 @@ def misspelt_fields(caps: Caps) -> list[str]:
         if name not in FIELDS
     ]
     rates = [structure.fields.get("framerate") for structure in caps.structures]
-    whole = [rate for rate in rates if type(rate) is int]
+    decimal = [Fraction(rate).limit_denominator(1001) for rate in rates if type(rate) in (int, float)]
     return [f"video/x-raw has no field {name}; {hint}" for name, hint in unknown if hint] + [
-        f"framerate is a fraction; write framerate={rate}/1" for rate in whole
+        f"framerate is a fraction; write framerate={rate.numerator}/{rate.denominator}" for rate in decimal
     ]
+
+
+def misspelt_formats(caps: Caps) -> list[str]:
+    """A line for each pixel format of raw video that is like one of streamkit's, and none of them."""
+    formats = [structure.fields.get("format") for structure in caps.structures]
+    unknown = [name for name in formats if isinstance(name, str) and name not in FORMATS]
+    hints = [(name, did_you_mean(name, FORMATS)) for name in unknown]
+    return [f"no element of streamkit has the format {name}; {hint}" for name, hint in hints if hint]
 
 
 def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fraction | None = None) -> Caps:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
 from streamkit.flow.caps import Caps
-from streamkit.flow.video import misspelt_fields
+from streamkit.flow.video import misspelt_fields, misspelt_formats
 
 RAW_VIDEO = Caps("video/x-raw")
 Choice = Pad | PadTemplate
@@ -100,7 +101,8 @@ def caps_conflict(
 ) -> DescriptionError:
     """The error for two pads, by path, whose caps have nothing in common."""
     text = f"could not link {left} to {right}: they {offered.disagreement(accepted, left, right)}"
-    hint = "; ".join(dict.fromkeys([*misspelt_fields(offered), *misspelt_fields(accepted)]))
+    found = [misspelt(caps) for caps in (offered, accepted) for misspelt in (misspelt_fields, misspelt_formats)]
+    hint = "; ".join(dict.fromkeys(itertools.chain(*found)))
     return DescriptionError("link", text, place, hint)
 
 

@@ -337,6 +337,20 @@ def test_a_misspelt_field_of_a_filter_is_noted() -> None:
     assert caught.value.hint == "framerate is a fraction; write framerate=25/1"
 
 
+@pytest.mark.parametrize(
+    ("caps", "hint"),
+    [
+        ("format=GREY8", 'no element of streamkit has the format GREY8; did you mean "GRAY8"?'),
+        ("framerate=5.5", "framerate is a fraction; write framerate=11/2"),
+    ],
+)
+def test_caps_that_nothing_has_get_a_hint(caps: str, hint: str) -> None:
+    """In the error of the link."""
+    with pytest.raises(DescriptionError) as caught:
+        build(f"videotestsrc ! video/x-raw, {caps} ! fakesink", {})
+    assert caught.value.hint == hint
+
+
 def test_a_misspelt_attribute_is_refused_before_the_start() -> None:
     """Python takes any attribute; other ones than misspelt properties stay the program's own."""
     with Pipeline.parse("fakesrc name=s num-buffers=1 ! fakesink") as pipeline:
