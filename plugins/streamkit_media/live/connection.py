@@ -76,6 +76,8 @@ class LiveConnection:
         self.found: dict[StreamKind, Caps] = {}
         self.next_seq = first_seq  # number of the next packet
         self._received: Counter[StreamKind] = Counter()
+        # The number of the next packet of each kind; a connection that follows another begins with a gap.
+        self._expected = dict.fromkeys(kinds, -1 if first_seq else 0)
         # packets between the thread that reads and the source's
         self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
@@ -107,18 +109,16 @@ class LiveConnection:
         """
         queue, timeout_s = self.queue, self._source.timeout_s
         self.begin()
-        last, next_video = time.monotonic(), 0
+        last = time.monotonic()
         while not is_over.is_set():
             packet = queue.get(min(LOOK_S, timeout_s), is_over)
             if packet is not None:
-                frame = packet.frame
-                if packet.kind is StreamKind.VIDEO:
-                    has_gap = packet.number != next_video
-                    next_video = packet.number + 1
-                    if self._is_late(packet, has_jumped=has_gap):
-                        frame = frame.attach(LATE)
-                    if has_gap:
-                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+                frame, has_gap = packet.frame, packet.number != self._expected[packet.kind]
+                self._expected[packet.kind] = packet.number + 1
+                if has_gap:
+                    frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+                if packet.kind is StreamKind.VIDEO and self._is_late(packet, has_jumped=has_gap):
+                    frame = frame.attach(LATE)
                 yield packet.kind, frame
                 # The consumer's own time is not the server's silence.
                 last = time.monotonic()

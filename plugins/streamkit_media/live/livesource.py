@@ -8,7 +8,7 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Source, StreamError
+from streamkit import Caps, Frame, Property, ResourceError, Source, StreamError
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused
 from streamkit_media.live.connection import LiveConnection
@@ -159,23 +159,21 @@ class LiveSource(Endpoint, Source):
             self.make_input(), self._kinds, self.max_packets, self.latency_ms, self._next_seq,
             self._timeline, self.clock, self.count_drop,
         )  # fmt: skip
-        known: set[StreamKind] = set()
+        is_connected = False
         for kind, frame in connection.frames(self.over):
-            if not known:
+            if not is_connected:
+                is_connected = True
                 self._epoch += 1
                 self._delay.reset()
                 self._add_pads(connection.found)
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))
-            is_gap = kind not in known and self._epoch > 0
-            flags = frame.flags | (FrameFlags.DISCONTINUITY if is_gap else 0)
-            known.add(kind)
-            own = frame.replace(epoch=self._epoch, flags=flags)
+            own = frame.replace(epoch=self._epoch)
             if kind is StreamKind.VIDEO:
                 yield own
             elif kind.value in self.pads:
                 yield kind.value, own
-        if not known and not self.over.is_set():
+        if not is_connected and not self.over.is_set():
             raise StreamError(f"{self._where}: the server ended before the first packet")
 
     def _add_pads(self, found: Collection[StreamKind]) -> None:
