@@ -39,7 +39,7 @@ def misspelt_fields(caps: Caps) -> list[str]:
         if name not in FIELDS
     ]
     rates = [structure.fields.get("framerate") for structure in caps.structures]
-    decimal = [Fraction(rate).limit_denominator(1001) for rate in rates if type(rate) in (int, float)]
+    decimal = [Fraction(rate).limit_denominator(1001) for rate in rates if isinstance(rate, int | float)]
     return [f"video/x-raw has no field {name}; {hint}" for name, hint in unknown if hint] + [
         f"framerate is a fraction; write framerate={rate.numerator}/{rate.denominator}" for rate in decimal
     ]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -101,9 +100,9 @@ def caps_conflict(
 ) -> DescriptionError:
     """The error for two pads, by path, whose caps have nothing in common."""
     text = f"could not link {left} to {right}: they {offered.disagreement(accepted, left, right)}"
-    found = [misspelt(caps) for caps in (offered, accepted) for misspelt in (misspelt_fields, misspelt_formats)]
-    hint = "; ".join(dict.fromkeys(itertools.chain(*found)))
-    return DescriptionError("link", text, place, hint)
+    fields = [*misspelt_fields(offered), *misspelt_fields(accepted)]
+    formats = [*misspelt_formats(offered), *misspelt_formats(accepted)]
+    return DescriptionError("link", text, place, "; ".join(dict.fromkeys(fields + formats)))
 
 
 def awaits_pads(element: Element) -> bool:
