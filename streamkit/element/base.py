@@ -72,6 +72,7 @@ class Element(PadOwner, PropertyOwner):
         self.stopping = threading.Event()
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
+        self._state_changed = self.changed  # a class of an author may use that name
         self._woken = threading.Event()  # ends waits for a time of the clock
         self.is_flushing = False
         self.flushes = self.waited_ns = 0
@@ -118,9 +119,9 @@ class Element(PadOwner, PropertyOwner):
 
     def wake(self) -> None:
         """Makes every thread that waits look again at what it waits for."""
-        with self.changed:
+        with self._state_changed:
             self._woken.set()
-            self.changed.notify_all()
+            self._state_changed.notify_all()
 
     def post_warning(self, text: str, code: str = "") -> None:
         """Posts a warning message; `launch --strict` fails after one with the code `shortfall`."""
@@ -150,11 +151,11 @@ class Element(PadOwner, PropertyOwner):
     def wait_while_paused(self, flushes: int | None = None) -> bool:
         """Waits until the pipeline plays; False if it stops, flushes, or has begun to since `flushes`."""
         flushes = self.flushes if flushes is None else flushes
-        with self.changed, self.waiting():
+        with self._state_changed, self.waiting():
             while not self.must_give_up(flushes):
                 if self.timing.running.is_set():
                     return True
-                self.changed.wait(POLL_S)
+                self._state_changed.wait(POLL_S)
         return False
 
     def wait_for(self, condition: Callable[[], bool], poll_s: float = POLL_S) -> None:
@@ -247,7 +248,7 @@ class Element(PadOwner, PropertyOwner):
 
     def flush(self, *, begins: bool) -> None:
         """Begins or ends a flush, which drops held frames and ends waits; called in the flushing thread."""
-        with self.lock:
+        with self._state_changed:
             self.is_flushing = begins
             if begins:
                 self.flushes += 1
@@ -259,7 +260,7 @@ class Element(PadOwner, PropertyOwner):
 
     def wait_on_clock(self, due_ns: int) -> bool:
         """Waits until a time of the clock; False once the element is woken, and while it is paused."""
-        with self.lock:
+        with self._state_changed:
             if self._woken.is_set():
                 self._woken = threading.Event()
             woken = self._woken  # set by whatever changes from here on
@@ -274,9 +275,9 @@ class Element(PadOwner, PropertyOwner):
         Raises:
             Flushing: the pipeline stops.
         """
-        with self.changed:
+        with self._state_changed:
             while self.is_flushing and not self.stopping.is_set():
-                self.changed.wait(POLL_S)
+                self._state_changed.wait(POLL_S)
         if self.stopping.is_set():
             raise Flushing(self.name)
 

@@ -208,14 +208,12 @@ class Pad:
         Raises:
             Flushing: the pipeline stops.
         """
-        element = self.element
         while not self.is_eos:
-            element.wait_while_flushing()
+            self.element.wait_while_flushing()
             try:
                 self.send_event(EOS)
             except Flushing:  # downstream the flush may not be over yet
-                with element.changed:
-                    element.changed.wait(RETRY_S)
+                self.element.stopping.wait(RETRY_S)
 
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""

@@ -188,9 +188,9 @@ class Source(Element):
     def _must_end(self) -> bool:
         """Whether the stream ends before the next frame; waits while a live source is paused."""
         if self.is_live and self._is_paused():
-            with self.changed:
+            with self._state_changed:
                 while self._is_paused():
-                    self.changed.wait(POLL_S)
+                    self._state_changed.wait(POLL_S)
         if self.stopping.is_set():
             raise Flushing(self.name)
         if self._renegotiates:
