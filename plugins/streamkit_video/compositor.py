@@ -54,6 +54,7 @@ class Compositor(Combine):
     @override
     def start(self) -> None:
         self._held: defaultdict[Pad, deque[tuple[int, Frame]]] = defaultdict(deque)  # with running times, ns
+        self._newest_ns: dict[Pad, int] = {}  # running time of the newest frame that has come
         self._shown: dict[Pad, ByteArray] = {}
         self._caps: Caps | None = None
 
@@ -74,7 +75,8 @@ class Compositor(Combine):
                 self._changed.wait(POLL_S)
         if self._is_over():
             raise EndOfStream(self.name)
-        held.append((pad.segment.running_time_ns(frame.pts), frame))
+        self._newest_ns[pad] = pad.segment.running_time_ns(frame.pts)
+        held.append((self._newest_ns[pad], frame))
         yield from self._composed()
 
     @override
@@ -94,9 +96,12 @@ class Compositor(Combine):
     @override
     def flush(self, *, begins: bool) -> None:
         super().flush(begins=begins)
+        if begins:  # an input that has the lock may be held downstream, where the flush has not begun yet
+            return
         with self.combine_lock:
             self.count_drop("flushed", sum(len(held) for held in self._held.values()))
             self._held.clear()
+            self._newest_ns.clear()
             self._changed.notify_all()
 
     @property
@@ -111,10 +116,15 @@ class Compositor(Combine):
         """The frames for which every input has what it shows; called with the lock."""
         main, *others = self.sink_pads()
         waiting = self._held[main]
-        while waiting and all(self._has_reached(pad, waiting[0][0]) for pad in others):
-            time_ns, frame = waiting.popleft()
-            images = [frame.data, *(image for pad in others for image in self._images(pad, time_ns))]
+        while waiting:
+            time_ns, frame = waiting[0]
+            for pad in others:
+                self._show(pad, time_ns)
             self._changed.notify_all()
+            if not all(self._has_reached(pad, time_ns) for pad in others):
+                return
+            waiting.popleft()
+            images = [frame.data, *(image for pad in others for image in self._images(pad))]
             data = side_by_side(images)
             height, width = data.shape[:2]
             caps = frame.caps.with_fields(width=width, height=height)
@@ -123,16 +133,19 @@ class Compositor(Combine):
             yield frame.replace(data=data, caps=self._caps)
 
     def _has_reached(self, pad: Pad, time_ns: int) -> bool:
-        held = self._held[pad]
-        return pad.is_eos or bool(held and held[-1][0] >= time_ns)
+        return pad.is_eos or (pad in self._newest_ns and self._newest_ns[pad] >= time_ns)
 
-    def _images(self, pad: Pad, time_ns: int) -> list[ByteArray]:
-        """What an input shows at a running time, ns; nothing for one that ended before its first frame."""
+    def _show(self, pad: Pad, time_ns: int) -> None:
+        """Makes an input show its newest frame up to a running time, ns; earlier ones wait for nothing."""
         held = self._held[pad]
         while held and held[0][0] <= time_ns:
             self._shown[pad] = held.popleft()[1].data
+
+    def _images(self, pad: Pad) -> list[ByteArray]:
+        """What an input shows; nothing for one that ended before its first frame."""
         if pad in self._shown:
             return [self._shown[pad]]
+        held = self._held[pad]
         return [np.zeros(held[0][1].data.shape, np.uint8)] if held else []
 
 

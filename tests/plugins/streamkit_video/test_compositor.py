@@ -1,5 +1,7 @@
 """compositor: videos side by side, paired by time."""
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,29 @@ def test_a_frame_without_a_time_is_refused() -> None:
             ElementFailure, match=r"c.sink_1: frames are composed by time, this one has no pts"
         ):
             pipeline.run(LIMIT_S)
+
+
+def test_rates_may_lie_far_apart() -> None:
+    """What has come between two frames of the first input does not fill the room of another."""
+    found = compose([(0, 1), (1000, 2), (2000, 3)], [(20 * n, n) for n in range(101)])
+    assert found == [(0, 1, 0), (1000, 2, 50), (2000, 3, 100)]
+
+
+def test_a_flush_of_a_paused_pipeline_returns() -> None:
+    """An input waits in the sink with the lock of all inputs."""
+    text = (
+        "videotestsrc num-buffers=40 ! compositor name=c ! fakesink name=k  "
+        "videotestsrc num-buffers=40 ! queue max-size-buffers=3 ! c."
+    )
+    with Pipeline.parse(text) as pipeline:
+        pipeline.pause()
+        assert pipeline.wait_prerolled(LIMIT_S)
+        flushing = threading.Thread(target=pipeline.flush)
+        flushing.start()
+        flushing.join(LIMIT_S)
+        assert not flushing.is_alive()
+        pipeline.play()
+        message = pipeline.wait(LIMIT_S)
+        assert message is not None
+        assert message.error is None
+        assert pipeline["k"].count > 20
