@@ -12,9 +12,12 @@ CountImage = NDArray[np.uint16]
 FloatImage = NDArray[np.float32]
 LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
+# A row of an image, [columns].
+ByteLine = NDArray[np.uint8]
+CountLine = NDArray[np.uint16]
+FloatLine = NDArray[np.float32]
 # Rows or columns of pixels, [n].
 Indices = NDArray[np.int64]
-INT64_1D = types.Array(types.int64, 1, "C")
 # Points [n, 2], boxes [n, 4] and homographies [3, 3].
 FloatArray = NDArray[np.float64]
 # First column and row of boxes, and those after the last, [n, 4].
@@ -22,10 +25,15 @@ Corners = NDArray[np.int64]
 CORNERS = types.Array(types.int64, 2, "C")
 # Rows and columns of a part of the canvas.
 Slices = tuple[slice, slice]
-# Images of any strides that a kernel writes to.
-UINT8_OUTPUT = types.Array(types.uint8, 2, "A")
-UINT16_OUTPUT = types.Array(types.uint16, 2, "A")
-FLOAT32_OUTPUT = types.Array(types.float32, 2, "A")
+# The same for kernels: first row and the one after the last, first column and the one after the last.
+Bounds = tuple[int, int, int, int]
+BOUNDS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
+
+
+def bounds_of(region: Slices) -> Bounds:
+    """A part of the canvas, as kernels take it."""
+    rows, columns = region
+    return rows.start, rows.stop, columns.start, columns.stop
 
 
 def overlaps(boxes: FloatArray, others: FloatArray) -> Flags:

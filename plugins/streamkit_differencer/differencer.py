@@ -25,6 +25,7 @@ from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_hidden
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
+from streamkit_differencer.warping import fetch
 from streamkit_kernels import prepare
 
 # Smaller frames, in working pixels, are processed at full resolution.
@@ -139,8 +140,7 @@ class Differencer:
         if self.settings.background.shadow:
             mask[shadow_mask(found.image, found.background, found.mask) > 0] = SHADOW
         if is_resampled:
-            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-            mask = cast("ByteImage", cv2.warpPerspective(mask, to_region, working.shape[::-1], flags=flags))
+            mask = fetch(mask, to_region, *working.shape)
         objects, mask = self._objects(image, working, mask, found, position, to_region, motion)
         event = ModelChange.GAIN if found.follows_exposure else ModelChange.NONE
         if cut is Cut.CONFIRMED:
@@ -189,9 +189,7 @@ class Differencer:
         step = self._centres[-1] - self._centres[0]
         if np.hypot(*step) < MIN_STEP_PX:
             return None
-        if is_registered:
-            # A flight comes to new ground all the time: its first second is not worth the ghosts.
-            self._model.begins_at_once = False
+        self._model.flies |= is_registered
         return step * self.settings.objects.parallax if self.settings.objects.parallax > 0.0 else None
 
     def _objects(

@@ -1,11 +1,12 @@
-"""Equations 1 to 4 of the paper, on the part of the canvas that a frame covers.
+"""Equations 1 to 4 of the paper, on the part of the canvas that a frame covers, line by line.
 
 Three points differ from the print. Equation 1 leaves out the case of a pixel that stays quiet: its counter
 stays 0. Equation 3 is meant for quiet pixels only. Equation 4 is printed with its cases swapped and with the
 background of the wrong time: foreground is what differs from the background as it was before this frame.
 
 Masks are uint8, 255 where set. Brightness is uint8, the background float32: in 8 bits a difference of less
-than half a level per update would never be learnt.
+than half a level per update would never be learnt. A step for each image would take most of its time to read
+and write them; a line stays in the processor's cache from one equation to the next.
 
 Source: Zhang, Liu, Qu, "Research on Feature Extraction Method of UAV Video Image Based on Target Tracking",
 section 2.2; the method is that of Collins et al., "A System for Video Surveillance and Monitoring", 2000.
@@ -13,72 +14,88 @@ section 2.2; the method is that of Collins et al., "A System for Video Surveilla
 
 from __future__ import annotations
 
-from typing import cast
-
-import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatImage
+from streamkit_differencer.arrays import ByteLine, FloatLine
+from streamkit_kernels import compiled
 
 # Largest lambda. The counter D is kept as D + LONGEST_WAIT - lambda: a change sets it to this.
 LONGEST_WAIT = 255
+SET = np.uint8(255)
 
 
-def changed_mask(
-    image: ByteImage, earlier: ByteImage, threshold: float, ranges: ByteImage, gradient_gain: float
-) -> ByteImage:
+@compiled
+def find_changes(
+    image: ByteLine,
+    earlier: ByteLine,
+    ranges: ByteLine,
+    threshold: np.float32,
+    gradient_gain: np.float32,
+    changed: ByteLine,
+) -> None:
     """Equation 2: the pixels that differ from f(t - tau) by more than T_s.
 
     Args:
-        image: uint8[h, w], f(t).
-        earlier: uint8[h, w], f(t - tau).
+        image: uint8[w], f(t).
+        earlier: uint8[w], f(t - tau).
+        ranges: uint8[w], the local range of `earlier`.
         threshold: T_s, grey levels; a change exceeds it.
-        ranges: uint8[h, w], the local range of `earlier`.
         gradient_gain: share of the local range that is added to the threshold, so that a registration error
             at an edge is no change; 0 gives the paper's equation.
-
-    Returns:
-        uint8[h, w], mask.
+        changed: uint8[w], becomes the mask S(t).
     """
-    difference = cv2.absdiff(image, earlier)
-    if gradient_gain > 0.0:
-        cv2.addWeighted(difference, 1.0, ranges, -gradient_gain, 0.0, dst=difference)
-    return cast("ByteImage", cv2.threshold(difference, threshold, 255, cv2.THRESH_BINARY, dst=difference)[1])
+    for index in range(changed.size):
+        now, before = image[index], earlier[index]
+        difference = np.float32(np.uint8(max(now, before) - min(now, before)))
+        excess = np.rint(difference - gradient_gain * np.float32(ranges[index]))
+        changed[index] = SET if excess > threshold else np.uint8(0)
 
 
-def count_down(waiting: ByteImage, changed: ByteImage) -> None:
+@compiled
+def count_down(waiting: ByteLine, changed: ByteLine) -> None:
     """Equation 1, in place: D = lambda where a pixel changed, else one less than before.
 
     Args:
-        waiting: uint8[h, w], D(t - 1) + `LONGEST_WAIT` - lambda.
-        changed: uint8[h, w], mask of what changed, S(t).
+        waiting: uint8[w], D(t - 1) + `LONGEST_WAIT` - lambda.
+        changed: uint8[w], mask of what changed, S(t).
     """
-    cv2.subtract(waiting, np.ones_like(waiting), dst=waiting)
-    cv2.bitwise_or(waiting, changed, dst=waiting)
+    for index in range(waiting.size):
+        left = waiting[index]
+        waiting[index] = np.uint8(left - min(left, np.uint8(1))) | changed[index]
 
 
-def quiet_mask(waiting: ByteImage, quiet_frames: int) -> ByteImage:
-    """The pixels with D = 0 for this lambda, uint8[h, w]."""
-    least = LONGEST_WAIT - quiet_frames
-    return cast("ByteImage", cv2.threshold(waiting, least, 255, cv2.THRESH_BINARY_INV)[1])
+@compiled
+def find_quiet(waiting: ByteLine, quiet_frames: int, quiet: ByteLine) -> None:
+    """The pixels with D = 0 for this lambda; `quiet`, uint8[w], becomes their mask."""
+    least = np.uint8(LONGEST_WAIT - quiet_frames)
+    for index in range(waiting.size):
+        quiet[index] = SET if waiting[index] <= least else np.uint8(0)
 
 
-def update_background(background: FloatImage, image: ByteImage, mask: ByteImage, rate: float) -> None:
+@compiled
+def update_background(background: FloatLine, image: ByteLine, mask: ByteLine, rate: np.float32) -> None:
     """Equation 3, in place: B(t) = alpha f(t) + (1 - alpha) B(t - 1) where `mask` is set."""
-    cv2.accumulateWeighted(image, background, rate, mask=mask)
+    kept = np.float32(1.0) - rate
+    for index in range(background.size):
+        before = background[index]
+        mixed = np.float32(image[index]) * rate + before * kept
+        background[index] = mixed if mask[index] > 0 else before
 
 
-def foreground_mask(excess: ByteImage, thresholds: ByteImage) -> ByteImage:
-    """Equation 4: the pixels that differ from B(t - 1) by more than their T_F, uint8[h, w]."""
-    return cast("ByteImage", cv2.compare(excess, thresholds, cv2.CMP_GT))
+@compiled
+def find_foreground_pixels(
+    image: ByteLine, lowest: ByteLine, highest: ByteLine, thresholds: ByteLine, mask: ByteLine
+) -> None:
+    """Equation 4: the pixels that differ from B(t - 1) by more than their T_F.
 
-
-def excess_over_range(image: ByteImage, background: ByteImage, tolerance: int) -> ByteImage:
-    """Distance of each pixel from the range of the background within `tolerance` px, uint8[h, w]."""
-    if tolerance <= 0:
-        return cast("ByteImage", cv2.absdiff(image, background))
-    square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
-    above, below = cv2.dilate(background, square), cv2.erode(background, square)
-    cv2.subtract(image, above, dst=above)
-    cv2.subtract(below, image, dst=below)
-    return cast("ByteImage", cv2.max(above, below, dst=above))
+    Args:
+        image: uint8[w], f(t).
+        lowest: uint8[w], B(t - 1); with a tolerance the least value within it.
+        highest: uint8[w], the same, or the largest value.
+        thresholds: uint8[w], T_F of each pixel.
+        mask: uint8[w], becomes F(t).
+    """
+    for index in range(mask.size):
+        value, low, high = image[index], lowest[index], highest[index]
+        excess = np.uint8(max(value, high) - high) + np.uint8(low - min(value, low))
+        mask[index] = SET if excess > thresholds[index] else np.uint8(0)

@@ -13,15 +13,13 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage
-from streamkit_differencer.equations import excess_over_range, foreground_mask
+from streamkit_differencer.arrays import ByteImage, Slices, bounds_of
+from streamkit_differencer.comparison import compare_with_background
 
 # Values of a finished mask: foreground that changed within quiet_frames, foreground that is quiet, shadow.
 # Values up to the last number are background or shadow.
 MOVING, STOPPED, SHADOW = 255, 128, 50
 HIGHEST_BACKGROUND = 100
-# Smallest lower threshold, grey levels.
-MIN_WEAK = 5
 MAX_MEDIAN_PX = 7
 GROWTH_STEPS = 2
 _GROWTH = np.ones((5, 5), np.uint8)  # two pixels in each direction
@@ -29,6 +27,7 @@ _GROWTH = np.ones((5, 5), np.uint8)  # two pixels in each direction
 
 def find_foreground(
     image: ByteImage,
+    region: Slices,
     background: ByteImage,
     thresholds: ByteImage,
     known: ByteImage,
@@ -38,8 +37,9 @@ def find_foreground(
     """Foreground by equation 4; with a tolerance after a median, and grown through weak pixels.
 
     Args:
-        image: uint8[h, w], f(t).
-        background: uint8[h, w], B(t - 1), rounded.
+        image: uint8, f(t) on the canvas.
+        region: rows and columns of the canvas that the frame covers.
+        background: uint8[h, w], B(t - 1), rounded, of that part, as what follows.
         thresholds: uint8[h, w], T_F of each pixel.
         known: uint8[h, w], mask of the pixels that the frame covers and whose background is known.
         tolerance: registration error to tolerate, px.
@@ -48,13 +48,17 @@ def find_foreground(
     Returns:
         uint8[h, w], mask.
     """
-    strong = foreground_mask(excess_over_range(image, background, tolerance), thresholds) & known
+    lowest = highest = background
+    if tolerance > 0:
+        square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
+        lowest = cast("ByteImage", cv2.erode(background, square))
+        highest = cast("ByteImage", cv2.dilate(background, square))
+    place, images = bounds_of(region), (background, lowest, highest, thresholds, known)
+    strong, weak = compare_with_background(image, place, *images, hysteresis_ratio)
     if tolerance <= 0 or hysteresis_ratio >= 1.0:
         return strong
-    difference = cv2.threshold(cv2.absdiff(image, background), MIN_WEAK, 0, cv2.THRESH_TOZERO)[1]
-    lower = cast("ByteImage", cv2.convertScaleAbs(thresholds, alpha=hysteresis_ratio))
     mask = cast("ByteImage", cv2.medianBlur(strong, 3))
-    weak = (foreground_mask(cast("ByteImage", difference), lower) | mask) & known
+    weak = (weak | mask) & known
     for _ in range(GROWTH_STEPS):
         mask = weak & cast("ByteImage", cv2.dilate(mask, _GROWTH))
     return mask

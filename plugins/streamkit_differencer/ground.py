@@ -60,8 +60,6 @@ class Ground:
         known_frames: uint16[h, w], frames that the background was seen at rest.
         other: uint8[h, w], the other value of each pixel, see `learning`.
         other_frames: uint16[h, w], frames that it was seen at rest.
-        flicker: uint8[h, w], see `filters.flicker`.
-        foreground_before: uint8[h, w], mask of the previous frame's foreground.
     """
 
     background: FloatImage
@@ -71,8 +69,6 @@ class Ground:
     known_frames: CountImage
     other: ByteImage
     other_frames: CountImage
-    flicker: ByteImage
-    foreground_before: ByteImage
 
     @classmethod
     def unknown(cls, size: tuple[int, int]) -> Ground:

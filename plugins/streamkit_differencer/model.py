@@ -9,39 +9,30 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import cast
 
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above, local_range, set_pixels
-from streamkit_differencer.equations import (
-    LONGEST_WAIT,
-    changed_mask,
-    count_down,
-    quiet_mask,
-    update_background,
-)
+from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of, local_range
+from streamkit_differencer.comparison import find_quiet_ground, known_background
+from streamkit_differencer.equations import LONGEST_WAIT
 from streamkit_differencer.filters.components import components_of, remove_blocks
-from streamkit_differencer.filters.flicker import update_flicker
-from streamkit_differencer.filters.ghost import find_ghosts
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
-from streamkit_differencer.ground import PROVISIONAL, UNKNOWN, CanvasFrame, Ground
+from streamkit_differencer.ground import CanvasFrame, Ground
 from streamkit_differencer.illumination import exposure_change
-from streamkit_differencer.learning import choose_values
+from streamkit_differencer.learning import choose_values, learn_ground
 from streamkit_differencer.noise import (
-    EDGE_SHARE,
-    FIRST_DEVIATION,
+    DEVIATION_RATIO,
+    LEARNING_RATE,
+    MAX_FOREGROUND,
     NOISE_INTERVAL,
-    learn_noise,
-    thresholds_of,
+    RESTLESS_RATE,
 )
 from streamkit_differencer.settings import BackgroundSettings
 
 # Frames in which a value must be seen to replace a provisional background.
 MIN_FRAMES = 3
-GHOST_INTERVAL = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,15 +66,14 @@ class BackgroundModel:
         size: width and height of the canvas, px.
         settings: may be replaced between frames.
         scale: frame pixels per canvas pixel.
-        begins_at_once: whether what differs from the first frames is foreground. Things in them leave ghosts
-            for `quiet_frames`; without it nothing is foreground until those are gone.
+        flies: whether the camera flies over new ground.
         ground: the state of every pixel.
     """
 
     size: tuple[int, int]
     settings: BackgroundSettings
     scale: int = 1
-    begins_at_once: bool = True
+    flies: bool = False
     ground: Ground = field(init=False)
     _frames: int = 0
     # The frame `frame_interval` before, or the first one, and those since.
@@ -121,90 +111,69 @@ class BackgroundModel:
         """
         settings, ground, frame = self.settings, self.ground.part(region), whole.part(region)
         follows_exposure = self._follow_exposure(frame, ground)
-        earlier = self._history[0].part(region) if self._history else None
         self._frames += 1
-        quiet = self._wait(ground, frame, earlier, settings.gradient_gain if is_resampled else 0.0)
-        background = cast("ByteImage", cv2.convertScaleAbs(ground.background))
-        thresholds = thresholds_of(ground.deviation, settings.noise_gain, settings.foreground_threshold)
-        known = cast("ByteImage", cv2.bitwise_and(above(ground.valid, UNKNOWN), frame.seen))
-        compared = frame.image, background, thresholds, known
-        mask = find_foreground(*compared, self.tolerance, settings.hysteresis_ratio)
-        found = Comparison(*compared, quiet, mask, follows_exposure)
-        self._filter_components(ground, found, earlier, parallax)
-        self._learn(ground, frame, found)
+        quiet = self._find_quiet(whole, region, settings.gradient_gain if is_resampled else 0.0)
+        state, gain = self.ground, settings.noise_gain * DEVIATION_RATIO
+        background, thresholds, known = known_background(
+            whole.seen,
+            state.valid,
+            state.background,
+            state.deviation,
+            bounds_of(region),
+            gain,
+            settings.foreground_threshold,
+        )
+        compared = background, thresholds, known
+        mask = find_foreground(whole.image, region, *compared, self.tolerance, settings.hysteresis_ratio)
+        found = Comparison(frame.image, *compared, quiet, mask, follows_exposure)
+        if parallax is not None and self._history:
+            self._remove_parallax(region, found, parallax)
+        self._learn(whole, region, found)
         self._history.append(whole)
-        if settings.flicker:
-            mask &= ~update_flicker(ground.flicker, ground.foreground_before, mask)
-        if not self.begins_at_once and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
-            mask[ground.valid == PROVISIONAL] = 0
         return found
 
-    def _wait(
-        self, ground: Ground, frame: CanvasFrame, earlier: CanvasFrame | None, gradient_gain: float
-    ) -> ByteImage:
+    def _find_quiet(self, frame: CanvasFrame, region: Slices, gradient_gain: float) -> ByteImage:
         """Equations 1 and 2; ground that was never quiet yet gets a provisional background."""
-        settings = self.settings
-        if earlier is None:
+        settings, ground = self.settings, self.ground
+        if not self._history:
             # Without an earlier frame no pixel counts as quiet.
             ground.waiting[frame.seen > 0] = LONGEST_WAIT
-            return np.zeros_like(frame.image)
-        ranges = local_range(earlier.image)
-        changed = changed_mask(frame.image, earlier.image, settings.change_threshold, ranges, gradient_gain)
-        # What is not in both frames counts as changed.
-        unseen = cv2.bitwise_not(cv2.bitwise_and(frame.seen, earlier.seen))
-        changed = cast("ByteImage", cv2.bitwise_or(changed, unseen))
-        count_down(ground.waiting, changed)
-        new = set_pixels(~above(cast("ByteImage", cv2.bitwise_or(ground.valid, changed)), UNKNOWN))
-        ground.background[new], ground.valid[new] = earlier.image[new], PROVISIONAL
-        ground.deviation[new] = FIRST_DEVIATION + EDGE_SHARE * ranges[new]
-        return quiet_mask(ground.waiting, settings.quiet_frames)
+            return np.zeros_like(frame.image[region])
+        earlier = self._history[0]
+        images = *frame, *earlier, local_range(earlier.image[region])
+        limits = settings.change_threshold, gradient_gain, settings.quiet_frames
+        states = ground.waiting, ground.background, ground.deviation, ground.valid
+        return find_quiet_ground(*images, *states, bounds_of(region), *limits)
 
-    def _filter_components(
-        self,
-        ground: Ground,
-        found: Comparison,
-        earlier: CanvasFrame | None,
-        parallax: FloatArray | None,
-    ) -> None:
-        """Removes ghosts and parallax from the foreground, and learns them as background."""
-        # Ghosts stay in place, so every third frame is enough.
-        finds_ghosts = self.settings.ghost and self._frames % GHOST_INTERVAL == 0
-        if not finds_ghosts and (parallax is None or earlier is None):
-            return
+    def _remove_parallax(self, region: Slices, found: Comparison, shift: FloatArray) -> None:
+        """Removes the parallax of tall objects from the foreground, and learns it as background."""
         blocks, count = components_of(found.mask)
-        ghosts = shifted = np.zeros(len(blocks), np.bool_)
-        images = found.image, found.background, ground.valid
-        if finds_ghosts:
-            ghosts = find_ghosts(*images, ground.waiting, found.mask, blocks, count)[blocks[:, 2]]
-        if parallax is not None and earlier is not None:
-            radius, (x, y) = max(self.tolerance, 1), parallax.tolist()
-            frames = *images, *earlier, found.thresholds
-            shifted = find_parallax(frames, found.mask, blocks, count, radius, (x, y))
-        if ghosts.any() or shifted.any():
-            masks = found.mask, found.quiet
-            remove_blocks(blocks, ghosts, shifted, *masks, found.image, ground.background)
+        ground, earlier = self.ground.part(region), self._history[0].part(region)
+        frames = found.image, found.background, ground.valid, *earlier, found.thresholds
+        x, y = shift.tolist()
+        shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), (x, y))
+        if shifted.any():
+            remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background)
 
-    def _learn(self, ground: Ground, frame: CanvasFrame, found: Comparison) -> None:
+    def _learn(self, frame: CanvasFrame, region: Slices, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""
-        settings = self.settings
-        undecided = ~above(ground.valid, PROVISIONAL) | found.mask
-        averaged = cast("ByteImage", cv2.subtract(found.quiet, undecided))
-        # A flight comes to new ground all the time, with vehicles on it that are as even as ground.
-        min_frames = MIN_FRAMES if self.begins_at_once else settings.quiet_frames
+        settings, ground = self.settings, self.ground
+        # On new ground there are vehicles that are as even as ground.
+        min_frames = settings.quiet_frames if self.flies else MIN_FRAMES
         same = int(settings.foreground_threshold)
         limits = settings.quiet_frames, settings.absorb_frames, same, min_frames
-        images = frame.image, found.mask, found.quiet, found.background, found.thresholds
-        states = ground.background, ground.valid, ground.known_frames, ground.other, ground.other_frames
-        # Few pixels are undecided: a search and a loop over them take half the time of a loop over all.
-        pixels = np.flatnonzero(cv2.bitwise_and(undecided, frame.seen) > 0)
-        choose_values(pixels, *images, *states, *limits)
-        update_background(ground.background, frame.image, averaged, settings.learning_rate)
-        cv2.add(ground.known_frames, (averaged & np.uint8(1)).astype(np.uint16), dst=ground.known_frames)
-        if self._frames % NOISE_INTERVAL:
-            return
-        # The threshold limits what a missed object adds.
-        difference = cast("ByteImage", cv2.min(cv2.absdiff(frame.image, found.background), found.thresholds))
-        learn_noise(ground, difference, found.mask, averaged)
+        noise_rate = restless_rate = 0.0
+        if self._frames % NOISE_INTERVAL == 0:
+            is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
+            noise_rate, restless_rate = LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
+        rates = settings.learning_rate, noise_rate, restless_rate
+        bounds, foreground = bounds_of(region), (found.mask, found.quiet, found.background)
+        images = frame.image, *foreground
+        states = ground.background, ground.deviation, ground.valid, ground.known_frames
+        learn_ground(*images, *states, bounds, *rates)
+        compared = *frame, *foreground, found.thresholds
+        values = ground.background, ground.valid, ground.known_frames, ground.other, ground.other_frames
+        choose_values(*compared, *values, bounds, *limits)
 
     def _follow_exposure(self, frame: CanvasFrame, ground: Ground) -> bool:
         """Adapts the brightness of the model and of the last frames to the frame's."""

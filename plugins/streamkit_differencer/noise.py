@@ -6,13 +6,11 @@ is too high for the first or too low for the others.
 
 from __future__ import annotations
 
-from typing import cast
-
-import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatImage
-from streamkit_differencer.ground import PROVISIONAL, Ground
+from streamkit_differencer.arrays import ByteLine, FloatLine
+from streamkit_differencer.ground import PROVISIONAL
+from streamkit_kernels import compiled
 
 HIGHEST_THRESHOLD = 60
 # Of a normal distribution: standard deviation over mean absolute deviation.
@@ -27,23 +25,40 @@ LEARNING_RATE, RESTLESS_RATE = 0.2, 0.4
 MAX_FOREGROUND = 0.3
 
 
-def thresholds_of(deviation: FloatImage, gain: float, lowest: float) -> ByteImage:
-    """T_F of each pixel, uint8[h, w]: so many standard deviations, but not below `lowest` grey levels."""
-    limits = cv2.convertScaleAbs(deviation, alpha=gain * DEVIATION_RATIO)
-    cv2.threshold(limits, HIGHEST_THRESHOLD, 0, cv2.THRESH_TRUNC, dst=limits)
-    return cast("ByteImage", cv2.max(limits, np.full_like(limits, int(lowest)), dst=limits))
+@compiled
+def find_thresholds(deviation: FloatLine, gain: np.float32, lowest: np.float32, thresholds: ByteLine) -> None:
+    """T_F of each pixel of a line: so many mean deviations, but not below `lowest` grey levels."""
+    highest = np.float32(HIGHEST_THRESHOLD)
+    for index in range(thresholds.size):
+        wanted = min(np.rint(deviation[index] * gain), highest)
+        thresholds[index] = np.uint8(np.int32(max(wanted, lowest)))
 
 
-def learn_noise(ground: Ground, difference: ByteImage, mask: ByteImage, averaged: ByteImage) -> None:
-    """Learns the mean absolute deviation of each pixel as a running mean.
+@compiled
+def learn_noise(
+    image: ByteLine,
+    background: ByteLine,
+    averaged: ByteLine,
+    mask: ByteLine,
+    valid: ByteLine,
+    rates: tuple[np.float32, np.float32],
+    deviation: FloatLine,
+) -> None:
+    """Learns the mean absolute deviation of each pixel of a line as a running mean.
 
     Args:
-        ground: its deviation is updated in place.
-        difference: uint8[h, w], of the frame to the background, as far as it counts.
-        mask: uint8[h, w], foreground.
-        averaged: uint8[h, w], mask of known background at rest.
+        image: uint8[w], f(t).
+        background: uint8[w], B(t - 1) in whole grey levels.
+        averaged: uint8[w], mask of known background at rest.
+        mask: uint8[w], foreground.
+        valid: uint8[w], see `ground`.
+        rates: weight of the frame in the noise of `averaged`, and in that of a provisional background.
+        deviation: float32[w], updated in place.
     """
-    cv2.accumulateWeighted(difference, ground.deviation, LEARNING_RATE, mask=averaged)
-    if cv2.countNonZero(mask) < MAX_FOREGROUND * mask.size:
-        restless = ((ground.valid == PROVISIONAL) & (mask == 0)).view(np.uint8)
-        cv2.accumulateWeighted(difference, ground.deviation, RESTLESS_RATE, mask=restless)
+    rate, restless_rate = rates
+    for index in range(deviation.size):
+        value, other = image[index], background[index]
+        difference = np.float32(np.uint8(max(value, other) - min(value, other)))
+        is_restless = (valid[index] == np.uint8(PROVISIONAL)) & (mask[index] == np.uint8(0))
+        weight = rate if averaged[index] > 0 else (restless_rate if is_restless else np.float32(0.0))
+        deviation[index] = difference * weight + deviation[index] * (np.float32(1.0) - weight)

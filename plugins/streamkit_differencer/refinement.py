@@ -19,8 +19,6 @@ from streamkit_kernels import BOOL_1D, FLOAT64, UINT8, UINT8_STRIDED, compiled, 
 
 # Share of the mean contrast at an object's edge; pixels around the object lower that mean.
 EDGE_SHARE = 0.4
-# An object that would shrink below this share has parts as grey as the background, and stays as it is.
-MIN_AREA = 0.35
 # Larger objects gain nothing.
 MAX_PX = 256
 # Columns of the result.
@@ -111,7 +109,7 @@ def measured_at_full_resolution(
                     inside += 1
                     total += contrasts[index]
         edge = EDGE_SHARE * total / max(inside, 1)
-        _outline(contrasts, (left, top, width, height), edge, MIN_AREA * inside, found[number])
+        _outline(contrasts, (left, top, width, height), edge, found[number])
     return found
 
 
@@ -137,10 +135,9 @@ def _outline(
     contrasts: NDArray[np.int16],
     place: tuple[int, int, int, int],
     edge: float,
-    least: float,
     found: NDArray[np.float64],
 ) -> None:
-    """Box, centroid and area of the pixels that exceed an edge, unless they are too few."""
+    """Box, centroid and area of the pixels that exceed an edge."""
     first_x, first_y, width, height = place
     area, sum_x, sum_y = 0, 0, 0
     left, top, right, bottom = first_x + width, first_y + height, first_x, first_y
@@ -150,6 +147,6 @@ def _outline(
                 area, sum_x, sum_y = area + 1, sum_x + column, sum_y + row
                 left, top = min(left, column), min(top, row)
                 right, bottom = max(right, column + 1), max(bottom, row + 1)
-    if area > 0 and area >= least:
+    if area > 0:
         found[0], found[1], found[2], found[3] = left - 0.5, top - 0.5, right - 0.5, bottom - 0.5
         found[4], found[5], found[6] = sum_x / area, sum_y / area, area

@@ -7,9 +7,10 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import corners, project, translation
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above
+from streamkit.geometry.homography import corners, inverse, project
+from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above, bounds_of
 from streamkit_differencer.ground import CanvasFrame
+from streamkit_differencer.warping import draw
 from streamkit_kernels import hidden_pixels
 
 # The outermost pixels of a warped frame mix with the border.
@@ -64,9 +65,7 @@ def draw_on_canvas(
     if is_whole and (bottom - top, right - left) == shape:
         frame.image[region], frame.seen[region] = working, 255
         return frame, region, False
-    if top < bottom and left < right:
-        to_region = translation(np.array([-left, -top])) @ to_canvas
-        frame.image[region] = cv2.warpPerspective(working, to_region, (right - left, bottom - top))
+    draw(working, inverse(to_canvas), frame.image, bounds_of(region))
     # A wider border than the one that interpolation mixes with.
     inner = project(to_canvas, outline + _INWARDS * BORDER_PX)
     cv2.fillConvexPoly(frame.seen, np.round(inner).astype(np.int32), 255)

@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 
 from streamkit.settings import setting
-
-
-class Criterion(enum.StrEnum):
-    """Merge criterion J_mn: the gap between two fragments, or the scatter that merging them adds."""
-
-    GAP = "gap"
-    SCATTER = "scatter"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +107,6 @@ class BackgroundSettings:
         live=True,
         doc="Removes shadows, for a quarter more time; objects as grey as a shadow suffer.",
     )
-    ghost: bool = setting(
-        True,
-        live=True,
-        doc="Removes ghosts, left where an object that was learnt as background has moved away.",
-    )
-    flicker: bool = setting(
-        False,
-        live=True,
-        doc="Removes flickering pixels, such as leaves, for a twentieth more time; dense traffic suffers.",
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,12 +134,7 @@ class ObjectSettings:
         max=100,
         live=True,
         unit="cells",
-        doc="Fragments nearer than this are one object; -1 is 3 at full resolution, else 1.",
-    )
-    merge_criterion: Criterion = setting(
-        Criterion.GAP,
-        live=True,
-        doc="Merge criterion, the paper's J_mn: gap between fragments, or scatter of cells in a cluster.",
+        doc="Fragments nearer than this are one object (J_mn); -1 is 3 at full resolution, else 1.",
     )
     # What creeps changes at its front and rear only: this is a fortieth of its length in quiet_frames.
     min_change: float = setting(

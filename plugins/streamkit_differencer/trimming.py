@@ -18,9 +18,9 @@ from streamkit_kernels import FLOAT32, FLOAT64, INT32, UINT8, UINT8_STRIDED, com
 # parts of an object that are almost as grey as the background may have less.
 HALO_SHARE = 0.12
 # A soft shadow has less than this share of that contrast, takes less than this share of the light, and keeps
-# the texture of the ground: the ratio of frame to background hardly varies, beyond noise in grey levels.
+# the texture of the ground: the ratio of frame to background hardly varies.
 SHADOW_SHARE, SHADOW_DEPTH = 0.5, 0.25
-MAX_DEVIATION, NOISE_LEVELS = 0.04, 3.0
+MAX_DEVIATION = 0.04
 # Marks removed pixels until all are found.
 TRIMMED = 1
 
@@ -45,10 +45,11 @@ def object_contrasts(
         count: number of components.
 
     Returns:
-        uint8[h, w], the background under each foreground pixel, at least 1; and float32[h, w], the mean
-        contrast of its component.
+        uint8[h, w], the background under each foreground pixel, at least 1; float32[h / 2 + 1, w / 2 + 1],
+        the mean contrast of the component that each block of two by two pixels belongs to.
     """
-    ground, contrast = np.zeros(mask.shape, np.uint8), np.zeros(mask.shape, np.float32)
+    ground = np.zeros(mask.shape, np.uint8)
+    contrast = np.zeros((mask.shape[0] // 2 + 1, mask.shape[1] // 2 + 1), np.float32)
     sums, pixels = np.zeros(count), np.zeros(count)
     for index in range(len(blocks)):
         for offset in range(4):
@@ -58,9 +59,9 @@ def object_contrasts(
                 sums[blocks[index, 2]] += abs(np.int64(image[row, column]) - np.int64(ground[row, column]))
                 pixels[blocks[index, 2]] += 1.0
     for index in range(len(blocks)):
-        mean = sums[blocks[index, 2]] / max(pixels[blocks[index, 2]], 1.0)
-        for offset in range(4):
-            contrast[blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2] = mean
+        component = blocks[index, 2]
+        mean = sums[component] / max(pixels[component], 1.0)
+        contrast[blocks[index, 0] // 2, blocks[index, 1] // 2] = mean
     return ground, contrast
 
 
@@ -81,7 +82,7 @@ def trim(
         image: uint8[h, w], the frame at the same scale.
         blocks: int32[n, 3], see `components_of`.
         ground: uint8[h, w], see `object_contrasts`, as `contrast`.
-        contrast: float32[h, w].
+        contrast: float32[h / 2 + 1, w / 2 + 1].
         halo_share: of an object's mean contrast; pixels with less are its halo.
         shadow_share: of an object's mean contrast; darker pixels with less may be soft shadow.
 
@@ -123,13 +124,14 @@ def _is_surrounding(
     shares: tuple[float, float],
 ) -> bool:
     """Whether a pixel is foreground that may be halo or soft shadow."""
-    if mask[row, column] <= HIGHEST_BACKGROUND or contrast[row, column] == 0.0:
+    mean = contrast[row // 2, column // 2]
+    if mask[row, column] <= HIGHEST_BACKGROUND or mean == 0.0:
         return False
     known = np.int64(ground[row, column])
     darkening = known - np.int64(image[row, column])
-    if abs(darkening) < shares[0] * contrast[row, column]:
+    if abs(darkening) < shares[0] * mean:
         return True
-    is_soft = 0 < darkening < min(shares[1] * contrast[row, column], SHADOW_DEPTH * known)
+    is_soft = 0 < darkening < min(shares[1] * mean, SHADOW_DEPTH * known)
     return is_soft and _is_even(mask, image, ground, row, column)
 
 
@@ -142,8 +144,8 @@ def _is_even(mask: ByteImage, image: ByteImage, ground: ByteImage, row: int, col
             if mask[y, x] > HIGHEST_BACKGROUND or mask[y, x] == TRIMMED:
                 ratio = image[y, x] / np.int64(ground[y, x])
                 count, total, squares = count + 1, total + ratio, squares + ratio * ratio
-    mean, noise = total / count, NOISE_LEVELS / np.int64(ground[row, column])
-    return bool(squares / count - mean * mean <= MAX_DEVIATION**2 + noise * noise)
+    mean = total / count
+    return bool(squares / count - mean * mean <= MAX_DEVIATION**2)
 
 
 @compiled

@@ -1,1 +1,1 @@
-"""Filters of false foreground: shadows, flicker, ghosts, parallax."""
+"""Filters of false foreground: shadows, parallax."""

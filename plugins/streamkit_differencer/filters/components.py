@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, Flags, FloatImage, LabelImage, set_pixels
+from streamkit_differencer.arrays import ByteImage, FloatImage, LabelImage, set_pixels
 
 _BLOCK = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]], np.int32)
 
@@ -44,28 +44,19 @@ def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[NDArray[np.int32], .
 
 
 def remove_blocks(
-    blocks: LabelImage,
-    ghosts: Flags,
-    shifted: Flags,
-    mask: ByteImage,
-    quiet: ByteImage,
-    image: ByteImage,
-    background: FloatImage,
+    blocks: LabelImage, mask: ByteImage, quiet: ByteImage, image: ByteImage, background: FloatImage
 ) -> None:
-    """Removes blocks from the foreground, and learns them as background.
+    """Removes blocks from the foreground, and learns them where they are quiet: the background keeps up.
 
     Args:
         blocks: int32[n, 3], see `components_of`.
-        ghosts: bool[n], those to learn at once.
-        shifted: bool[n], those to learn where they are quiet, so that the background keeps up.
         mask: uint8[h, w], foreground.
         quiet: uint8[h, w], mask of D = 0.
         image: uint8[h, w], f(t).
         background: float32[h, w], B.
     """
-    removed = ghosts | shifted
-    rows, columns, is_ghost = pixels_of(np.column_stack([blocks[removed, :2], ghosts[removed]]), mask)
+    rows, columns, _ = pixels_of(blocks, mask)
     mask[rows, columns] = 0
-    is_learnt = (is_ghost > 0) | (quiet[rows, columns] > 0)
-    learnt = rows[is_learnt], columns[is_learnt]
+    is_quiet = quiet[rows, columns] > 0
+    learnt = rows[is_quiet], columns[is_quiet]
     background[learnt] = image[learnt]

@@ -140,9 +140,9 @@ def explained_blocks(
         low, high = value - most, value + most
         path = LAG * shift_x, LAG * shift_y
         states[index] = NOT_EXPLAINED
-        if _explains(background, valid, 1, radius, row, column, path, low, high):
+        if _explains(background, valid, radius, row, column, path, low, high):
             path = beyond * shift_x, beyond * shift_y
-            if _explains(earlier, earlier_seen, 0, 1, row, column, path, low, high):
+            if _explains(earlier, earlier_seen, 1, row, column, path, low, high):
                 states[index] = IS_EXPLAINED
     return states
 
@@ -151,7 +151,6 @@ def explained_blocks(
 def _explains(
     image: ByteImage,
     known: ByteImage,
-    border: int,
     radius: int,
     row: int,
     column: int,
@@ -159,10 +158,7 @@ def _explains(
     low: np.int64,
     high: np.int64,
 ) -> bool:
-    """Whether the range of values along a path, within the radius, overlaps `low` to `high`.
-
-    Pixels nearer than `border` to unknown ones do not count: an object that enters the frame was there, too.
-    """
+    """Whether the range of values along a known path, within the radius, overlaps `low` to `high`."""
     bottom, right = image.shape
     steps = int(np.rint(max(abs(path[0]), abs(path[1]))))
     lowest, highest = np.int64(255), np.int64(0)
@@ -170,7 +166,7 @@ def _explains(
         part = step / max(steps, 1)
         y = min(max(row + int(np.rint(part * path[1])), 0), bottom - 1)
         x = min(max(column + int(np.rint(part * path[0])), 0), right - 1)
-        if not _is_all_set(known, y, x, border):
+        if known[y, x] == 0:
             continue
         for y_near in range(max(y - radius, 0), min(y + radius + 1, bottom)):
             for x_near in range(max(x - radius, 0), min(x + radius + 1, right)):
@@ -179,13 +175,3 @@ def _explains(
         if lowest <= high and highest >= low:
             return True
     return False
-
-
-@compiled
-def _is_all_set(mask: ByteImage, row: int, column: int, border: int) -> bool:
-    """Whether all pixels within `border` of a pixel are not 0."""
-    for y in range(max(row - border, 0), min(row + border + 1, mask.shape[0])):
-        for x in range(max(column - border, 0), min(column + border + 1, mask.shape[1])):
-            if mask[y, x] == 0:
-                return False
-    return True

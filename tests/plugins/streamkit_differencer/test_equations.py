@@ -6,20 +6,47 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.equations import (
-    LONGEST_WAIT,
-    changed_mask,
-    count_down,
-    excess_over_range,
-    foreground_mask,
-    quiet_mask,
-    update_background,
-)
+from streamkit_differencer import equations
+from streamkit_differencer.comparison import compare_with_background
+from streamkit_differencer.equations import LONGEST_WAIT
 
 
-def changed(image, earlier, threshold):
-    """Equation 2 as in the paper."""
-    return changed_mask(image, earlier, threshold, np.zeros_like(image), 0.0)
+def changed(image, earlier, threshold, ranges=None, gain=0.0):
+    """Equation 2; as in the paper without ranges."""
+    mask, ranges = np.empty_like(image), np.zeros_like(image) if ranges is None else ranges
+    limits = np.float32(threshold), np.float32(gain)
+    for row in range(len(image)):
+        equations.find_changes(image[row], earlier[row], ranges[row], *limits, mask[row])
+    return mask
+
+
+def count_down(waiting, mask):
+    """Equation 1."""
+    for row in range(len(waiting)):
+        equations.count_down(waiting[row], mask[row])
+
+
+def quiet_mask(waiting, quiet_frames):
+    """The pixels with D = 0."""
+    mask = np.empty_like(waiting)
+    for row in range(len(waiting)):
+        equations.find_quiet(waiting[row], quiet_frames, mask[row])
+    return mask
+
+
+def update_background(background, image, mask, rate):
+    """Equation 3."""
+    for row in range(len(image)):
+        equations.update_background(background[row], image[row], mask[row], np.float32(rate))
+
+
+def foreground(image, background, threshold, tolerance=0):
+    """Equation 4 with one threshold."""
+    square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
+    bounds, everywhere = (0, image.shape[0], 0, image.shape[1]), np.full_like(image, 255)
+    images = background, cv2.erode(background, square), cv2.dilate(background, square)
+    limits = np.full_like(image, int(threshold)), everywhere
+    return compare_with_background(image, bounds, *images, *limits, 1.0)[0]
 
 
 @dataclass
@@ -43,8 +70,7 @@ class FrameDifference:
                 np.zeros(current.shape, np.float32),
                 np.zeros(current.shape, np.uint8),
             )
-        excess = excess_over_range(current, cv2.convertScaleAbs(self.background), 0)
-        mask = foreground_mask(excess, np.full(current.shape, int(self.tf), np.uint8)) & self.valid
+        mask = foreground(current, cv2.convertScaleAbs(self.background), self.tf) & self.valid
         if len(self.earlier) == self.interval:
             count_down(self.waiting, changed(current, self.earlier.pop(0), self.ts))
         quiet = quiet_mask(self.waiting, self.quiet_frames)
@@ -134,20 +160,20 @@ def test_equation_1_keeps_a_quiet_pixel_quiet():
 
 def test_thresholds_must_be_exceeded():
     """A difference equal to the threshold is no change, in equation 2 and in equation 4."""
-    base, limits = np.full((3, 3), 100, np.uint8), np.full((3, 3), 22, np.uint8)
+    base = np.full((3, 3), 100, np.uint8)
     assert not changed(base + np.uint8(18), base, 18.0).any()
     assert changed(base - np.uint8(19), base, 18.0).all()
-    assert not foreground_mask(excess_over_range(base + np.uint8(22), base, 0), limits).any()
-    assert foreground_mask(excess_over_range(base - np.uint8(23), base, 0), limits).all()
+    assert not foreground(base + np.uint8(22), base, 22).any()
+    assert foreground(base - np.uint8(23), base, 22).all()
 
 
 def test_gradient_gain_raises_the_threshold_at_edges_only():
     """By that share of the local range; elsewhere nothing changes."""
     earlier, ranges = np.zeros((2, 40), np.uint8), np.zeros((2, 40), np.uint8)
     ranges[:, 20:] = 44
-    changed = changed_mask(earlier + np.uint8(40), earlier, 18.0, ranges, 0.5)
-    assert changed[:, :20].all()
-    assert not changed[:, 20:].any()
+    mask = changed(earlier + np.uint8(40), earlier, 18.0, ranges, 0.5)
+    assert mask[:, :20].all()
+    assert not mask[:, 20:].any()
 
 
 @pytest.mark.parametrize("tolerance", [1, 2])
@@ -155,9 +181,9 @@ def test_a_registration_error_within_the_tolerance_is_no_difference(tolerance):
     """An edge that is off by the tolerance is within the background's range; one by more is not."""
     background, within, beyond = np.zeros((3, 20, 40), np.uint8)
     background[:, 20:] = within[:, 20 + tolerance :] = beyond[:, 21 + tolerance :] = 200
-    assert not excess_over_range(within, background, tolerance).any()
-    assert excess_over_range(beyond, background, tolerance).any()
-    assert excess_over_range(within, background, 0).any()
+    assert not foreground(within, background, 0, tolerance).any()
+    assert foreground(beyond, background, 0, tolerance).any()
+    assert foreground(within, background, 0).any()
 
 
 def test_equation_3_learns_differences_smaller_than_a_level():

@@ -13,7 +13,8 @@ def found(image, tolerance=0, ratio=0.5, known=255):
     """The foreground of an image before a black ground, with thresholds of 20."""
     background, thresholds = np.zeros(SHAPE, np.uint8), np.full(SHAPE, 20, np.uint8)
     known = np.broadcast_to(np.uint8(known), SHAPE).copy()
-    return find_foreground(image, background, thresholds, known, tolerance, ratio)
+    region = np.s_[0 : SHAPE[0], 0 : SHAPE[1]]
+    return find_foreground(image, region, background, thresholds, known, tolerance, ratio)
 
 
 def test_weak_differences_count_beside_strong_ones():

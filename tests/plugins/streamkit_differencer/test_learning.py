@@ -14,11 +14,9 @@ def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min
     """Learns from a frame; updates `state`."""
     rounded = np.rint(state["background"]).astype(np.uint8)
     names = "background", "valid", "known_frames", "other", "other_frames"
-    states = (state[name] for name in names)
-    limits = quiet_frames, absorb_frames, SAME, min_frames
-    undecided = mask | np.where(state["valid"] == KNOWN, np.uint8(0), np.uint8(255))
-    images = image, mask, quiet, rounded, state["thresholds"]
-    choose_values(np.flatnonzero(undecided), *images, *states, *limits)
+    states, bounds = (state[name] for name in names), (0, SHAPE[0], 0, SHAPE[1])
+    images = image, np.full_like(image, 255), mask, quiet, rounded, state["thresholds"]
+    choose_values(*images, *states, bounds, quiet_frames, absorb_frames, SAME, min_frames)
 
 
 def a_state(seed, valid):

@@ -105,7 +105,7 @@ def test_background_under_a_thing_is_kept():
 
 def test_a_ghost_lasts_as_long_as_the_object_was_seen():
     """What the first frames show by chance yields to what is seen for longer, before absorb frames."""
-    model = learnt(replace(SETTINGS, ghost=False), with_thing(ground(), 30), FIRST_VALID)
+    model = learnt(SETTINGS, with_thing(ground(), 30), FIRST_VALID)
     frames = 0
     while show(model, ground())[0].any():
         frames += 1
@@ -116,7 +116,7 @@ def test_a_ghost_lasts_as_long_as_the_object_was_seen():
 
 def test_an_object_that_stopped_for_long_leaves_no_ghost_when_it_goes():
     """The ground under it is remembered, and is background again as soon as it is quiet."""
-    model = learnt(replace(SETTINGS, ghost=False), frames=40)
+    model = learnt(SETTINGS, frames=40)
     for _ in range(3 * SETTINGS.absorb_frames):
         mask, _ = show(model, with_thing(ground(), 30))
     assert not mask.any()
@@ -215,14 +215,6 @@ def test_a_model_that_begins_has_a_provisional_background():
     assert (mask[20:30, 30:40] == 255).mean() > 0.9
     mask[18:32, 28:42] = 0
     assert not mask.any()
-
-
-def test_a_model_may_wait_until_the_ground_was_quiet():
-    """Then nothing of the first frames leaves a ghost."""
-    model = BackgroundModel((160, 120), SETTINGS, begins_at_once=False)
-    for time in range(SETTINGS.quiet_frames):
-        mask, _ = show(model, with_thing(ground(), 30 + 5 * time))
-        assert not mask.any()
 
 
 @pytest.mark.parametrize("gain", [1.35, 0.7])

@@ -2,26 +2,37 @@
 
 import numpy as np
 
-from streamkit_differencer.ground import Ground
-from streamkit_differencer.noise import (
-    DEVIATION_RATIO,
-    learn_noise,
-    thresholds_of,
-)
+from streamkit_differencer.ground import KNOWN, PROVISIONAL
+from streamkit_differencer.noise import DEVIATION_RATIO, find_thresholds, learn_noise
+
+RATES = np.float32(0.2), np.float32(0.4)
 
 
 def test_the_deviation_of_noise_is_learnt():
     """After some hundred frames the mean deviation is that of the noise, pixel by pixel, within a tenth."""
-    random, ground = np.random.default_rng(0), Ground.unknown((3, 400))
-    everywhere, deviation = np.full((400, 3), 255, np.uint8), np.repeat([[2.0, 5.0, 9.0]], 400, axis=0)
+    random, wanted = np.random.default_rng(0), np.repeat([2.0, 5.0, 9.0], 400)
+    deviation, background = np.full(1200, 5.0, np.float32), np.zeros(1200, np.uint8)
+    averaged, valid = np.full(1200, 255, np.uint8), np.full(1200, KNOWN, np.uint8)
     for _ in range(300):
-        difference = np.abs(np.round(random.normal(0.0, deviation))).astype(np.uint8)
-        learn_noise(ground, difference, np.zeros_like(everywhere), everywhere)
-    np.testing.assert_allclose(DEVIATION_RATIO * ground.deviation.mean(axis=0), [2.0, 5.0, 9.0], rtol=0.1)
+        image = np.abs(np.round(random.normal(0.0, wanted))).astype(np.uint8)
+        learn_noise(image, background, averaged, np.zeros_like(image), valid, RATES, deviation)
+    found = DEVIATION_RATIO * deviation.reshape(3, 400).mean(axis=1)
+    np.testing.assert_allclose(found, [2.0, 5.0, 9.0], rtol=0.1)
+
+
+def test_ground_that_was_never_quiet_learns_at_a_rate_of_its_own():
+    """Not where it is foreground, and known ground that is not at rest learns nothing."""
+    image, background = np.full(3, 20, np.uint8), np.full(3, 10, np.uint8)
+    valid = np.array([PROVISIONAL, PROVISIONAL, KNOWN], np.uint8)
+    mask, deviation = np.array([0, 255, 0], np.uint8), np.full(3, 5.0, np.float32)
+    learn_noise(image, background, np.zeros_like(image), mask, valid, RATES, deviation)
+    np.testing.assert_allclose(deviation, [7.0, 5.0, 5.0])
 
 
 def test_thresholds_are_bounded():
-    """So many standard deviations, between the smallest and the largest."""
-    deviation = np.array([[1.0, 5.0, 50.0]], np.float32)
-    assert thresholds_of(deviation, 4.0 / DEVIATION_RATIO, 10.0).tolist() == [[10, 20, 60]]
-    assert thresholds_of(deviation, 0.0, 22.0).tolist() == [[22, 22, 22]]
+    """So many mean deviations, between the smallest and the largest."""
+    deviation, found = np.array([1.0, 5.0, 50.0], np.float32), np.empty(3, np.uint8)
+    find_thresholds(deviation, np.float32(4.0), np.float32(10.0), found)
+    assert found.tolist() == [10, 20, 60]
+    find_thresholds(deviation, np.float32(0.0), np.float32(22.0), found)
+    assert found.tolist() == [22, 22, 22]

@@ -32,17 +32,15 @@ def test_pieces_are_connected_components_of_blocks(seed, share):
 
 
 def test_blocks_that_are_removed_are_learnt():
-    """Ghosts at once, what shifts where it is quiet; other components stay foreground and teach nothing."""
+    """Where they are quiet; other components stay foreground and teach nothing."""
     mask, quiet = np.zeros(SHAPE, np.uint8), np.zeros(SHAPE, np.uint8)
-    mask[10:14, 12:16] = mask[30:34, 12:16] = mask[30:34, 52:56] = 255
+    mask[30:34, 12:16] = mask[30:34, 52:56] = 255
     quiet[:, 14:] = 255
     image, background = np.full(SHAPE, 9, np.uint8), np.full(SHAPE, 1.0, np.float32)
     blocks, count = components_of(mask)
-    assert count == 3
-    ghosts, shifted = blocks[:, 2] == 0, blocks[:, 2] == 1
-    remove_blocks(blocks, ghosts, shifted, mask, quiet, image, background)
+    assert count == 2
+    remove_blocks(blocks[blocks[:, 2] == 0], mask, quiet, image, background)
     assert not mask[:, :40].any()
     assert mask[30:34, 52:56].all()
-    assert (background[10:14, 12:16] == 9).all()
     assert (background[30:34, 14:16] == 9).all()
-    assert np.count_nonzero(background == 9) == 16 + 8
+    assert np.count_nonzero(background == 9) == 8
