@@ -20,7 +20,6 @@ from streamkit_tracker.targets import (
     TargetTable,
     centroid_std,
 )
-from streamkit_tracker.update.detected_box import LARGE_SIDE
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
@@ -30,7 +29,6 @@ TOUCHING = 0.05
 MISMATCH_STD = 0.12
 CROWDED_MISMATCH_STD = 0.5
 FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
-SHARED_AREA = 1.4
 ALIKE = 0.5  # difference of the sides, relative
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
 SCORE_RATE, WEAK_SHARE = 0.02, 0.5  # per frame; of the usual score
@@ -44,14 +42,12 @@ class Comparison(NamedTuple):
         costs: float64[t, d], infinite for pairs that are not allowed.
         distances: float64[t, d], squared, of the centroids from the targets, standard deviations.
         mismatch: float64[t, d], difference of the boxes' sizes, px.
-        held: int64[d], targets with their centre in the box.
         touched: int64[d], targets with a part of themselves in the box.
     """
 
     costs: FloatArray
     distances: FloatArray
     mismatch: FloatArray
-    held: IntArray
     touched: IntArray
 
 
@@ -71,21 +67,16 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
 
     Source: Zhang et al., ByteTrack: Multi-Object Tracking by Associating Every Detection Box, 2022.
     """
-    rows, known, asleep = table.rows, table.followed, table.dormant
+    known, asleep = table.followed, table.dormant
     usable = np.isfinite(detected).all(axis=1) & (detected[:, 4:] > detected[:, 2:4]).all(axis=1)
     is_weak = np.zeros(len(detected), np.bool_)
     if observation.are_objects and observation.scores is not None:
         is_weak = find_weak(table, observation.scores)
     strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
-    strong, held = _assign_group(table, known & ~asleep, strong, detected, observation)
-    weak, _ = _assign_group(table, known & ~asleep, weak, detected, observation)
-    mark_shared(rows, np.flatnonzero(known & ~asleep), detected)
-    # a small region upon a followed target may be a part of it: it must not start another one there
-    areas = (detected[strong, RIGHT:] - detected[strong, LEFT:RIGHT]).prod(axis=1)
-    strong = strong[(held == 0) | (areas >= LARGE_SIDE**2)]
-    strong, _ = _assign_group(table, known & asleep, strong, detected, observation)
-    _assign_group(table, known & asleep, weak, detected, observation)
-    strong, _ = _assign_group(table, ~known, strong, detected, observation)
+    for group in (known & ~asleep, known & asleep):
+        strong = _assign_group(table, group, strong, detected, observation)
+        weak = _assign_group(table, group, weak, detected, observation)
+    strong = _assign_group(table, ~known, strong, detected, observation)
     if observation.features is not None:
         _remember_features(table, observation)
     return strong
@@ -105,21 +96,16 @@ def find_weak(table: TargetTable, scores: FloatArray) -> BoolArray:
 
 def _assign_group(
     table: TargetTable, group: BoolArray, free: IndexArray, detected: FloatArray, observation: Observation
-) -> tuple[IndexArray, IntArray]:
-    """Assigns the detections `free` to the targets of a group that have none yet.
-
-    Returns:
-        The rows of the detections that are left, and how many targets of the group have their centre in each.
-    """
+) -> IndexArray:
+    """Assigns the detections `free` to the targets of a group that have none yet; returns those left."""
     rows = table.rows
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
-        return free, np.zeros(len(free), np.int64)
+        return free
     unlike = np.zeros((len(members), len(free)))
     if observation.features is not None:
         unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
-    reach_px = table.settings.max_speed * (observation.step_s + rows["waited_s"].max())
-    found = compare(rows, members, detected[free], unlike, reach_px)
+    found = compare(rows, members, detected[free], unlike)
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
@@ -129,7 +115,7 @@ def _assign_group(
     owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
     owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
     rows[members[taken]] = owners
-    return free[left], found.held[left]
+    return free[left]
 
 
 def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
@@ -172,45 +158,26 @@ def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation:
 
 
 @compiled
-def mark_shared(targets: TargetRows, members: IndexArray, detected: FloatArray) -> None:
-    """Marks undetected targets within the box of another that is too large for that one alone."""
-    for owner in members:
-        if targets[owner]["detection"] < 0 or targets[owner]["whole"]:
-            continue
-        seen, box = detected[targets[owner]["detection"]], targets[owner]["box"]
-        area = (seen[RIGHT] - seen[LEFT]) * (seen[BOTTOM] - seen[TOP])
-        if area <= SHARED_AREA * (box[0] * box[1]):
-            continue
-        for index in members:
-            x, y = targets[index]["mean"][0], targets[index]["mean"][1]
-            holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
-            if holds and targets[index]["detection"] < 0:
-                targets[index]["shared"] = True
-
-
-@compiled
 def compare(
     targets: TargetRows,
     members: IndexArray,
     detected: FloatArray,
     unlike: FloatArray,
-    reach_px: float,
 ) -> Comparison:
     """Compares targets with detections.
 
-    A pair is allowed within the gate and within reach; and, as a last choice, where the boxes overlap: a
-    covariance that is too small must not make a second target of what lies upon the first.
+    A pair is allowed within the gate; and, as a last choice, where the boxes overlap: a covariance that is
+    too small must not make a second target of what lies upon the first.
 
     Args:
         targets: the table, of which the expected `detection_std` is filled.
         members: intp[t], rows that are compared.
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs.
-        reach_px: farthest distance a target moves in one frame, px.
     """
     shape = len(members), len(detected)
     costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
-    held, touched = np.zeros(len(detected), np.int64), np.zeros(len(detected), np.int64)
+    touched = np.zeros(len(detected), np.int64)
     for row in range(len(members)):
         target = targets[members[row]]
         x, y, width, height = target["mean"][0], target["mean"][1], target["box"][0], target["box"][1]
@@ -219,7 +186,6 @@ def compare(
         covariance = target["covariance"]
         xx, yy, xy = covariance[0, 0] + std**2, covariance[1, 1] + std**2, covariance[0, 1]
         determinant = max(xx * yy - xy**2, 1e-12)
-        reach = reach_px * (1 + target["frames_undetected"]) + 4 * std
         for column in range(len(detected)):
             seen = detected[column]
             right, down = seen[X] - x, seen[Y] - y
@@ -231,11 +197,10 @@ def compare(
             area, size, common = sides[0] * sides[1], width * height, max(common_x, 0.0) * max(common_y, 0.0)
             overlap = common / (area + size - common)
             holds = seen[LEFT] <= x <= seen[RIGHT] and seen[TOP] <= y <= seen[BOTTOM]
-            held[column] += holds and not target["whole"]
             touched[column] += holds or common > TOUCHING * min(area, size)
             relative = mismatch[row, column] / max(width, height, MIN_SIZE)
             cost = distance + relative**2 + unlike[row, column]
-            if distance > GATE or np.hypot(right, down) > reach:
+            if distance > GATE:
                 cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > MIN_OVERLAP else np.inf
             if target["whole"]:
                 is_near = cost < LAST_CHOICE and target["frames_undetected"] == 0 and relative < ALIKE
@@ -243,4 +208,4 @@ def compare(
                 if overlap > OBJECT_OVERLAP:
                     cost = GATE * (1.0 - overlap) + unlike[row, column]
             costs[row, column], distances[row, column] = cost, distance
-    return Comparison(costs, distances, mismatch, held, touched)
+    return Comparison(costs, distances, mismatch, touched)

@@ -113,8 +113,8 @@ def begin_frame(targets: TargetRows) -> None:
     targets["predicted"] = targets["mean"][:, :2]
     targets["detection"] = -1
     for name, value in (
-        ("gate", np.nan), ("similarity", np.nan), ("crowded", False), ("shared", False),
-        ("recognised", False), ("learnt", False), ("measured", False), ("filter_share", 0.0),
+        ("gate", np.nan), ("similarity", np.nan), ("crowded", False), ("recognised", False),
+        ("learnt", False), ("measured", False), ("filter_share", 0.0),
     ):  # fmt: skip
         targets[name] = value
 
@@ -126,7 +126,7 @@ def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     """
     targets, birth_window = table.rows, table.settings.birth_window
     targets["looked_for"] = looked = targets["manual"] | detector_ran
-    detected, hits = (targets["detection"] >= 0) | targets["shared"], targets["hits"]
+    detected, hits = targets["detection"] >= 0, targets["hits"]
     hits[looked, 1:birth_window] = hits[looked, : birth_window - 1]
     hits[looked, 0] = detected[looked]
     targets["age_s"] += step_s

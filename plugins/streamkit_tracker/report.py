@@ -15,7 +15,7 @@ from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
 
 STATES = tuple(TargetState)
 REPORTED = (
-    "id", "state", "score", "age_s", "predicted", "detection", "gate", "similarity", "shared", "learnt",
+    "id", "state", "score", "age_s", "predicted", "detection", "gate", "similarity", "learnt",
 )  # fmt: skip
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
@@ -31,7 +31,6 @@ class TargetProvenance:
     predicted: tuple[float, float] | None = None
     detection: int | None = None
     gate: float | None = None
-    shared: bool = False
     similarity: float | None = None
     learnt: bool = False
     cause: str = ""
@@ -69,7 +68,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     if are_objects:
         hidden &= table.dormant
     else:
-        absent = (rows["frames_undetected"] > 0) | rows["crowded"] | rows["shared"]
+        absent = (rows["frames_undetected"] > 0) | rows["crowded"]
         hidden |= absent & (rows["credit_s"] < SETTLED_S)
         hidden &= table.followed & ~rows["manual"]
     index = np.flatnonzero(~hidden)
@@ -91,13 +90,12 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     # whole columns: reading one field of one row takes as long as reading all rows
     columns = zip(*(rows[name].tolist() for name in REPORTED), strict=True)
     reports = []
-    for place, (number, state, score, age_s, point, detection, *found, shared, learnt) in enumerate(columns):
+    for place, (number, state, score, age_s, point, detection, *found, learnt) in enumerate(columns):
         gate, similarity = (None if math.isnan(value) else value for value in found)
         provenance = TargetProvenance(
             None if math.isnan(point[0]) else tuple(point),
             None if detection < 0 else detection,
             gate,
-            shared,
             similarity,
             learnt,
             table.causes.get(number, ""),

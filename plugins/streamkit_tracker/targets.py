@@ -47,7 +47,6 @@ TARGET = np.dtype(
         # what detections have shown
         ("whole", np.bool_),  # detections show the whole target: a detector's, and large regions
         ("box", np.float64, 2),  # width and height of the upright box, px
-        ("detected_s", np.float64),  # time it was detected by itself
         # of this frame
         ("looked_for", np.bool_),  # a detector has looked at the frame, or the target is drawn by hand
         ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
@@ -55,7 +54,6 @@ TARGET = np.dtype(
         ("gate", np.float64),  # distance of the detection, standard deviations
         ("detection_std", np.float64),  # of its centroid, px
         ("crowded", np.bool_),  # the detection's box holds other targets, too
-        ("shared", np.bool_),  # another target's detection covers this one
         ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared
         ("recognised", np.bool_),
         ("sure", np.bool_),  # its last responses were sharp; always for targets without a filter

@@ -19,12 +19,9 @@ from streamkit_tracker.window_geometry import (
 
 LEFT, RIGHT = 2, 4  # of a detection; before it are x and y of its centroid, behind each its y
 
-YOUNG_S = 1.0  # first detections often show a part only: until then the size follows at once
-RATED_S = 0.04  # the step that the rates are for
-BOX_RATE, OBJECT_RATE = 0.15, 0.4
-# Side of a region, px, from which its outline places a target no worse than a template of 32 px does; below
-# the second one the target follows its template again.
-LARGE_SIDE, SMALL_SIDE = 32.0, 26.0
+OBJECT_RATE, RATED_S = 0.4, 0.04  # per step of so many seconds
+# Side of a region, px, from which its outline places a target no worse than a template of 32 px does.
+LARGE_SIDE = 32.0
 # Share of a detection in the position of the window; the rest is the filter's, which errs more.
 DETECTED_SHARE = 0.75
 KNOWN_SPEED = 3.0  # standard deviations of the speed from which its direction is known
@@ -41,19 +38,14 @@ def follow_detections(
 ) -> None:
     """Lets boxes follow the detections float64[d, 6] that show no other target, and sets `whole`.
 
-    The box is that of the detection while a target is young, and where a large region shows it whole; the
-    boxes of a detector (`are_objects`) are smoothed. Targets drawn by hand are never whole; all others are
-    with a detector, else the large ones.
+    The boxes of a detector (`are_objects`) are smoothed. Targets drawn by hand are never whole; all others
+    are with a detector, else the large ones.
     """
     index = np.flatnonzero((targets["detection"] >= 0) & ~targets["crowded"])
-    rows = targets[index]
-    known, now = rows["box"], detected_sides(detected[rows["detection"]])
-    rates = np.where(rows["detected_s"] < YOUNG_S, 1.0, rate_for(BOX_RATE, step_s))
-    rates[rows["whole"]] = rate_for(OBJECT_RATE, step_s) if are_objects else 1.0
-    targets["box"][index] = known * (now / known) ** rates[:, None]
-    targets["detected_s"][index] += step_s
-    areas = targets["box"].prod(axis=1)
-    is_large = areas >= np.where(targets["whole"], SMALL_SIDE, LARGE_SIDE) ** 2
+    known, now = targets["box"][index], detected_sides(detected[targets["detection"][index]])
+    rate = 1.0 - (1.0 - OBJECT_RATE) ** (step_s / RATED_S) if are_objects else 1.0
+    targets["box"][index] = known * (now / known) ** rate
+    is_large = targets["box"].prod(axis=1) >= LARGE_SIDE**2
     targets["whole"] = ~targets["manual"] & (are_objects | is_large)
 
 
@@ -90,11 +82,6 @@ def has_own_detection(targets: TargetRows) -> BoolArray:
 def detected_sides(seen: FloatArray) -> FloatArray:
     """Width and height of detections float64[n, 6]: float64[n, 2], px, 1 at least."""
     return np.maximum(seen[:, RIGHT:] - seen[:, LEFT:RIGHT], 1.0)
-
-
-def rate_for(rate: float, step_s: float) -> float:
-    """A rate for steps of `RATED_S`, converted to another step."""
-    return float(1.0 - (1.0 - rate) ** (step_s / RATED_S))
 
 
 def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:
