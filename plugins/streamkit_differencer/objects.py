@@ -89,7 +89,7 @@ def find_objects(
     margin = max(MARGIN_CELLS, gap)
     first_row, first_column = max(0, top - margin), max(0, left - margin)
     inside = cells[first_row : top + height + margin, first_column : left + width + margin]
-    labels, count = clustered(inside, gap)
+    labels, count = clustered(inside, settings.merge_criterion, gap)
     inside, labels = closed(inside, labels)
     place = first_row, first_column, CELL_SIZE // scale
     table = measure_objects(foreground, inside, labels, count, *place, settings.min_area)

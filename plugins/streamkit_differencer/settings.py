@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import enum
 from dataclasses import dataclass
 
 from streamkit.settings import setting
+
+
+class Criterion(enum.StrEnum):
+    """Merge criterion J_mn: the gap between two fragments, or the scatter that merging them adds."""
+
+    GAP = "gap"
+    SCATTER = "scatter"
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +142,12 @@ class ObjectSettings:
         max=100,
         live=True,
         unit="cells",
-        doc="Fragments nearer than this are one object (J_mn); -1 is 3 at full resolution, else 1.",
+        doc="Fragments nearer than this are one object; -1 is 3 at full resolution, else 1.",
+    )
+    merge_criterion: Criterion = setting(
+        Criterion.GAP,
+        live=True,
+        doc="Merge criterion, the paper's J_mn: gap between fragments, or scatter of cells in a cluster.",
     )
     # What creeps changes at its front and rear only: this is a fortieth of its length in quiet_frames.
     min_change: float = setting(

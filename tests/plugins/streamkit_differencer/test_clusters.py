@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.clusters import clustered
+from streamkit_differencer.clusters import clustered, merge_by_scatter
+from streamkit_differencer.settings import Criterion
 
 
 def as_partition(cluster):
@@ -14,7 +15,7 @@ def as_partition(cluster):
 
 def partition_by_gap(labels, gap):
     """The sets of fragments that get one label."""
-    clusters, _ = clustered(np.where(labels > 0, 255, 0).astype(np.uint8), gap)
+    clusters, _ = clustered(np.where(labels > 0, 255, 0).astype(np.uint8), Criterion.GAP, gap)
     of_fragment = [set(clusters[labels == number].tolist()) for number in range(1, labels.max() + 1)]
     assert all(len(found) == 1 for found in of_fragment)
     return as_partition(np.array([found.pop() for found in of_fragment]))
@@ -70,6 +71,33 @@ def test_things_side_by_side_stay_apart():
     assert partition_by_gap(labels, 2) == {frozenset({0, 1}), frozenset({2})}
 
 
+def criterion(cluster, centres, areas, gap):
+    """J of a clustering."""
+    total = 2.0 * gap**4 * len(set(cluster.tolist()))
+    for number in set(cluster.tolist()):
+        members = cluster == number
+        mean = np.average(centres[members], axis=0, weights=areas[members])
+        total += float((areas[members] * np.square(centres[members] - mean).sum(axis=1)).sum())
+    return total
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_scatter_merging_stops_where_no_merge_lowers_the_criterion(seed):
+    """J is not above that of the fragments, and merging any two clusters more would raise it."""
+    random = np.random.default_rng(seed)
+    centres, areas = random.uniform(0, 40, (20, 2)), random.integers(1, 30, 20).astype(float)
+    cluster = merge_by_scatter(centres, areas, 3.0)
+    lowest = criterion(cluster, centres, areas, 3.0)
+    assert lowest <= criterion(np.arange(20), centres, areas, 3.0)
+    numbers = sorted(set(cluster.tolist()))
+    for first in numbers:
+        for second in numbers:
+            if first < second:
+                merged = np.where(cluster == second, first, cluster)
+                assert criterion(merged, centres, areas, 3.0) >= lowest - 1e-6
+
+
 def test_one_fragment_is_one_cluster():
     """Nothing to merge is no error."""
     assert partition_by_gap(labelled((0, 0, 2, 2)), 3) == {frozenset({0})}
+    assert merge_by_scatter(np.array([[1.0, 1.0]]), np.array([4.0]), 3).tolist() == [0]

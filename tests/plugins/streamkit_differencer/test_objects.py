@@ -13,7 +13,7 @@ from streamkit_differencer.objects import (
     mark_moving,
     most_confident,
 )
-from streamkit_differencer.settings import ObjectSettings
+from streamkit_differencer.settings import Criterion, ObjectSettings
 
 
 def with_block(shape, x0, y0, x1, y1, value=255):
@@ -74,6 +74,14 @@ def test_gaps_within_a_thing_are_filled():
     ring[30, 30] = 255
     objects = find_objects(ring, 2, ObjectSettings())
     assert objects.areas.tolist() == [(24 * 24 - 4 * 4 + 1) * 4.0]
+
+
+def test_scatter_keeps_large_things_apart():
+    """By scatter, merging two large objects costs more than by gap."""
+    mask = with_block((120, 120), 10, 10, 50, 50) | with_block((120, 120), 56, 10, 96, 50)
+    by_gap = find_objects(mask, 2, ObjectSettings(merge_gap=4))
+    by_scatter = find_objects(mask, 2, ObjectSettings(merge_gap=4, merge_criterion=Criterion.SCATTER))
+    assert (len(by_gap), len(by_scatter)) == (1, 2)
 
 
 def test_small_objects_are_left_out():
