@@ -18,6 +18,7 @@ from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
 from streamkit_stitcher.registration.motion_models import MotionModel
+from streamkit_stitcher.registration.pairwise import PairwiseMotion
 
 # Patches that agree, as a part of those in view, which no mover can outvote.
 _DOMINANT: Final = 0.75
@@ -42,6 +43,9 @@ class Placement:
         to_reference: float64[3, 3], the frame to the plane.
         std: predicted error at the worst corner, px.
         match: with a keyframe; None where `to_reference` is a prediction.
+        motion: since the last frame, where that was measured.
+        is_recognised: whether features of a keyframe were matched, even if too few of them for `match`.
+        is_due: whether the frame becomes a keyframe in any case.
         is_keyframe: whether the frame became a keyframe.
         change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
     """
@@ -49,8 +53,26 @@ class Placement:
     to_reference: FloatArray
     std: float
     match: KeyframeMatch | None = None
+    motion: PairwiseMotion | None = None
+    is_recognised: bool = False
+    is_due: bool = False
     is_keyframe: bool = False
     change: FloatArray | None = None
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether a frame without a match may become a keyframe: a homography explains the motion."""
+        return self.motion is not None and self.motion.model is MotionModel.HOMOGRAPHY
+
+    @property
+    def counts(self) -> tuple[int, int, float]:
+        """Number of points compared, of those that agree, and their root mean square residual, px."""
+        if self.match is not None:
+            fit = self.match.fit
+            return len(fit.inliers), fit.count, fit.rmse
+        if self.motion is not None:
+            return self.motion.matches, self.motion.inliers, self.motion.rmse
+        return 0, 0, 0.0
 
 
 class KeyframeAnchor:
@@ -144,7 +166,7 @@ class KeyframeAnchor:
         active = self.keyframes.active
         expected = placed(active, recognised).to_reference
         match = self._match(active, images, expected) or recognised
-        found = placed(active, match)
+        found = replace(placed(active, match), is_recognised=True)
         return found if is_jump or self._is_whole(match) else replace(found, match=None)
 
     def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
@@ -164,35 +186,26 @@ class KeyframeAnchor:
                     return match
         return None
 
-    def keep(
-        self, images: Sequence[GreyArray], found: Placement, trusted: bool, recognised: bool, due: bool
-    ) -> Placement:
-        """Makes a placed frame a keyframe, or an earlier keyframe current, where that is needed.
-
-        Args:
-            images: the frame.
-            found: where it lies.
-            trusted: whether a frame without a match may become a keyframe.
-            recognised: whether it was matched by features.
-            due: whether it becomes a keyframe in any case.
-        """
+    def keep(self, images: Sequence[GreyArray], found: Placement) -> Placement:
+        """Makes a placed frame a keyframe, or an earlier keyframe current, where that is needed."""
         is_matched = found.match is not None
-        if not recognised:
+        if not found.is_recognised:
             self.features = None
         if found.change is not None:
             return found
         self._unmatched = 0 if is_matched else self._unmatched + 1
-        self._is_prediction_reliable = is_matched or (trusted and self._is_prediction_reliable)
+        self._is_prediction_reliable = is_matched or (found.is_trusted and self._is_prediction_reliable)
         leaving = is_leaving(self.keyframes.active, found.to_reference, self._settings.keyframe_overlap)
-        if is_matched and not due and not leaving:
+        if is_matched and not found.is_due and not leaving:
             return found
-        revisited = self._revisit(images, found) if is_matched and not (due or recognised) else None
-        if revisited is not None:
-            return revisited
+        if is_matched and not (found.is_due or found.is_recognised):
+            revisited = self._revisit(images, found)
+            if revisited is not None:
+                return revisited
         # An unmatched frame that should overlap its keyframe is probably at fault itself; after an unreliable
         # prediction, a later frame may match the keyframe.
         patience = _MAX_UNMATCHED if leaving and self._is_prediction_reliable else _MAX_DOUBTFUL
-        if not is_matched and (not trusted or self._unmatched < patience):
+        if not is_matched and (not found.is_trusted or self._unmatched < patience):
             return found
         return self._promote(images, found)
 

@@ -24,12 +24,10 @@ from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
     WorkingImage,
     register,
-    working_image,
     working_level,
 )
 from streamkit_stitcher.registration.patches import pyramid
@@ -126,105 +124,106 @@ class FrameRegistrar:
         Frames no wider than the registration width are kept without a copy, and must not change.
         """
         self._planes.begin_frame()
-        shape = (int(grey.shape[0]), int(grey.shape[1]))
-        if shape != self._shape:
-            if self._shape != (0, 0):
-                self.restart()
-            self._planes.retire()
-            self._reset(shape)
-        images, anchor = pyramid((grey,), self._levels), self._planes.anchor
-        if anchor is None or self._last_image is None:
+        self._set_shape((int(grey.shape[0]), int(grey.shape[1])))
+        images = pyramid((grey,), self._levels)
+        image, last, anchor = self._working_image(images), self._last, self._planes.anchor
+        if anchor is None or last is None:
             return self._start_plane(images)
-        self._since_key += 1
-        if self._since_key == _ADOPT_AFTER:
-            change = anchor.keyframes.adopt()
-            if change is not None:
-                self._planes.adopt(anchor, change)
-        return self._register(images, anchor)
+        self._adopt_adjustment(anchor)
+        near = self._match_near(images, anchor)
+        if near is not None and near.share >= _MIN_SHARE:
+            self._is_video = True
+            return self._accept(images, anchor, self._placed_near(anchor, near))
+        if image.is_blank:
+            return self._predict()
+        motion = self._motion_since(last, image)
+        predicted = self._predicted_by(motion)
+        if near is not None and self._is_related(images, anchor, near, predicted):
+            return self._accept(images, anchor, self._placed_near(anchor, near))
+        is_photograph = self._is_photograph(last, image, motion)
+        found = anchor.place(images, predicted, is_photograph)
+        if found.match is None and self._is_search_due(motion):
+            found = self._recognise(images, anchor) or found
+        if found.match is not None or found.is_recognised or motion.model is not None:
+            # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
+            return self._accept(images, anchor, replace(found, motion=motion, is_due=is_photograph))
+        self._lost += 1
+        self._unmeasured += 1
+        if motion.is_cut or is_photograph or self._lost > _MAX_LOST:
+            self.restart()
+            return self._start_plane(images)
+        return self._predict()
+
+    def _set_shape(self, shape: tuple[int, int]) -> None:
+        """Ends all planes where frames have another size than before."""
+        if shape == self._shape:
+            return
+        if self._shape != (0, 0):
+            self.restart()
+        self._planes.retire()
+        self._reset(shape)
 
     def _reset(self, shape: tuple[int, int]) -> None:
         """Drops all state but the keyframes; frames of `shape` follow."""
         self._shape = shape
         self._level = working_level(shape, self._settings.registration_width)
         self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
-        self._last_image: GreyArray | None = None
+        self._last: WorkingImage | None = None
         self._motion, self._is_video = MotionPredictor(shape), False
         self._lost = self._unmeasured = self._since_key = 0
 
+    def _working_image(self, images: Sequence[GreyArray]) -> WorkingImage:
+        return WorkingImage(images[self._level], 2**self._level, self._settings.max_points)
+
     def _start_plane(self, images: Sequence[GreyArray]) -> FrameRegistration:
         """Starts a plane with its first usable frame."""
-        image = working_image(images, self._level, self._settings.max_points)
+        image = self._working_image(images)
         if image.is_blank:
             return self._predict()
         self._planes.start(images, self._level)
-        self._last_image = image.grey
+        self._last = image
         status = RegistrationStatus.OK if self._planes.number == 0 else RegistrationStatus.CUT
-        found = Placement(IDENTITY, 0.0, is_keyframe=True)
-        return self._publish(IDENTITY, IDENTITY, status, found, is_measured=True)
+        return self._publish(IDENTITY, IDENTITY, status, Placement(IDENTITY, 0.0, is_keyframe=True), True)
 
-    def _register(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> FrameRegistration:
-        """Registers a frame to the current keyframe near its predicted place, else by the motion."""
-        before, near = self._planes.before, None
-        if self._motion.predicted == 0:
-            near = anchor.match_near(images, before, self._std_before, self._motion.expected(before))
-        if near is None or near.share < _MIN_SHARE:
-            return self._register_by_motion(images, anchor, near)
-        self._is_video = True
+    def _adopt_adjustment(self, anchor: KeyframeAnchor) -> None:
+        """Takes over the adjustment of the keyframes some frames after the last keyframe."""
+        self._since_key += 1
+        if self._since_key == _ADOPT_AFTER:
+            change = anchor.keyframes.adopt()
+            if change is not None:
+                self._planes.adopt(anchor, change)
+
+    def _match_near(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
+        """The match with the current keyframe near the predicted place; not tried after a lost frame."""
+        if self._motion.predicted:
+            return None
+        before = self._planes.before
+        return anchor.match_near(images, before, self._std_before, self._motion.expected(before))
+
+    def _placed_near(self, anchor: KeyframeAnchor, near: KeyframeMatch) -> Placement:
+        """Where a match with the current keyframe places a frame, which is a keyframe after a jump."""
         found = placed(anchor.keyframes.active, near)
-        is_due = self._is_jump(normalised(inverse(before) @ found.to_reference))
-        return self._accept(images, anchor, found, trusted=True, due=is_due)
+        step = normalised(inverse(self._planes.before) @ found.to_reference)
+        return replace(found, is_due=self._is_jump(step))
 
-    def _register_by_motion(
-        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, near: KeyframeMatch | None
-    ) -> FrameRegistration:
-        """Registers a frame from where the motion since the last one leads, or by features.
-
-        `near` is the match with the current keyframe where only a little of the area agrees.
-        """
-        image = working_image(images, self._level, self._settings.max_points)
-        if image.is_blank or self._last_image is None:
-            return self._predict()
-        last = replace(working_image((self._last_image,), 0, self._settings.max_points), factor=image.factor)
-        expected, consecutive = self._motion.expected(self._planes.before), self._motion.predicted == 0
+    def _motion_since(self, last: WorkingImage, image: WorkingImage) -> PairwiseMotion:
+        """The motion of the corners since the last frame that was not lost."""
+        expected = self._motion.expected(self._planes.before)
         guess = normalised(inverse(self._planes.last_to_plane) @ expected)
         limits = self._settings.limits
         reach = min(1.0, limits.max_step * (1 + self._motion.predicted))
-        motion = register(last, image, guess, replace(limits, max_step=reach))
-        predicted = Placement(expected, _LOST_STD + self._std_before)
-        is_known = motion.model is not None
-        if is_known:
-            to_plane = normalised(self._planes.last_to_plane @ motion.matrix)
-            predicted = Placement(to_plane, motion.corner_std(self._shape) + self._std_before)
-        trusted = motion.model is MotionModel.HOMOGRAPHY
-        if near is not None and self._is_related(images, anchor, near, predicted if trusted else None):
-            return self._accept(images, anchor, placed(anchor.keyframes.active, near), trusted=True)
-        # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
-        is_photograph = self._is_photograph(last, image, motion)
-        found, recognised = anchor.place(images, predicted, is_photograph), None
-        # Where the motion is known but keyframes never match, as over relief, the tries become rarer.
-        pause = _RARE_PERIOD if is_known and self._unmeasured > _FREQUENT_TRIES else 2
-        if found.match is None and (motion.is_cut or self._unmeasured % pause == 0):
-            recognised = self._recognise(images, anchor)
-            if recognised is not None:
-                is_jump = consecutive or self._planes.has_jumped
-                found = anchor.place_recognised(images, recognised, is_jump)
-        if not (is_known or recognised is not None or found.match is not None):
-            self._lost += 1
-            self._unmeasured += 1
-            if motion.is_cut or self._lost > _MAX_LOST or is_photograph:
-                self.restart()
-                return self._start_plane(images)
-            return self._predict()
-        return self._accept(
-            images, anchor, found, trusted, recognised is not None, due=is_photograph, motion=motion
-        )
+        return register(last, image, guess, replace(limits, max_step=reach))
+
+    def _predicted_by(self, motion: PairwiseMotion) -> Placement:
+        """Where the motion of the corners leads, or that of the frames before where it is unknown."""
+        if motion.model is None:
+            expected = self._motion.expected(self._planes.before)
+            return Placement(expected, _LOST_STD + self._std_before, motion=motion)
+        to_plane = normalised(self._planes.last_to_plane @ motion.matrix)
+        return Placement(to_plane, motion.corner_std(self._shape) + self._std_before, motion=motion)
 
     def _is_related(
-        self,
-        images: Sequence[GreyArray],
-        anchor: KeyframeAnchor,
-        near: KeyframeMatch,
-        by_corners: Placement | None,
+        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, near: KeyframeMatch, predicted: Placement
     ) -> bool:
         """Whether a weak agreement of the area is believed rather than the motion of the corners, if known.
 
@@ -233,9 +232,9 @@ class FrameRegistrar:
         """
         if near.share < (_MIN_SHARE_AT_REST if near.at_rest else _MIN_SHARE_BESIDE_CORNERS):
             return False
-        if by_corners is None:
+        if not predicted.is_trusted:
             return True
-        moved = anchor.agreement(images, self._planes.before, self._std_before, by_corners.to_reference)
+        moved = anchor.agreement(images, self._planes.before, self._std_before, predicted.to_reference)
         return moved <= _MIN_SHARE_RATIO * near.share
 
     def _is_jump(self, step: FloatArray) -> bool:
@@ -251,53 +250,63 @@ class FrameRegistrar:
         is_near = motion.model is not None and not self._is_jump(motion.matrix)
         return not self._is_video and likeness < _MAX_LIKENESS and not is_near
 
-    def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
-        """Matches a frame by features; the plane of the matching keyframe becomes current."""
+    def _is_search_due(self, motion: PairwiseMotion) -> bool:
+        """Whether features are compared with those of the keyframes.
+
+        Where the motion is known but keyframes never match, as over relief, the tries become rarer.
+        """
+        is_rare = motion.model is not None and self._unmeasured > _FREQUENT_TRIES
+        return motion.is_cut or self._unmeasured % (_RARE_PERIOD if is_rare else 2) == 0
+
+    def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> Placement | None:
+        """Places a frame by features; the plane of the matching keyframe becomes current."""
         recognised = anchor.recognise(images)
-        if recognised is not None:
-            self._is_video = False
-            if anchor.keyframes.plane != self._planes.number:
-                self._planes.leave(anchor.keyframes.plane)
-                self._motion = MotionPredictor(self._shape)
-        return recognised
+        if recognised is None:
+            return None
+        is_jump, self._is_video = self._motion.predicted == 0, False
+        if anchor.keyframes.plane != self._planes.number:
+            self._planes.leave(anchor.keyframes.plane)
+            self._motion = MotionPredictor(self._shape)
+        return anchor.place_recognised(images, recognised, is_jump or self._planes.has_jumped)
 
     def _accept(
-        self,
-        images: Sequence[GreyArray],
-        anchor: KeyframeAnchor,
-        found: Placement,
-        trusted: bool,
-        recognised: bool = False,
-        due: bool = False,
-        motion: PairwiseMotion | None = None,
+        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, found: Placement
     ) -> FrameRegistration:
-        """Publishes a placed frame, at the previous homography where nothing moved."""
-        due = due or 0 < self._settings.keyframe_interval <= self._since_key
-        found = anchor.keep(images, found, trusted, recognised, due)
+        """Publishes a placed frame, and makes it a keyframe where that is due."""
+        is_over = 0 < self._settings.keyframe_interval <= self._since_key
+        found = anchor.keep(images, replace(found, is_due=found.is_due or is_over))
         if found.change is not None:
             self._planes.adopt(anchor, found.change)
         to_reference, is_measured = found.to_reference, found.match is not None
         if found.is_keyframe:
             is_sparse, self._since_key = self._since_key == 1, 0
             to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level, is_sparse)
-        previous, before = self._previous, self._planes.before
-        self._last_image, self._planes.last_to_plane = images[self._level], to_reference
+        self._last, self._planes.last_to_plane = self._working_image(images), to_reference
+        before = self._planes.before
         to_previous = normalised(inverse(before) @ to_reference)
-        steady = previous is not None and previous.status is not RegistrationStatus.LOST
-        # The frame itself is certain, and the motion since a previous frame that was seen.
-        is_certain = is_measured and found.std <= OK_STD
-        is_certain = is_certain and not (steady and math.hypot(self._std_before, found.std) > _OK_STEP_STD)
-        status = RegistrationStatus.OK if is_certain else RegistrationStatus.WEAK
-        if is_certain and steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT:
+        status = self._status(to_previous, found)
+        if status is RegistrationStatus.STILL:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
-            to_previous, to_reference, status = IDENTITY, before, RegistrationStatus.STILL
-        if self._planes.has_jumped:
-            to_previous, status = IDENTITY, RegistrationStatus.CUT
+            to_previous, to_reference = IDENTITY, before
+        if status is RegistrationStatus.CUT:
+            to_previous = IDENTITY
             self._planes.change = self._planes.rebase = None
         self._motion.update(to_previous)
         self._lost = 0
         self._unmeasured = 0 if is_measured else self._unmeasured + 1
-        return self._publish(to_previous, to_reference, status, found, is_measured, motion)
+        return self._publish(to_previous, to_reference, status, found, is_measured)
+
+    def _status(self, to_previous: FloatArray, found: Placement) -> RegistrationStatus:
+        """How reliable a placed frame is."""
+        if self._planes.has_jumped:
+            return RegistrationStatus.CUT
+        steady = self._previous is not None and self._previous.status is not RegistrationStatus.LOST
+        # The frame itself is certain, and the motion since a previous frame that was seen.
+        is_step_certain = not steady or math.hypot(self._std_before, found.std) <= _OK_STEP_STD
+        if found.match is None or found.std > OK_STD or not is_step_certain:
+            return RegistrationStatus.WEAK
+        is_still = steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT
+        return RegistrationStatus.STILL if is_still else RegistrationStatus.OK
 
     def _predict(self) -> FrameRegistration:
         """Publishes a lost frame at its predicted homography."""
@@ -315,15 +324,9 @@ class FrameRegistrar:
         status: RegistrationStatus,
         found: Placement,
         is_measured: bool = False,
-        motion: PairwiseMotion | None = None,
     ) -> FrameRegistration:
         planes = self._planes
-        matches, inliers, rmse = 0, 0, 0.0
-        if found.match is not None:
-            fit = found.match.fit
-            matches, inliers, rmse = len(fit.inliers), fit.count, fit.rmse
-        elif motion is not None:
-            matches, inliers, rmse = motion.matches, motion.inliers, motion.rmse
+        matches, inliers, rmse = found.counts
         active = None if planes.anchor is None else planes.anchor.keyframes.active
         self._previous = FrameRegistration(
             to_previous,

@@ -1,8 +1,8 @@
 """Registration of a frame to the previous one, at working size."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import cv2
@@ -45,19 +45,29 @@ _LEAST_SHARE: Final = 0.05
 
 @dataclass(frozen=True, eq=False)
 class WorkingImage:
-    """A frame reduced for registration.
+    """A frame at working size.
 
     Attributes:
         grey: uint8[h, w], reduced by `factor` on both sides.
         factor: the reduction, a power of two.
-        points: float64[n, 2], corners in reduced px.
-        thumbnail: float64[45, 80], for cut detection.
+        max_points: about so many corners are found.
     """
 
     grey: GreyArray
     factor: int
-    points: FloatArray
-    thumbnail: FloatArray
+    max_points: int
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """float64[n, 2], corners in reduced px."""
+        height, width = self.grey.shape
+        columns = max(1, round(math.sqrt(self.max_points * width / height)))
+        return even_corners(self.grey, columns, max(1, self.max_points // columns))
+
+    @cached_property
+    def thumbnail(self) -> FloatArray:
+        """float64[45, 80], for cut detection."""
+        return cv2.resize(self.grey, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64)
 
     @property
     def is_blank(self) -> bool:
@@ -115,15 +125,6 @@ def is_noise(thumbnail: FloatArray) -> bool:
     across = float((apart[:, 1:] * apart[:, :-1]).mean())
     down = float((apart[1:] * apart[:-1]).mean())
     return max(across, down) < _MIN_CORRELATION * power
-
-
-def working_image(images: Sequence[GreyArray], level: int, most: int) -> WorkingImage:
-    """Finds about `most` corners of the image at working size, which is `level`."""
-    reduced = images[level]
-    height, width = reduced.shape
-    columns = max(1, round(math.sqrt(most * width / height)))
-    thumbnail = cv2.resize(reduced, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64)
-    return WorkingImage(reduced, 2**level, even_corners(reduced, columns, max(1, most // columns)), thumbnail)
 
 
 def register(

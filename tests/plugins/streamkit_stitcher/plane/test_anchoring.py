@@ -1,5 +1,7 @@
 """Choice of keyframes, and return to earlier ones."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement
 from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import LEVELS
 from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.registration.motion_models import MotionModel
+from streamkit_stitcher.registration.pairwise import PairwiseMotion
 from streamkit_stitcher.registration.patches import pyramid
 
 
@@ -22,10 +26,14 @@ def other(ground):
     return pyramid((ground[1000:1360, 1200:1840],), LEVELS)
 
 
-def place(anchor, images, predicted, trusted=True):
+HOMOGRAPHY = PairwiseMotion(IDENTITY, MotionModel.HOMOGRAPHY, False, 100, 90, 0.1)
+GUESS = PairwiseMotion(IDENTITY, None, False, 100, 10, 0.1)
+
+
+def place(anchor, images, predicted, motion=HOMOGRAPHY):
     """Places a frame, and chooses keyframes."""
-    found = anchor.place(images, Placement(predicted, 0.0), is_photograph=False)
-    return anchor.keep(images, found, trusted, recognised=False, due=False)
+    found = anchor.place(images, Placement(predicted, 0.0, motion=motion), is_photograph=False)
+    return anchor.keep(images, found)
 
 
 def shift(pixels):
@@ -88,7 +96,7 @@ def test_coming_back_hands_over_to_the_earlier_keyframe(anchor, ground):
 def test_an_untrusted_place_never_makes_a_keyframe(anchor, ground):
     """Ground that matches nothing, carried on by a guess, is passed on as it is."""
     for _ in range(5):
-        placed = place(anchor, other(ground), shift(30.0), False)
+        placed = place(anchor, other(ground), shift(30.0), GUESS)
         assert placed.match is None
         assert not placed.is_keyframe
         assert np.array_equal(placed.to_reference, shift(30.0))
@@ -104,7 +112,9 @@ def test_a_lost_keyframe_is_replaced(anchor, ground, carried, misses):
 def test_a_keyframe_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
     """One untrusted step makes all that follow it a guess, until a keyframe is seen again."""
     frame = other(ground)
-    made = [place(anchor, frame, shift(300.0), trusted=step > 0).is_keyframe for step in range(8)]
+    made = [
+        place(anchor, frame, shift(300.0), HOMOGRAPHY if step else GUESS).is_keyframe for step in range(8)
+    ]
     assert not any(made)
 
 
@@ -131,6 +141,6 @@ def test_a_frame_matched_in_a_corner_is_registered_only_if_consecutive(matched_i
     anchor, frame, seen = matched_in_a_corner
     found = anchor.place_recognised(frame, seen, consecutive)
     assert (found.match is not None) is consecutive
-    placed = anchor.keep(frame, found, trusted=True, recognised=True, due=False)
+    placed = anchor.keep(frame, replace(found, motion=HOMOGRAPHY))
     assert placed.std > OK_STD
     assert consecutive or not placed.is_keyframe

@@ -6,9 +6,9 @@ import pytest
 from streamkit.geometry.homography import IDENTITY, translation
 from streamkit_stitcher.registration.motion_models import FitLimits, MotionModel
 from streamkit_stitcher.registration.pairwise import (
+    WorkingImage,
     register,
     thumbnail_correlation,
-    working_image,
     working_level,
 )
 from streamkit_stitcher.registration.patches import pyramid
@@ -19,7 +19,7 @@ LIMITS = FitLimits()
 def work(frame):
     """A frame at working size 640."""
     level = working_level(frame.shape, 640)
-    return working_image(pyramid((frame,), level + 1), level, 220)
+    return WorkingImage(pyramid((frame,), level + 1)[level], 2**level, 220)
 
 
 def test_pairs_with_moving_cars_are_registered_to_a_fraction_of_a_pixel(ground, make_flight):
