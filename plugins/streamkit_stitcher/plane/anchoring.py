@@ -135,7 +135,7 @@ class KeyframeAnchor:
         small = images[self._level]
         if active.small.shape != small.shape:
             return match
-        return self._dense.match(active, small, *self._to_active(before, before_std, expected), match)
+        return self._dense.match(active, small, *self._to_active(before, before_std, expected))
 
     def agreement(
         self, images: Sequence[GreyArray], before: FloatArray, before_std: float, expected: FloatArray

@@ -36,8 +36,6 @@ _GAIN: Final = 0.1
 _FIRST_FRAMES: Final = 10
 _REST_GAIN: Final = 0.02
 _OUTLIER: Final = 3.0
-# Part of the agreement of the best motion that a more precise match by patches must reach.
-_AS_GOOD: Final = 0.95
 # Part by which a camera that has rested at the keyframe is preferred there beyond what the frame shows.
 _PERSISTENCE: Final = 0.5
 # Difference of textures that are alike but for noise. Larger ones are due to movers and leaves, which bend
@@ -72,12 +70,11 @@ class DenseMatcher:
         before: FloatArray,
         before_std: float,
         expected: FloatArray,
-        followed: KeyframeMatch | None,
     ) -> KeyframeMatch:
         """The likeliest match with a keyframe; its `share` is small where next to nothing agrees.
 
-        Where they explain the frame, the camera is preferred to be where it was at the keyframe, the more so
-        the more often it was, then where the patches see it.
+        Where that explains the frame, the camera is preferred to be where it was at the keyframe, the more so
+        the more often it was.
 
         Args:
             keyframe: the keyframe.
@@ -85,7 +82,6 @@ class DenseMatcher:
             before: the previous frame to the keyframe.
             before_std: its predicted error, px.
             expected: the predicted homography to the keyframe.
-            followed: the match of the patches, if any.
         """
         factor, levels = keyframe.factor, self._levels(keyframe.content())
         found = align_densely(
@@ -94,14 +90,10 @@ class DenseMatcher:
             self._predictions(keyframe, before, expected),
             self._prior(before_std / factor),
             self._rest,
-            None if followed is None else to_reduced(inverse(followed.fit.matrix), factor),
             _DOUBTED / factor,
         )
         self._learn(found)
         std = self._error_of(found, keyframe, before, before_std)
-        is_better = followed is not None and followed.corner_std < found.corner_std * factor
-        if not found.at_rest and followed is not None and is_better and found.rival > _AS_GOOD:
-            return followed
         to_key = IDENTITY if found.at_rest else from_reduced(inverse(found.key_to_frame), factor)
         key_points = levels[-1].centres[found.blocks] * factor + (factor - 1) / 2
         inliers = np.arange(found.compared) < len(key_points)

@@ -133,13 +133,15 @@ class FrameRegistrar:
         near = self._match_near(images, anchor)
         if near is not None and near.share >= _MIN_SHARE:
             self._is_video = True
-            return self._accept(images, anchor, self._placed_near(anchor, near))
+            found = placed(anchor.keyframes.active, near)
+            step = normalised(inverse(self._planes.before) @ found.to_reference)
+            return self._accept(images, anchor, replace(found, is_due=self._is_jump(step)))
         if image.is_blank:
             return self._predict()
         motion = self._motion_since(last, image)
         predicted = self._predicted_by(motion)
         if near is not None and self._is_related(images, anchor, near, predicted):
-            return self._accept(images, anchor, self._placed_near(anchor, near))
+            return self._accept(images, anchor, placed(anchor.keyframes.active, near))
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, predicted, is_photograph)
         if found.match is None and self._is_search_due(motion):
@@ -199,12 +201,6 @@ class FrameRegistrar:
             return None
         before = self._planes.before
         return anchor.match_near(images, before, self._std_before, self._motion.expected(before))
-
-    def _placed_near(self, anchor: KeyframeAnchor, near: KeyframeMatch) -> Placement:
-        """Where a match with the current keyframe places a frame, which is a keyframe after a jump."""
-        found = placed(anchor.keyframes.active, near)
-        step = normalised(inverse(self._planes.before) @ found.to_reference)
-        return replace(found, is_due=self._is_jump(step))
 
     def _motion_since(self, last: WorkingImage, image: WorkingImage) -> PairwiseMotion:
         """The motion of the corners since the last frame that was not lost."""

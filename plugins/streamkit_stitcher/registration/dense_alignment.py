@@ -41,7 +41,6 @@ class DenseAlignment:
         at_rest: whether `key_to_frame` is exactly the first prediction, which explains the frame as well.
         away: distance of the first prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
-        rival: agreement of the rival, as a part of that of the motion; 0 without one.
         evidence: float64[8], against each motion that is `doubted` px off, see `DenseLevel.neighbours`.
     """
 
@@ -55,7 +54,6 @@ class DenseAlignment:
     at_rest: bool
     away: float
     rmse: float
-    rival: float
     evidence: FloatArray
 
 
@@ -68,12 +66,11 @@ _HELD: Final = (25.0, 75.0)
 _JITTER: Final = 0.25
 # Agreement by which a rival must exceed the found motion, in deviations of its parts of the frame.
 _EVIDENT: Final = 3.0
-# Distance at a corner, px, beyond which the shift found by correlation is a rival, too, and its length by the
+# Distance at a corner, px, beyond which the shift found by correlation is a rival, and its length by the
 # width above which it is that of photographs, which features register.
 ELSEWHERE: Final = 8.0
 _FARTHEST: Final = 0.25
 _RIVAL_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
-_LEAST_AGREEMENT: Final = 1e-6
 # Shifts, px, under which only chance agrees.
 _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
 
@@ -94,15 +91,14 @@ def align_densely(
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
     rest: float | None = None,
-    rival: FloatArray | None = None,
     doubted: float = 2.0,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
 
     Blocks count by their contrast relative to their neighbourhood and are left out as they differ: movers,
     water, leaves. Another motion replaces the result with evidence from all over the frame, as a mover offers
-    the motion of its own part of it: `rival`, the shift at which the textures correlate best, and motions
-    `doubted` px off.
+    the motion of its own part of it: the shift at which the textures correlate best, and motions `doubted` px
+    off.
 
     Args:
         levels: of the keyframe, coarsest first.
@@ -111,7 +107,6 @@ def align_densely(
         covariance: float64[8, 8], of the step from a prediction, px.
         rest: how sure it is, 0 to 1, that the first prediction is right, which is then kept where it explains
             the frame about as well as any motion; None to prefer none.
-        rival: another motion, keyframe to frame, that the agreement of the result is compared with.
         doubted: error of the worst corner that the result is tested for, px.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
@@ -119,7 +114,7 @@ def align_densely(
     """
     textures = [texture(image) for image in levels_of(grey)]
     finest, image = levels[-1], textures[-1]
-    best, share = _best(levels, textures, predictions, covariance, rival)
+    best = _best(levels, textures, predictions, covariance)
     at_rest = rest is not None and _is_rest(finest, image, predictions[0], best, rest)
     motion = predictions[0] if at_rest else best.motion
     compared = finest.compare(image, motion) if at_rest else best.compared
@@ -146,7 +141,6 @@ def align_densely(
         at_rest,
         corner_shift(inverse(predictions[0]) @ best.motion, finest.shape),
         float(np.sqrt(compared.variance)),
-        share,
         evidence,
     )
 
@@ -159,7 +153,7 @@ def best_agreement(
 ) -> float:
     """The agreement of the best motion near some predictions, see `align_densely`."""
     textures = [texture(image) for image in levels_of(grey)]
-    best, _ = _best(levels, textures, predictions, covariance, None)
+    best = _best(levels, textures, predictions, covariance)
     return _beyond_chance(levels[-1], textures[-1], best.motion, best.compared)
 
 
@@ -168,29 +162,22 @@ def _best(
     textures: Sequence[SingleArray],
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
-    rival: FloatArray | None,
-) -> tuple[_Fit, float]:
-    """The best motion near the predictions, else elsewhere, and the rival's agreement as a part of it."""
-    finest, image = levels[-1], textures[-1]
+) -> _Fit:
+    """The best motion near the predictions, else elsewhere."""
+    finest = levels[-1]
     coarsest = 2 ** (len(levels) - 1)
     scores = [
         levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
         for prediction in predictions
     ]
     best = _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
-    share = 0.0
-    if rival is not None:
-        other = finest.compare(image, rival)
-        share = other.agreement / max(_LEAST_AGREEMENT, best.compared.agreement)
-        if finest.evidence(other, best.compared) > _EVIDENT:
-            best = _Fit(rival, *finest.refine(image, rival, rival, _RIVAL_COVARIANCE))
     shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
     if is_near and corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE:
         moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
         if finest.evidence(moved.compared, best.compared) > _EVIDENT:
             best = moved
-    return best, share
+    return best
 
 
 def _evidence(

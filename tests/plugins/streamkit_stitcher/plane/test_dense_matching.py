@@ -37,7 +37,7 @@ def deviations(keyframe, frames):
     """The predicted error of each frame of a camera that is taken to be at rest, px."""
     matcher, before, found = DenseMatcher(), np.eye(3), []
     for frame in frames:
-        match = matcher.match(keyframe, frame, before, 0.3, before, None)
+        match = matcher.match(keyframe, frame, before, 0.3, before)
         before = match.fit.matrix
         found.append(match.corner_std)
     return np.array(found)
@@ -70,7 +70,7 @@ def test_a_comparison_with_another_motion_teaches_nothing(keyframe, scene):
         frame = hidden(scene, seed, 80)
         moved = translation(np.array([6.0, 0.0]))
         asked.agreement(keyframe, np.roll(frame, -6, axis=1), moved, 5.0, moved)
-        with_question = asked.match(keyframe, frame, rest, 0.3, rest, None)
-        without = plain.match(keyframe, frame, rest, 0.3, rest, None)
+        with_question = asked.match(keyframe, frame, rest, 0.3, rest)
+        without = plain.match(keyframe, frame, rest, 0.3, rest)
         assert with_question.corner_std == without.corner_std
         assert np.array_equal(with_question.fit.matrix, without.fit.matrix)

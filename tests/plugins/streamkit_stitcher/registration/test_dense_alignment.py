@@ -52,18 +52,10 @@ def test_a_lost_frame_is_found_without_a_prediction(ground):
     assert corner_shift(inverse(translation(np.array([-70.0, 0.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
 
-def test_a_rival_needs_evidence_from_all_over_the_frame(ground, faint_road):
-    """The motion of three cars is not the camera's; a turn of the whole frame is."""
-    jump = translation(np.array([0.0, 12.0]))
+def test_the_motion_of_three_cars_is_not_the_cameras(faint_road):
+    """They agree with a shift by 12 px, the faint road with none."""
     key, frame = with_cars(faint_road, 0), with_cars(faint_road, 12)
-    cars = align_densely(levels(key), frame, [np.eye(3)], STEADY, 0.0, jump)
-    assert cars.at_rest
-    turn = np.vstack([cv2.getRotationMatrix2D((159.5, 89.5), 20, 1.0), [0, 0, 1]])
-    key = ground[300:480, 300:620]
-    frame = cv2.warpPerspective(ground, turn @ translation(np.array([-300.0, -300.0])), (320, 180))
-    whole = align_densely(levels(key), frame, [np.eye(3)], STEADY, 0.0, turn)
-    assert not whole.at_rest
-    assert corner_shift(inverse(turn) @ whole.key_to_frame, SHAPE) < 0.25
+    assert align_densely(levels(key), frame, [np.eye(3)], STEADY, 0.0).at_rest
 
 
 def test_a_camera_that_always_rests_is_moved_by_clear_evidence_only(ground):
