@@ -74,9 +74,10 @@ class Stitch(Transform):
     `reference_change`, so that downstream elements can move their state along.
 
     The mosaic is painted in a background thread, and written at EOS or when the pipeline stops earlier; the
-    message `mosaic` reports its size and position. After it the message `summary` counts the frames by status
-    and the planes, and repeats what the largest mosaic is. The pad `mosaic` shows it while it grows, from a
-    thread of its own: a slow consumer gets fewer updates, and always the last.
+    message `mosaic` reports its size and position. If no frame could be registered there is no mosaic, and a
+    warning says so. At the end the message `summary` counts the frames by status and the planes, and repeats
+    what the largest mosaic is. The pad `mosaic` shows it while it grows, from a thread of its own: a slow
+    consumer gets fewer updates, and always the last.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! fakesink
@@ -286,12 +287,16 @@ class Stitch(Transform):
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
         states = {status.value: self.outcomes[status.value] for status in RegistrationStatus}
-        if any(states.values()):
+        frames = sum(states.values())
+        if self.recording.location is not None and frames == states[RegistrationStatus.LOST]:
+            reason = f"none of {frames} frames could be registered" if frames else "no frame came"
+            self.post_warning(f"{self.recording.location}: no mosaic: {reason}", "shortfall")
+        if frames:
             mosaic = {} if self._mosaic is None else self._mosaic.summary
             planes = max(1, self._registrar.ended_planes)
             if "file" in mosaic:
                 self.results["files"] = planes if FileNames(str(self.recording.location)).is_several else 1
-            self.post_message("summary", frames=sum(states.values()), **states, planes=planes, **mosaic)
+            self.post_message("summary", frames=frames, **states, planes=planes, **mosaic)
 
     def _prefer_colour(self) -> None:
         for name in ("sink", "src"):

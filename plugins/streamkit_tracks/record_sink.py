@@ -44,6 +44,10 @@ class RecordFileSink(OutputFileSink):
         """Why no record has a target, or a position where that is needed."""
         return self._tally.shortfall()
 
+    def remark(self) -> str:
+        """That no frame had a target, which an empty scene has not."""
+        return self._tally.remark()
+
     def needs_positions(self) -> bool:
         """Whether targets without ground coordinates are of no use in the file."""
         return False

@@ -181,6 +181,8 @@ class ZenohSink(SessionElement, Sink):
         needs_tracks = (settings.tracks or settings.track) and not publishes_images
         if needs_tracks and (text := self._tally.shortfall()):
             self.post_warning(f"key={settings.key}: {text}", "shortfall")
+        elif needs_tracks and (text := self._tally.remark()):
+            self.post_message("note", text=f"key={settings.key}: {text}")
         if not publication.close(limit_s, cancelled):
             self.post_warning("a receiver takes nothing: the last records may be lost to it")
 

@@ -224,6 +224,9 @@ class Run:
             self.shortfalls.append(f"{message.source}: {message.text}")
         if message.kind is MessageKind.WARNING and not self.quiet:
             self.display.print_line(f"warning: {message.source or 'pipeline'}: {message.text}")
+        elif message.fields.get("name") == "note":
+            if not self.quiet:
+                self.display.print_line(f"note: {message.source}: {message.fields.get('text')}")
         elif self.verbose and message.kind is not MessageKind.ERROR:
             known = "state" if message.kind is MessageKind.STATE else "name"  # in the text already
             fields = " ".join(f"{name}={value}" for name, value in message.fields.items() if name != known)

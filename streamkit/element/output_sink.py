@@ -84,6 +84,10 @@ class OutputFileSink(Sink):
         """Why the complete file contains no data, such as no tracks, or ""."""
         return ""
 
+    def remark(self) -> str:
+        """What the complete file contains less of than its user may expect, though nothing failed, or ""."""
+        return ""
+
     def has_content(self) -> bool:
         """Whether the file that is open holds more than a start and an end; else an older one is left."""
         return True
@@ -232,6 +236,8 @@ class OutputFileSink(Sink):
                         self.end()
                 if text := self.shortfall():
                     self.post_warning(f"{self.location}: {text}", "shortfall")
+                elif text := self.remark():
+                    self.post_message("note", text=f"{self.location}: {text}")
         finally:
             self._writing.release()
 

@@ -46,6 +46,12 @@ class RecordTally:
             if self._needs_positions and tracks.tracks and not self._positions:
                 self._unlocated[ground_positions(frame, ground_altitude_m)[1]] += 1
 
+    def remark(self) -> str:
+        """That no target was found, where that is no fault as the frames were searched, or ""."""
+        if self._targets or not self._with[Tracks] or self.shortfall():
+            return ""
+        return f"no target in any of {self._frames} frames"
+
     def shortfall(self) -> str:
         """Why no record of the run has a target (with ground coordinates, if needed), or ""."""
         needs_positions, frames = self._needs_positions, f"of {self._frames} frames"

@@ -164,10 +164,28 @@ def test_lost_frames_do_not_smear_the_mosaic(flight, tmp_path):
 
 
 def test_no_frames_no_mosaic(tmp_path):
-    """Without a usable frame no file is written, and that is no error."""
-    with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
+    """Without a usable frame no file is written: a warning says so, for `launch --strict` a failure."""
+    location = tmp_path / "m.png"
+    with Harness("stitch", location=str(location)) as harness:
         harness.drain()
+    (warning,) = [message for message in harness.messages if message.kind is MessageKind.WARNING]
+    assert warning.text == f"{location}: no mosaic: no frame came"
+    with Harness("stitch", location=str(location)) as harness:
+        for index in range(3):
+            push(harness, grey(np.zeros(SMALL, np.uint8), index))
+        harness.drain()
+    (warning,) = [message for message in harness.messages if message.kind is MessageKind.WARNING]
+    assert warning.text == f"{location}: no mosaic: none of 3 frames could be registered"
+    assert warning.fields["code"] == "shortfall"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_lost_frames_are_no_shortfall_without_a_mosaic(flight):
+    """Where none is asked for, the summary alone counts them."""
+    with Harness("stitch") as harness:
+        push(harness, grey(np.zeros(SMALL, np.uint8)))
+        harness.drain()
+    assert not [message for message in harness.messages if message.kind is MessageKind.WARNING]
 
 
 def test_a_model_gives_the_field_of_view(flight):

@@ -525,9 +525,23 @@ def test_system_exit_of_an_element_is_an_error(
     assert done.exit_code == {"__init__": 2, "stop": 0}.get(method, 1)
 
 
+@pytest.mark.parametrize("sink", ["tracksink location={}/t.jsonl", "zenohsink key=launch/empty"])
+def test_an_empty_scene_is_noted(launch: Callable[..., Result], tmp_path: Path, sink: str) -> None:
+    """No target is legitimate, so even with --strict the run succeeds."""
+    pipeline = f"videotestsrc num-buffers=5 ! framediff ! particletrack ! {sink.format(tmp_path)} name=t"
+    done = launch("--strict", pipeline)
+    assert done.exit_code == 0
+    (line,) = [line for line in done.stderr.splitlines() if "no target in any of 5 frames" in line]
+    assert line.startswith("note: t: ")
+
+
 @pytest.mark.parametrize(
     ("text", "reported"),
     [
+        (
+            "videotestsrc pattern=black num-buffers=2 ! stitch location={}/m.png ! fakesink",
+            "no mosaic: none of 2",
+        ),
         ("videotestsrc num-buffers=2 ! tracksink location={}/t.jsonl", "put particletrack before it"),
         ("videotestsrc num-buffers=2 ! detectionsink location={}/d.jsonl", "put framediff before it"),
         ("videotestsrc num-buffers=2 ! featuresink location={}/f.npz", "put waveleteigen before it"),

@@ -54,6 +54,19 @@ def test_reasons(frames: list[Frame], positions: bool, text: str) -> None:
     assert bool(found) is bool(text)
 
 
+def test_an_empty_scene_is_remarked() -> None:
+    """Frames that were searched in vain are no fault, but they are not silent."""
+    tally = RecordTally()
+    tally.note(EMPTY.attach(Tracks()).attach(NOTHING_FOUND))
+    assert tally.remark() == "no target in any of 1 frames"
+    tally.note(SEEN)
+    assert tally.remark() == ""
+    tally = RecordTally()
+    tally.note(EMPTY.attach(Tracks()))
+    assert tally.shortfall()
+    assert tally.remark() == "", "the shortfall says why"
+
+
 def test_one_position_is_no_shortfall() -> None:
     """Without any, what the pose lacks or the states of the targets are the reason."""
     tally = RecordTally(needs_positions=True)
