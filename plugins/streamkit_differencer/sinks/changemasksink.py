@@ -3,17 +3,21 @@
 import cv2
 import numpy as np
 
-from streamkit import Frame, IfExists, OutputFileSink, Property, PropertyError
+from streamkit import Frame, IfExists, OutputFileSink, Property, PropertyError, StreamError
 from streamkit.output.file import OutputFile
 from streamkit_differencer.arrays import above
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND
+from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING, SHADOW, STOPPED
+
+_NO_MASK = np.ones(256, np.uint8)
+_NO_MASK[[0, SHADOW, STOPPED, MOVING]] = 0
 
 
 class ChangeMaskSink(OutputFileSink):
     """Writes each mask as results/bin000001.png and so on: 255 is foreground, 0 is background.
 
     To score a sequence, set location=results/CATEGORY/SEQUENCE. Stopped objects count as foreground, shadow
-    does not.
+    does not. The files are numbered in the order of the masks: where `multifilesrc` begins at another number
+    than 1, set first-number to its start-index. A video that is no mask is refused.
 
     Example:
         videotestsrc num-buffers=5 ! framediff name=d ! fakesink d.mask ! changemasksink location=masks
@@ -47,7 +51,17 @@ class ChangeMaskSink(OutputFileSink):
         """Nothing is common to all files."""
 
     def write(self, frame: Frame) -> None:
-        """Writes one mask."""
+        """Writes one mask.
+
+        Raises:
+            StreamError: the frame has values that no mask has.
+        """
+        if cv2.LUT(frame.data, _NO_MASK).any():
+            value = int(frame.data[_NO_MASK[frame.data] > 0][0])
+            raise StreamError(
+                f"a mask has the values 0, {SHADOW}, {STOPPED} and {MOVING}, the frame has {value}; "
+                "link the pad mask: framediff name=d d.mask ! changemasksink"
+            )
         # Masks are mostly empty: higher levels gain little for their time.
         mask = above(frame.data, HIGHEST_BACKGROUND)
         _, encoded = cv2.imencode(".png", mask, [cv2.IMWRITE_PNG_COMPRESSION, 1])

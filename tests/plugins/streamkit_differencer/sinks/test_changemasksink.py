@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit import Frame, Pipeline, PropertyError, ResourceError, raw_video_caps
+from streamkit import ElementFailure, Frame, Pipeline, PropertyError, ResourceError, raw_video_caps
 from streamkit.testing import Harness
 
 
@@ -35,6 +35,16 @@ def test_the_mask_pad_gives_a_mask_for_every_frame(tmp_path):
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [f"bin{number:06d}.png" for number in range(10, 15)]
     assert cv2.imread(str(tmp_path / names[0]), cv2.IMREAD_UNCHANGED).shape == (121, 161)
+
+
+@pytest.mark.parametrize("before", ["", "framediff motion=none !"])
+def test_a_video_is_no_mask(tmp_path, before):
+    """Thresholded, it would pass for masks; the error names the pad."""
+    with pytest.raises(ElementFailure, match=r"link the pad mask: framediff name=d d\.mask ! changemasksink"):
+        Pipeline.parse(f"videotestsrc num-buffers=5 ! {before} changemasksink location={tmp_path / 'm'}").run(
+            timeout_s=30
+        )
+    assert not list(tmp_path.rglob("*.png"))
 
 
 def test_the_name_of_a_file_is_refused():
