@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from streamkit import Detections, Frame, Property, ResourceError, StreamError, Transform
-from streamkit_differencer.arrays import FloatArray
+from streamkit_differencer.arrays import FloatArray, overlaps
 
 MOT_CORNER = 1.5  # from the centre of the first pixel to the corner of MOT's pixel 1
 MAX_FRAME = 1e7
+MAX_OUTSIDE = 0.1  # of the boxes; those of tracked objects that leave may lie beyond the frame
 NOT_IN_TEXT = frozenset("\0\N{REPLACEMENT CHARACTER}")
 
 Row = tuple[float, float, float, float, float, float]  # frame, x0, y0, x1, y1, score
@@ -31,6 +32,9 @@ class DetectionSrc(Transform):
     Reads the det.txt of the MOT Challenge and the JSON lines of `detectionsink`. Frames without a row get no
     detections, but count as searched. Scores outside 0 to 1 are scaled so that the file's lowest is 0 and its
     highest 1. With it, a tracker is judged apart from the detector, and any detector's results are tracked.
+
+    A warning at the end says that the file does not fit the video: no number matched, no score reached
+    min-score, or boxes lie outside the frame.
 
     Example:
         filesrc location=flight.mp4 ! decode ! detectionsrc location=det.txt ! particletrack ! fakesink
@@ -53,12 +57,17 @@ class DetectionSrc(Transform):
             ) from error
         except ValueError as error:
             raise StreamError(str(error)) from None
+        self._fit = FileFit(self._table)
 
     @override
     def transform(self, frame: Frame) -> Frame:
-        rows = self._table.of_frame(frame.seq + self.first_number)
-        rows = rows[self._table.scores[rows] >= self.min_score]
+        number = frame.seq + self.first_number
+        matched = self._table.of_frame(number)
+        rows = matched[self._table.scores[matched] >= self.min_score]
         boxes = self._table.boxes[rows]
+        self._fit.note(
+            number, len(matched), boxes, (frame.caps.integer("width"), frame.caps.integer("height"))
+        )
         return frame.attach(
             Detections(
                 centroids=(boxes[:, :2] + boxes[:, 2:]) / 2,
@@ -70,6 +79,12 @@ class DetectionSrc(Transform):
             )
         )
 
+    @override
+    def drain(self) -> Iterable[Frame]:
+        if text := self._fit.shortfall(self.min_score):
+            self.post_warning(f"location={self.location}: {text}", "shortfall")
+        return ()
+
 
 @dataclass(frozen=True, eq=False)
 class DetectionTable:
@@ -80,12 +95,14 @@ class DetectionTable:
         boxes: float64[n, 4], x0 y0 x1 y1, px; (0, 0) is the centre of the first pixel.
         scores: float64[n], in the units of the file.
         relative_scores: float64[n], 0 to 1.
+        lines: those of the file that are not blank.
     """
 
     frames: FloatArray
     boxes: FloatArray
     scores: FloatArray
     relative_scores: FloatArray
+    lines: int
 
     def of_frame(self, number: int) -> NDArray[np.int64]:
         """The rows of a frame."""
@@ -99,12 +116,14 @@ def read_detections(path: str) -> DetectionTable:
         OSError: it cannot be read.
         ValueError: a line is no detection; the error names it.
     """
+    count = 0
     read = _mot_rows if Path(path).suffix.lower() == ".txt" else _json_rows
     rows: list[Row] = []
     with Path(path).open(encoding="utf-8", errors="replace") as lines:
         for number, line in enumerate(lines, 1):
             if not line.strip():
                 continue
+            count += 1
             try:
                 rows += read(line)
             except (ValueError, KeyError, TypeError, IndexError):
@@ -120,7 +139,55 @@ def read_detections(path: str) -> DetectionTable:
     if len(scores) and (scores.min() < 0.0 or scores.max() > 1.0):
         span = np.ptp(scores)
         relative = (scores - scores.min()) / span if span else np.ones(len(scores))
-    return DetectionTable(table[:, 0], table[:, 1:5], scores, relative)
+    return DetectionTable(table[:, 0], table[:, 1:5], scores, relative, count)
+
+
+class FileFit:
+    """Counts what the frames of a run took from a file, to say where the file belongs to another video.
+
+    Args:
+        table: the detections of the file.
+    """
+
+    def __init__(self, table: DetectionTable) -> None:
+        self._table = table
+        self._numbers: tuple[int, int] | None = None  # of the first and the last frame
+        self._matched = self._used = self._outside = 0
+
+    def note(self, number: int, matched: int, boxes: FloatArray, size: tuple[int, int]) -> None:
+        """Notes a frame.
+
+        Args:
+            number: of the frame in the file.
+            matched: rows of the file with this number.
+            boxes: float64[n, 4], those that are used.
+            size: width and height of the frame, px.
+        """
+        self._numbers = (number if self._numbers is None else self._numbers[0]), number
+        self._matched += matched
+        if len(boxes):
+            whole = np.array([[0.0, 0.0, *size]]) - 0.5
+            self._used += len(boxes)
+            self._outside += len(boxes) - int(overlaps(boxes, whole).sum())
+
+    def shortfall(self, min_score: float) -> str:
+        """How the file does not fit the frames, or ""."""
+        table = self._table
+        if self._numbers is None or (table.lines and not len(table.frames)):
+            return ""  # no frame came, or a detector found nothing in any
+        if not table.lines:
+            return "the file is empty"
+        if not self._matched:
+            rows = f"{table.frames[0]:.0f}..{table.frames[-1]:.0f}"
+            frames = "{}..{}".format(*self._numbers)
+            return f"no row matched a frame: rows are numbered {rows}, frames {frames}; check first-number"
+        if not self._used:
+            scores = f"{table.scores.min():g} to {table.scores.max():g}"
+            return f"no row has a score of min-score={min_score:g}: the scores are {scores}"
+        if self._outside > MAX_OUTSIDE * self._used:
+            outside = f"{self._outside} of {self._used} boxes lie outside the frame"
+            return f"{outside}: are they of another video or scale?"
+        return ""
 
 
 def _mot_rows(line: str) -> Iterator[Row]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit import Detections, ElementFailure, Frame, Pipeline, Tracks, raw_video_caps
+from streamkit import Detections, ElementFailure, Frame, Message, Pipeline, Tracks, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_differencer.detectionsrc import read_detections
 
@@ -119,6 +119,40 @@ def test_a_binary_file_is_not_printed(tmp_path: Path):
     path.write_bytes(b"\0\0\0\x20ftypisom\xff\xfe\n")
     with pytest.raises(ElementFailure, match=r"jsonl:1: .* got bytes that are no text; check the path"):
         given_detections(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "warning"),
+    [
+        (MOT, "", ""),
+        ("", "", "the file is empty"),
+        (MOT, "first-number=5000", "no row matched a frame: rows are numbered 1..3, frames 5000..5002"),
+        (MOT, "min-score=1e9", "no row has a score of min-score=1e+09: the scores are 0.2 to 0.9"),
+        (MOT.replace(",1,1,10", ",999,1,10"), "", "2 of 3 boxes lie outside the frame: are they of another"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_told(tmp_path: Path, text: str, settings: str, warning: str):
+    """At the end, as a shortfall."""
+    path = tmp_path / "det.txt"
+    path.write_text(text)
+    warnings: list[Message] = []
+    with Pipeline.parse(
+        f"videotestsrc num-buffers=3 ! detectionsrc location={path} {settings} ! fakesink"
+    ) as run:
+        run.bus.watch(lambda message: warnings.append(message) if message.kind == "warning" else None)
+        run.run(timeout_s=30)
+    assert bool(warnings) is bool(warning)
+    assert all(warning in message.text and message.fields["code"] == "shortfall" for message in warnings)
+
+
+def test_an_empty_scene_fits(tmp_path: Path):
+    """Records of frames without detections are no fault."""
+    path = tmp_path / "det.jsonl"
+    path.write_text('{"frame": 1, "detections": []}\n')
+    with Harness("detectionsrc", location=str(path)) as harness:
+        harness.push(Frame(np.zeros((8, 8), np.uint8), raw_video_caps("GRAY8", 8, 8)))
+        harness.drain()
+    assert not [message for message in harness.messages if message.kind == "warning"]
 
 
 def test_a_missing_file_is_told(tmp_path: Path):
