@@ -5,7 +5,7 @@ from pathlib import Path
 
 from typing_extensions import override
 
-from streamkit import Frame, Property, RecordFile, Transform, registration_of, tracks_of
+from streamkit import Frame, Property, RecordFile, StreamError, Transform, registration_of, tracks_of
 from streamkit_tracks.tracksrc import check_records
 
 
@@ -13,7 +13,7 @@ class TrackAttach(Transform):
     """Attaches the tracks and registration of a finished run to the frames of its video.
 
     With it, an overlay is drawn without tracking again. A frame belongs to the record with its epoch and
-    number; one without a record passes as it is.
+    number; one without a record passes as it is. Frames of another size than the records name are an error.
 
     Example:
         filesrc location=flight.mp4 ! decode ! trackattach location=tracks.jsonl ! trackoverlay ! fakesink
@@ -32,12 +32,23 @@ class TrackAttach(Transform):
 
     @override
     def transform(self, frame: Frame) -> Frame:
+        """Attaches the record of the frame.
+
+        Raises:
+            StreamError: the record is of a frame of another size.
+        """
         place = frame.epoch, frame.seq
         while self._record is not None and (self._record.epoch, self._record.seq) < place:
             self._record = next(self._records, None)
         record = self._record
         if record is None or (record.epoch, record.seq) != place:
             return frame
+        recorded = record.width, record.height
+        if None not in recorded and recorded != (frame.caps["width"], frame.caps["height"]):
+            raise StreamError(
+                "location={}: the tracks are of frames of {} x {} px, this one has {} x {}; give their own "
+                "video".format(self.location, *recorded, frame.caps["width"], frame.caps["height"])
+            )
         self._has_match = True
         frame = frame.attach(tracks_of(record))
         return frame if record.registration is None else frame.attach(registration_of(record.registration))

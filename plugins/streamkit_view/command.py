@@ -56,7 +56,7 @@ def view(
         exit_with_error(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import LOG, Access, is_loopback
     from streamkit_view.basemap import InvalidBasemap, read_basemap
-    from streamkit_view.playback import PlayedPipeline, is_run, is_source, unplayable
+    from streamkit_view.playback import PlayedPipeline, is_run, is_source, size_conflict, unplayable
 
     sources = [text for text in what if is_source(text)]
     if sources and len(what) > 1:
@@ -69,6 +69,8 @@ def view(
     for text in filter(None, [*sources, video]):
         if reason := unplayable(text, with_records=text == video):
             exit_with_error(reason)
+    if video and (reason := size_conflict(sources[0], video)):
+        exit_with_error(reason)
     try:
         base = None if basemap is None else read_basemap(basemap)
     except InvalidBasemap as error:

@@ -11,7 +11,16 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import NamedTuple
 
-from streamkit import ANY, STREAMKIT_COMMAND, ElementFailure, Pipeline, choose_source, mask_secrets
+from streamkit import (
+    ANY,
+    STREAMKIT_COMMAND,
+    Caps,
+    ElementFailure,
+    Pipeline,
+    RecordFile,
+    choose_source,
+    mask_secrets,
+)
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
@@ -65,8 +74,31 @@ def unplayable(location: str, *, with_records: bool = False) -> str:
     return ""
 
 
+def size_conflict(records: str, video: str) -> str:
+    """Why records are not those of a video: frames of another size; "" where none is known to differ."""
+    caps = caps_of(video)
+    size = (caps.get("width"), caps.get("height")) if caps is not None else (None, None)
+    _, record = next(iter(RecordFile(records)), (0, None))
+    recorded = (None, None) if record is None else (record.width, record.height)
+    if None in size or None in recorded or size == recorded:
+        return ""
+    return "{}: the tracks are of frames of {} x {} px, the video has {} x {}; give their own video".format(
+        video, *recorded, *size
+    )
+
+
 def media_type_of(file: str) -> str:
     """The media type of a file's video, such as video/x-h264, or of its records.
+
+    Raises:
+        ElementFailure: the file cannot be played; `cause` says why.
+    """
+    caps = caps_of(file)
+    return "" if caps is None else str(caps.name)
+
+
+def caps_of(file: str) -> Caps | None:
+    """The caps of a file's packets or records, as far as its head tells.
 
     Raises:
         ElementFailure: the file cannot be played; `cause` says why.
@@ -76,8 +108,8 @@ def media_type_of(file: str) -> str:
     pipeline["file"].location = file
     with pipeline:
         pipeline.ready()
-        caps = pipeline["file"].negotiate(ANY)
-    return "" if caps is None else str(caps.name)
+        caps: Caps | None = pipeline["file"].negotiate(ANY)
+    return caps
 
 
 class PlayedPipeline:

@@ -27,6 +27,23 @@ def test_the_frames_have_the_tracks_of_the_run(tmp_path: Path) -> None:
         assert [frame.seq for frame in pipeline["out"] if frame.tracks] == [5, 6, 7, 9]
 
 
+def test_frames_of_another_size_are_an_error(tmp_path: Path) -> None:
+    """The boxes of the tracks would be drawn at wrong places."""
+    path = tmp_path / "tracks.jsonl"
+    path.write_text(
+        '{"schema":"streamkit.tracks/1","source":"a","seq":0,"epoch":0,"width":640,"height":480,"tracks":[],'
+        '"dropped":0}\n'
+    )
+    source = "videotestsrc num-buffers=3 ! video/x-raw, width={}, height={}"
+    with pytest.raises(
+        ElementFailure, match=r"of frames of 640 x 480 px, this one has 320 x 240; give their"
+    ):
+        Pipeline.parse(f"{source.format(320, 240)} ! trackattach location={path} ! fakesink").run(
+            timeout_s=30
+        )
+    Pipeline.parse(f"{source.format(640, 480)} ! trackattach location={path} ! fakesink").run(timeout_s=30)
+
+
 def test_a_file_of_another_video_is_reported(tmp_path: Path) -> None:
     """No record fits; a missing file fails at the start."""
     path = tmp_path / "tracks.jsonl"

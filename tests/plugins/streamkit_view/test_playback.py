@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from streamkit_view.playback import PlayedPipeline, pipeline_for, unplayable
+from streamkit import Pipeline
+from streamkit_view.playback import PlayedPipeline, size_conflict, pipeline_for, unplayable
 
 SCRIPT = """
 import sys, time
@@ -72,6 +73,19 @@ def test_a_codec_that_browsers_do_not_have_is_shown_in_images(streamkit_data: Pa
         assert pipeline_for(str(file)) == ("images.pipe", "filesrc location")
         assert unplayable(str(file)) == ""
     assert "browsers decode no video/x-" in unplayable(str(divx), with_records=True)
+
+
+def test_the_video_of_another_run_is_refused(tmp_path: Path) -> None:
+    """Records name the size of their frames; where they do not, any video is taken."""
+    video, records = tmp_path / "flight.mp4", tmp_path / "tracks.jsonl"
+    Pipeline.parse(f"videotestsrc num-buffers=5 ! videofilesink location={video}").run(timeout_s=60)
+    line = '{"schema":"streamkit.tracks/1","source":"a","seq":0,"epoch":0,%s"tracks":[],"dropped":0}\n'
+    for size, refused in (("640,", True), ("320,", False), ("", False)):
+        records.write_text(line % (size and f'"width":{size}"height":240,'))
+        assert bool(text := size_conflict(str(records), str(video))) is refused
+        assert not refused or "of frames of 640 x 240 px, the video has 320 x 240; give their own" in text
+    records.write_text("")
+    assert size_conflict(str(records), str(video)) == ""
 
 
 @pytest.mark.parametrize(
