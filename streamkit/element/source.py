@@ -139,19 +139,28 @@ class Source(Element):
                 close()
 
     def _push(self, item: Frame | tuple[str, Frame] | Event, main: Pad | None) -> None:
-        """Pushes a frame through its pad, or sends an event through all pads."""
+        """Pushes a frame through its pad, or sends an event through all pads.
+
+        Raises:
+            TypeError: the item is none of them.
+        """
         if self.is_live and self._is_paused():
             self.count_drop("paused")  # stale by the time the pipeline resumes
         elif isinstance(item, Frame):
             pad = main or self.src_pad
             pad.push(self._prepared(pad, item))
-        elif isinstance(item, tuple):
+        elif isinstance(item, Event):
+            for pad in list(self.src_pads()):
+                pad.send_event(item)
+        elif isinstance(item, tuple) and len(item) == 2 and isinstance(item[1], Frame):
             pad = self.pads[item[0]]
             if pad is main or pad.peer is not None:
                 pad.push(self._prepared(pad, item[1]))
         else:
-            for pad in list(self.src_pads()):
-                pad.send_event(item)
+            raise TypeError(
+                f"frames() yields Frame, (pad name, Frame) or Event, got {type(item).__name__}: "
+                "put data into a frame with Frame(data, caps)"
+            )
 
     def _prepared(self, pad: Pad, frame: Frame) -> Frame:
         """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""

@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Property, Source
@@ -38,6 +39,26 @@ def test_the_engine_fills_in_number_and_arrival(register: Register) -> None:
     assert [frame.seq for frame in frames] == [0, 1, 2, 3]
     assert all(frame.arrival_ns > 0 for frame in frames)
     assert len({id(frame.caps) for frame in frames}) == 1
+
+
+@pytest.mark.parametrize(
+    ("item", "kind"), [(np.zeros((2, 4), np.uint8), "ndarray"), (("src", b""), "tuple"), (False, "bool")]
+)
+def test_what_is_no_frame_is_refused(register: Register, item: Any, kind: str) -> None:
+    """Rather than lost; the error says what a source yields."""
+
+    class Bare(Source):
+        """Yields data without a frame."""
+
+        src = "ANY"
+
+        def frames(self) -> Iterator[Any]:
+            yield item
+
+    register(bare=Bare)
+    rule = rf"frames\(\) yields Frame, \(pad name, Frame\) or Event, got {kind}: put data into a frame"
+    with pytest.raises(ElementFailure, match=rule):
+        run_to_end("bare ! appsink name=out")
 
 
 def test_numbers_and_arrival_times_of_the_source_are_kept(register: Register) -> None:
