@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
-from streamkit.element.entries import PluginEntry, installed_entries
+from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.errors import PluginBroken
 from streamkit.masking import presentable
 
@@ -30,11 +30,8 @@ SUMMARY = "Streams frames through graphs of elements: drone video in, tracks out
 
 
 def installed_commands() -> dict[str, PluginEntry]:
-    """All commands by name, the engine's first; the first of a name wins."""
-    found = dict(CORE)
-    for entry in installed_entries("command", GROUP):
-        found.setdefault(entry.name, entry)
-    return found
+    """All commands by name; streamkit's own win."""
+    return entries_by_name(installed_entries("command", GROUP)) | CORE
 
 
 class CommandGroup(TyperGroup):

@@ -5,12 +5,15 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.metadata
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from streamkit.errors import PluginBroken
+
+OWN_PACKAGE = "streamkit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,12 +25,14 @@ class PluginEntry:
         name: as users write it.
         target: "module:attribute".
         distribution: the package; its metadata, slow to read, are read on demand; None for the engine.
+        rivals: entries of the same name in other packages, which are not used.
     """
 
     kind: str
     name: str
     target: str
     distribution: importlib.metadata.Distribution | None = None
+    rivals: tuple[PluginEntry, ...] = ()
 
     @property
     def package(self) -> str:
@@ -86,6 +91,19 @@ class PluginEntry:
         return PluginBroken(f"{self.where} cannot be {done}: {text}; {self.remedy}")
 
     @property
+    def rivalry(self) -> str:
+        """Which packages offer this name, where several do, or ""."""
+        if not self.rivals:
+            return ""
+        others = " and ".join(f"{rival.package} {rival.version}".rstrip() for rival in self.rivals)
+        return f"{self.kind} {self.name!r} is in {self.package} {self.version}, and in {others}"
+
+    @property
+    def is_own(self) -> bool:
+        """Whether streamkit itself offers it."""
+        return self.package == OWN_PACKAGE
+
+    @property
     def remedy(self) -> str:
         """What to do if it does not work."""
         return f"reinstall or update {self.package}, or tell its author"
@@ -95,3 +113,25 @@ def installed_entries(kind: str, group: str) -> list[PluginEntry]:
     """The entries of a group of all installed packages, sorted by name."""
     found = sorted(importlib.metadata.entry_points(group=group), key=lambda entry: entry.name)
     return [PluginEntry(kind, entry.name, entry.value, entry.dist) for entry in found]
+
+
+def entries_by_name(entries: Iterable[PluginEntry]) -> dict[str, PluginEntry]:
+    """One entry of each name, with the others as its rivals.
+
+    Streamkit's own comes before those of other packages: none can replace it by its name. An entry without a
+    package is of the running program, and comes before all.
+    """
+    named: dict[str, list[PluginEntry]] = {}
+    for entry in entries:
+        named.setdefault(entry.name, []).append(entry)
+    return {name: found[0] if len(found) == 1 else _first(found) for name, found in named.items()}
+
+
+def _first(entries: list[PluginEntry]) -> PluginEntry:
+    if entries[0].distribution is None:
+        return entries[0]
+    packages: dict[str, PluginEntry] = {}  # one may be on the path twice
+    for entry in entries:
+        packages.setdefault(entry.package, entry)
+    first, *rivals = sorted(packages.values(), key=lambda entry: not entry.is_own)
+    return replace(first, rivals=tuple(rivals))

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from streamkit.element.base import Element
-from streamkit.element.entries import PluginEntry, installed_entries
+from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.element.gstreamer_names import gstreamer_hint
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
@@ -17,11 +17,8 @@ GROUP = "streamkit.elements"
 
 @functools.cache
 def installed_elements() -> dict[str, PluginEntry]:
-    """All elements of all installed packages by name; the first of a name wins."""
-    found: dict[str, PluginEntry] = {}
-    for entry in installed_entries("element", GROUP):
-        found.setdefault(entry.name, entry)
-    return found
+    """All elements of all installed packages by name; streamkit's own win."""
+    return entries_by_name(installed_entries("element", GROUP))
 
 
 @functools.cache
@@ -30,7 +27,7 @@ def element_class(name: str) -> type[Element]:
 
     Raises:
         DescriptionError: no installed package has it (code `no-such-element`).
-        PluginBroken: it cannot be imported, or is not an element.
+        PluginBroken: it cannot be imported, is not an element, or two packages other than streamkit have it.
     """
     entry = installed_elements().get(name)
     if entry is None:
@@ -39,6 +36,8 @@ def element_class(name: str) -> type[Element]:
             f'no element "{name}"',
             hint=gstreamer_hint(name) or did_you_mean(name, installed_elements()),
         )
+    if entry.rivals and not entry.is_own:
+        raise PluginBroken(f"{entry.rivalry}; uninstall one of them")
     found = entry.load()
     if not (isinstance(found, type) and issubclass(found, Element)):
         raise PluginBroken(

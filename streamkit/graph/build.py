@@ -11,7 +11,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
-from streamkit.element.registry import element_class, located, make_element
+from streamkit.element.registry import element_class, installed_elements, located, make_element
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.graph.addresses import factory_for, location_of
@@ -204,6 +204,9 @@ class GraphBuilder:
         with located(node.place):
             element_class(node.factory)  # its error comes before one of the name
         warnings = self.graph.warnings
+        entry = installed_elements()[node.factory]
+        if entry.rivals:
+            warnings.append(("rival", f"{entry.rivalry}; that of {entry.package} is used"))
         name = name_in_text(node, warnings) or self._auto_name(node.factory)
         with located(node.place):
             element = make_element(node.factory, name)

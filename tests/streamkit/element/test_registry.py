@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import Element, PropertyError
+from streamkit import Element, Pipeline, PropertyError
 from streamkit.element.entries import PluginEntry
 from streamkit.element.gstreamer_names import BY_NAME, ELEMENTS
 from streamkit.element.registry import element_class, installed_elements, make_element
@@ -36,6 +36,34 @@ def test_an_entry_describes_its_origin(tmp_path: Path) -> None:
     distribution = importlib.metadata.Distribution.at(tmp_path)
     entry = PluginEntry("element", "framediff", "some.module:FrameDiff", distribution)
     assert entry.where == "element 'framediff' (some.module:FrameDiff, some-package 1.2)"
+
+
+def test_no_package_replaces_an_element_silently(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Streamkit's own is used, with a note that names both packages; between two others nobody chooses."""
+    for package in ("abc-plugin", "xyz-plugin"):
+        folder = tmp_path / f"{package.replace('-', '_')}-1.5.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.5\n")
+        own = "fakesink = fractions:Fraction\n" if package == "abc-plugin" else ""
+        (folder / "entry_points.txt").write_text(
+            f"[streamkit.elements]\n{own}contested = streamkit.elements.identity:Identity\n"
+        )
+    monkeypatch.syspath_prepend(tmp_path)
+    installed_elements.cache_clear()
+    element_class.cache_clear()
+    try:
+        assert installed_elements()["fakesink"].package == "streamkit"
+        (note,) = Pipeline.parse("fakesrc ! fakesink").graph.warnings
+        assert re.fullmatch(
+            "element 'fakesink' is in streamkit .*, and in abc-plugin 1.5; that of streamkit is used", note[1]
+        )
+        rule = "element 'contested' is in (abc|xyz)-plugin 1.5, and in (abc|xyz)-plugin 1.5; uninstall one"
+        with pytest.raises(PluginBroken, match=rule):
+            make_element("contested")
+        assert not Pipeline.parse("fakesrc ! identity ! appsink").graph.warnings
+    finally:
+        installed_elements.cache_clear()
+        element_class.cache_clear()
 
 
 def test_an_unknown_element_gets_a_suggestion() -> None:
