@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from streamkit.cli.inspect import describe_element
+from streamkit.cli.inspect import describe_element, example_command
 from streamkit.element.registry import installed_elements
 
 TARGET = Path(__file__).with_name("elements")
@@ -28,7 +28,7 @@ def element_section(facts: dict[str, Any]) -> str:
     """The section of one element."""
     lines = [f"## {facts['name']}", "", facts["doc"], ""]
     if facts["example"]:
-        lines += ["```sh", f'streamkit launch "{" ".join(facts["example"].split())}"', "```", ""]
+        lines += ["```sh", example_command(facts), "```", ""]
     lines += ["| pad | presence | caps |", "|---|---|---|"]
     for pad in facts["pads"]:
         caps = pad["caps"].replace("|", "\\|").replace("; ", "<br>")

@@ -146,7 +146,9 @@ class TimeOverlay(TextOverlay):
 
 
 class ClockOverlay(TimeOverlay):
-    """Writes the date and time at which each frame was captured, in UTC; now, where that is unknown.
+    """Writes the time of day at which each frame was captured, in UTC; now, where that is unknown.
+
+    `time-format` adds the date.
 
     Example:
         videotestsrc num-buffers=5 ! clockoverlay time-format="%Y-%m-%d %H:%M:%S" ! fakesink

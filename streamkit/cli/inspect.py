@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect as python_inspect
 import json
 import re
+import shlex
 import shutil
 import sys
 import textwrap
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from streamkit.element.base import Element
 
 PARAGRAPH_BREAK = re.compile(r"(?<=\S)\n(?=\S)")  # within a paragraph of a docstring
+MEANT_BY_SHELLS = frozenset('"$`\\')  # within double quotes
 ATTRIBUTES = re.compile(r"^Attributes:\n(?:[ ]+.*\n?|\n(?=[ ]))*", re.MULTILINE)
 
 
@@ -175,5 +177,12 @@ def as_text(facts: dict[str, Any], folded: Container[str] = ()) -> str:
         text = f"of every {facts['kind'].lower()} (see --all): {names}"
         lines += textwrap.wrap(text, 96, initial_indent="  ", subsequent_indent="  ", break_on_hyphens=False)
     if facts["example"]:
-        lines += ["", "Example", f'  streamkit launch "{" ".join(facts["example"].split())}"']
+        lines += ["", "Example", f"  {example_command(facts)}"]
     return "\n".join(lines)
+
+
+def example_command(facts: dict[str, Any]) -> str:
+    """The example as a command line for a shell; in single quotes where the description has double ones."""
+    description = " ".join(facts["example"].split())
+    quoted = f'"{description}"' if MEANT_BY_SHELLS.isdisjoint(description) else shlex.quote(description)
+    return f"streamkit launch {quoted}"

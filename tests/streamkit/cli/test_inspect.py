@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pty
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from typer.testing import CliRunner, Result
 
 from streamkit import Frame, Property, Transform
 from streamkit.cli.main import make_app
+from streamkit.element.registry import installed_elements
 
 Register = Callable[..., None]
 
@@ -65,6 +67,14 @@ def test_the_list_says_what_each_element_does(register: Register) -> None:
     assert rows["queue"] == "Runs downstream in its own thread; holds frames up to three limits."
     assert "unknown package" in rows.pop("gain")
     assert all(text.endswith(".") for text in rows.values())
+
+
+@pytest.mark.parametrize("name", sorted(installed_elements()))
+def test_the_example_can_be_pasted(name: str) -> None:
+    """A shell gives launch the description as one argument, quotes and all."""
+    found = facts(name)
+    line = inspect(name).stdout.partition("\nExample\n")[2].strip()
+    assert shlex.split(line) == ["streamkit", "launch", " ".join(found["example"].split())]
 
 
 def test_properties_of_the_base_class_are_folded() -> None:
