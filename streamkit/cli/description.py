@@ -15,9 +15,9 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from streamkit.cli.log_line import print_line, prints_json
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.variables import variable_names
-from streamkit.masking import presentable
 from streamkit.output.colour import coloured
 
 USAGE_EXIT = 2
@@ -118,7 +118,7 @@ def read_description(
 
 def exit_with_error(text: str, code: int = 1) -> NoReturn:
     """Prints an error on stderr, and ends the command with an exit code."""
-    typer.echo(coloured(f"error: {presentable(text)}"), err=True)
+    print_line(f"error: {text}")
     raise typer.Exit(code)
 
 
@@ -128,17 +128,26 @@ def fail_usage(message: str) -> NoReturn:
 
 
 def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:
-    """Exits because of an invalid description; points into the text."""
+    """Exits because of an invalid description; points into the text, or names the place in a JSON object."""
     if as_json:
         fail_json(error.code, error.message, error.place, error.hint)
-    typer.echo(coloured(error.pointed(description.text, description.name)), err=True)
+    if prints_json():
+        print_line(
+            f"error: {error.message}", error=_facts(error.code, error.message, error.place, error.hint)
+        )
+    else:
+        typer.echo(coloured(error.pointed(description.text, description.name)), err=True)
     sys.stderr.flush()
     raise typer.Exit(USAGE_EXIT)
 
 
 def fail_json(code: str, message: str, place: Place | None = None, hint: str = "") -> NoReturn:
     """Exits with an error as a JSON object on stderr."""
-    facts = {"code": code, "message": message, **dataclasses.asdict(place or Place()), "hint": hint}
-    typer.echo(json.dumps({"error": facts}), err=True)
+    typer.echo(json.dumps({"error": _facts(code, message, place, hint)}), err=True)
     sys.stderr.flush()
     raise typer.Exit(USAGE_EXIT)
+
+
+def _facts(code: str, message: str, place: Place | None, hint: str) -> dict[str, object]:
+    """What programs read of an error."""
+    return {"code": code, "message": message, **dataclasses.asdict(place or Place()), "hint": hint}

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
 import time
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import typer
 from typing_extensions import override
 
+from streamkit.cli.log_line import as_json
 from streamkit.cli.summary import summarise
 from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.graph.statistics import RunStatistics
@@ -80,20 +79,8 @@ class JsonDisplay(Display):
 
     @override
     def print_line(self, line: str) -> None:
-        level, separator, message = line.partition(": ")
-        if not separator or not level.isidentifier():
-            level, message = "note", line
-        source, separator, text = message.partition(": ")
         names = {element.name for element in self.pipeline.graph.elements}
-        name = source.partition(" (")[0]  # an error names the factory, too
-        element = {"element": name} if separator and name in names else {}
-        facts = {
-            "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
-            "level": level,
-            **element,
-            "message": text if element else message,
-        }
-        super().print_line(json.dumps(facts, ensure_ascii=False))
+        super().print_line(as_json(line, names))
 
 
 class Progress(Display):

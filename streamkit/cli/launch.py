@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
@@ -18,6 +19,7 @@ from typer.core import TyperCommand
 from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
     STANDARD_INPUT,
+    USAGE_EXIT,
     Description,
     DescriptionArgument,
     FileOption,
@@ -26,6 +28,7 @@ from streamkit.cli.description import (
     fail_usage,
     read_description,
 )
+from streamkit.cli.log_line import as_json, lines_in, print_line
 from streamkit.errors import DescriptionError
 from streamkit.handoff.library_threads import share_cores
 from streamkit.masking import mask_secrets, presentable, presentable_value
@@ -43,9 +46,19 @@ Form = Literal["text", "json"]
 
 
 class LaunchCommand(TyperCommand):
-    """Reads `--stats` and `--summary` without a value as `=text`, which typer does not support."""
+    """What typer does not support: `--stats` without a value is `=text`; usage errors may be log lines."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Reads the arguments."""
+        with usage_errors(is_json="--log-format=json" in args or ("--log-format", "json") in pairwise(args)):
+            return self._parse(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Runs the command."""
+        with usage_errors(is_json=ctx.params["log_format"] == "json"):
+            return super().invoke(ctx)
+
+    def _parse(self, ctx: Any, args: list[str]) -> list[str]:
         """Adds the default value where no value follows, up to `--`."""
         end = args.index("--") if "--" in args else len(args)
         read = [
@@ -128,7 +141,6 @@ def launch(
         _supervise()
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
-        as_json = json_errors or log_format == "json"
         with without_collection():
             from msgspec import structs
 
@@ -137,12 +149,12 @@ def launch(
             from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
 
-            pipeline = build(source, as_json=as_json)
+            pipeline = build(source, as_json=json_errors)
         if processes is not None:
             from streamkit.cli.processes import choose_processes
 
             source = choose_processes(source, pipeline)
-            pipeline = build(source, as_json=as_json)
+            pipeline = build(source, as_json=json_errors)
             gc.collect()  # the pipeline that was measured
         if stats_file is not None and (user := user_of(stats_file, pipeline.graph.elements)):
             text = f"{stats_file} is a file of {user}; name another"
@@ -177,6 +189,20 @@ def launch(
 
 
 @contextlib.contextmanager
+def usage_errors(*, is_json: bool) -> Iterator[None]:
+    """Context that prints lines as JSON objects if asked to, and usage errors, which else typer prints."""
+    try:
+        with lines_in(is_json=is_json):
+            yield
+    except Exception as error:
+        message = getattr(error, "format_message", None)  # typer exports no base class of its usage errors
+        if not is_json or message is None:
+            raise
+        typer.echo(as_json(presentable(f"error: {message()}")), err=True)
+        raise typer.Exit(USAGE_EXIT) from None
+
+
+@contextlib.contextmanager
 def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
     """Context in which Ctrl-C, SIGTERM and SIGHUP end the command at once, while the pipeline is built."""
     from streamkit.cli.run import handling_signals
@@ -186,7 +212,7 @@ def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
             yield
     except KeyboardInterrupt:
         if not quiet:
-            typer.echo("interrupt: stopped before it played", err=True)
+            print_line("interrupt: stopped before it played")
         raise typer.Exit(0) from None
 
 
@@ -225,7 +251,7 @@ def _supervise() -> NoReturn:
     from streamkit.service.supervisor import STREAMKIT_COMMAND, Supervisor
 
     words = [word for word in sys.argv[1:] if word != "--supervise"]
-    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], lambda line: typer.echo(line, err=True))
+    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], print_line)
     raise typer.Exit(supervisor.run())
 
 
@@ -279,7 +305,7 @@ def _exit(code: int, *, abandons_start: bool) -> NoReturn:
     left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
     if left and not abandons_start:
         names = ", ".join(thread.name for thread in left)
-        typer.echo(presentable(f"error: threads did not end: {names}"), err=True)
+        print_line(f"error: threads did not end: {names}")
         code = code or 1
     if left:
         sys.stdout.flush()

@@ -591,6 +591,33 @@ def test_log_lines_are_json_objects_on_request(launch: Callable[..., Result]) ->
     assert json.loads(bad.stderr)["error"]["code"] == "no-such-element"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code", "level", "message"),
+    [
+        (("nothing ! fakesink",), 2, "error", 'no element "nothing"'),
+        (("--set", "wrong", "fakesrc ! fakesink"), 2, "error", "--set takes NAME=VALUE, got 'wrong'"),
+        (("--stats-fil", "a", "fakesrc ! fakesink"), 2, "error", "No such option: --stats-fil"),
+        (("--watchdog-s", "-1", "fakesrc ! fakesink"), 2, "error", "Invalid value for '--watchdog-s': -1.0"),
+        (
+            ("--stats-file", "here.raw", "fakesrc ! filesink location=here.raw"),
+            2, "error", "Invalid value for --stats-file: here.raw is a file of filesink0; name another",
+        ),
+        (("--metrics", "nowhere", "fakesrc ! fakesink"), 2, "error", "HOST:PORT, got 'nowhere'"),
+        (("--summary", "fakesrc num-buffers=3 ! fakesink"), 0, "note", "3 frames in"),
+    ],
+)  # fmt: skip
+def test_every_line_of_stderr_is_json(
+    launch: Callable[..., Result], arguments: tuple[str, ...], code: int, level: str, message: str
+) -> None:
+    """Usage errors, bad descriptions and the summary have the shape of all other lines."""
+    done = launch("--log-format", "json", *arguments)
+    assert done.exit_code == code
+    (line,) = [json.loads(line) for line in done.stderr.splitlines()]
+    assert line["level"] == level
+    assert message in line["message"]
+    assert datetime.fromisoformat(line["time"]).tzinfo is not None
+
+
 def test_metrics_at_an_address_that_cannot_be_used_are_a_usage_error(launch: Callable[..., Result]) -> None:
     """Nothing plays."""
     done = launch("--metrics", "nowhere", "fakesrc ! fakesink")

@@ -1,0 +1,60 @@
+"""Lines on stderr: text, or JSON objects for programs that collect logs (`--log-format json`)."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Container, Iterator
+from contextvars import ContextVar
+from datetime import UTC, datetime
+
+import typer
+
+from streamkit.masking import presentable
+from streamkit.output.colour import coloured
+
+_IS_JSON = ContextVar("is_json", default=False)
+
+
+@contextlib.contextmanager
+def lines_in(*, is_json: bool) -> Iterator[None]:
+    """Context of a command in which `print_line` prints JSON objects, or text."""
+    token = _IS_JSON.set(is_json)
+    try:
+        yield
+    finally:
+        _IS_JSON.reset(token)
+
+
+def print_line(line: str, **facts: object) -> None:
+    """Prints a line on stderr; as a JSON object it has the facts, too."""
+    typer.echo(coloured(presentable(as_json(line, (), **facts) if _IS_JSON.get() else line)), err=True)
+
+
+def prints_json() -> bool:
+    """Whether `print_line` prints JSON objects."""
+    return _IS_JSON.get()
+
+
+def as_json(line: str, names: Container[str] = (), **facts: object) -> str:
+    """The JSON object of a line: time, level, element and message.
+
+    Args:
+        line: "level: text", or "level: element: text"; without a level it is a note.
+        names: of the elements.
+        facts: further items of the object.
+    """
+    level, separator, message = line.partition(": ")
+    if not separator or not level.isidentifier():
+        level, message = "note", line
+    source, separator, text = message.partition(": ")
+    name = source.partition(" (")[0]  # an error names the factory, too
+    element = {"element": name} if separator and name in names else {}
+    found = {
+        "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "level": level,
+        **element,
+        "message": text if element else message,
+        **facts,
+    }
+    return json.dumps(found, ensure_ascii=False)
