@@ -11,7 +11,7 @@ import sys
 import webbrowser
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from streamkit_view.server import ViewServer
 
 BACKLOG = 64
+USAGE_EXIT = 2
 FILE_SUFFIXES = {".jsonl", ".mp4", ".mov", ".mkv", ".ts", ".avi", ".m4v", ".mpg"}
 
 
@@ -48,7 +49,7 @@ def view(
     """Shows video, tracks and mosaic of one or more publishers in a browser, until Ctrl-C.
 
     A video file, a camera's URL or a finished run is played by the ready pipeline, in a process of its own,
-    from the moment when the page is opened.
+    from the moment when the page is opened. Exit code 2 for a wrong argument, 1 if the page cannot be served.
     """
     try:
         from streamkit_view.session import run_server
@@ -59,13 +60,9 @@ def view(
     from streamkit_view.playback import PlayedPipeline, is_run, is_source, size_conflict, unplayable
 
     sources = [text for text in what if is_source(text)]
-    if sources and len(what) > 1:
-        exit_with_error(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
-    for text in [*what, video]:
-        if Path(text).suffix.lower() in FILE_SUFFIXES and not is_source(text):
-            exit_with_error(f"{text}: there is no such file")
+    _check_arguments(what, sources, video, connect)
     if any(map(is_run, sources)) != bool(video):
-        exit_with_error("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
+        _refuse("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
     for text in filter(None, [*sources, video]):
         if reason := unplayable(text, with_records=text == video):
             exit_with_error(reason)
@@ -74,7 +71,7 @@ def view(
     try:
         base = None if basemap is None else read_basemap(basemap)
     except InvalidBasemap as error:
-        exit_with_error(f"--basemap {error}")
+        _refuse(f"--basemap {error}")
     host, bound = _bind(listen)
     token = secrets.token_urlsafe(24)
     # Until the server handles signals itself: what was started is ended by this process only.
@@ -97,6 +94,26 @@ def view(
             exit_with_error(str(error))
 
 
+def _check_arguments(what: list[str], sources: list[str], video: str, connect: str | None) -> None:
+    """Exits with code 2 where an argument is no file, URL, key or endpoint, before the page is announced."""
+    from streamkit_zenoh.endpoints import endpoints
+    from streamkit_zenoh.keys import publication_root
+
+    if sources and len(what) > 1:
+        _refuse(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
+    for text in {*what, video} - {*sources, ""}:
+        if Path(text).is_dir():
+            _refuse(f"{text} is a folder; give a file, or the key of a zenohsink as {text}/tracks")
+        if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_file():
+            _refuse(f"{text}: there is no such file")
+    try:
+        endpoints(connect)
+        for text in () if sources else what:
+            publication_root(text)
+    except ValueError as error:
+        _refuse(str(error))
+
+
 def _stop_on_signals(server: ViewServer) -> None:
     """A signal may come before the server handles signals itself; it raises them again at its end."""
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -108,7 +125,7 @@ def _bind(listen: str) -> tuple[str, socket.socket]:
     host, _, port = listen.rpartition(":")
     host = host.strip("[]")
     if not host or not port.isdecimal() or int(port) > 65535:
-        exit_with_error(f"--listen must be HOST:PORT, got {listen}; write for example 127.0.0.1:8090")
+        _refuse(f"--listen must be HOST:PORT, got {listen}; write for example 127.0.0.1:8090")
     try:
         family, *_, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
         return host, socket.create_server(address, family=family, backlog=BACKLOG)
@@ -119,3 +136,8 @@ def _bind(listen: str) -> tuple[str, socket.socket]:
 def _url(host: str, port: int, token: str) -> str:
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
     return f"http://{shown}:{port}/?token={token}"
+
+
+def _refuse(message: str) -> NoReturn:
+    """Exits because of a wrong argument."""
+    exit_with_error(message, USAGE_EXIT)
