@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import math
 import os
 import time
 import weakref
 from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from urllib.parse import urlsplit
 
@@ -104,6 +107,13 @@ class VideoReader:
         self.close()
 
     def __iter__(self) -> Self:
+        """Begins a loop.
+
+        Raises:
+            ValueError: the reader is closed, or at its end: the loop would do nothing.
+        """
+        if not self._stop.alive:
+            raise ValueError("the reader is closed, or its frames are read; open the source again")
         return self
 
     def __next__(self) -> Frame:
@@ -164,16 +174,24 @@ def open(
             grey, uint8[h, w, 3] BGR or uint8[h, w, 4] BGRA, which are copied, or frames with their times.
         description: elements between the source and the loop, as "stitch ! framediff ! particletrack".
         format: pixel format of the frames: BGR, RGB, GRAY8, BGRA, RGBA, I420 or NV12.
-        framerate: of images, frames/s.
+        framerate: of images, frames/s; files of video have times of their own.
         timeout_s: time limit of a frame, s.
 
     Raises:
+        ValueError: the frame rate is no number above 0, or not for this source; or the source is one image.
         DescriptionError: the description is invalid; points into it.
         ElementFailure: an element could not start, for example because there is no such file.
     """
+    if framerate is not None:
+        _check_rate(framerate)
     if isinstance(source, str | os.PathLike):
         location, items = os.fspath(source), None
         choice = choose_source(location)
+        if framerate is not None and choice.element != "multifilesrc":
+            raise ValueError(
+                f"framerate= is for images, {mask_secrets(location)} has times of its own; leave it out, or "
+                "give videorate ! video/x-raw, framerate=N/1 as the description"
+            )
         reading = f"{choice.element} name={SOURCE} ! decode ! queue max-size-buffers=4"
         head = f"{reading} leaky=downstream" if choice.is_live else reading
     else:
@@ -181,6 +199,11 @@ def open(
             raise TypeError(
                 f"open takes a file, a URL or an iterable of images, got {source!r}; "
                 "give a camera by its URL, such as rtsp://camera/stream; docs/live-sources.md says how"
+            )
+        shape = getattr(source, "shape", None)
+        if shape is not None and (len(shape) < 3 or (len(shape) == 3 and shape[2] in FORMATS)):
+            raise ValueError(
+                f"open takes several images, got one of shape {list(shape)}; write [image] for one"
             )
         location, items = "", _frames(source, framerate)
         head = f"appsrc name={SOURCE} max-buffers=4 emit-signals=false ! videoconvert"
@@ -196,7 +219,19 @@ def open(
         if choice.element == "multifilesrc":
             numbers = [number for _, number in FileNames(location).existing()]
             pipeline[SOURCE].set_property("start-index", min(numbers, default=0))
+            if framerate is not None:
+                rate = Fraction(framerate).limit_denominator(1001)
+                pipeline[SOURCE].set_property("framerate", rate)
     return VideoReader(pipeline, items, timeout_s)
+
+
+def _check_rate(framerate: object) -> None:
+    if not isinstance(framerate, Real) or not 0 < float(framerate) < math.inf:
+        raise _wrong_rate(framerate)
+
+
+def _wrong_rate(framerate: object) -> ValueError:
+    return ValueError(f"framerate= must be the images' frames/s, above 0, got {framerate!r}")
 
 
 def _frames(items: Iterable[Any], framerate: float | None) -> Iterator[Frame]:
@@ -207,8 +242,8 @@ def _frames(items: Iterable[Any], framerate: float | None) -> Iterator[Frame]:
         if isinstance(item, Frame):
             yield item
             continue
-        if framerate is None or not framerate > 0:
-            raise ValueError(f"framerate= must be the images' frames/s, above 0, got {framerate}")
+        if framerate is None:
+            raise _wrong_rate(None)
         image = np.array(item, order="C")  # the program may go on to write into its own
         channels = 1 if image.ndim == 2 else image.shape[-1] if image.ndim == 3 else 0
         image = image[:, :, 0] if image.shape[2:] == (1,) else image

@@ -2,9 +2,11 @@
 
 import gc
 import logging
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -99,7 +101,8 @@ def test_an_endless_source_is_read_no_further_than_needed() -> None:
         for _ in range(50):
             next(video)
         assert taken < 50 + 15
-    assert list(video) == []
+    with pytest.raises(ValueError, match="the reader is closed"):
+        list(video)
 
 
 def test_a_pipeline_that_keeps_frames_back_is_fed() -> None:
@@ -169,6 +172,46 @@ def test_what_is_no_image_is_refused(image: np.ndarray, rate: float | None, mess
     """The error says the rule and what came."""
     with pytest.raises(ValueError, match=message):
         list(streamkit.open([image], framerate=rate))
+
+
+@pytest.mark.parametrize("rate", ["25", 0, -1.0, float("nan"), float("inf")])
+def test_what_is_no_rate_is_refused_at_once(rate: Any) -> None:
+    """Before anything is read."""
+    rule = f"framerate= must be the images' frames/s, above 0, got {rate!r}"
+    with pytest.raises(ValueError, match=re.escape(rule)):
+        streamkit.open(images(1), framerate=rate)
+
+
+def test_a_rate_is_for_images(flight: Path, tmp_path: Path) -> None:
+    """A video has times of its own; image files take it."""
+    with pytest.raises(ValueError, match=r"framerate= is for images, .*\.mp4 has times of its own; leave"):
+        streamkit.open(flight, framerate=10)
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((24, 32), np.uint8))
+    with streamkit.open(tmp_path / "%d.png", framerate=10) as frames:
+        assert [frame.pts for frame in frames] == [0, 100_000_000]
+
+
+@pytest.mark.parametrize("shape", [(24, 32), (24, 32, 1), (24, 32, 3), (24, 32, 4)])
+def test_one_image_is_not_read_row_by_row(shape: tuple[int, ...]) -> None:
+    """An array of several images is; of one, the remedy is named."""
+    with pytest.raises(ValueError, match=r"several images, got one of shape .*; write \[image\] for one"):
+        streamkit.open(np.zeros(shape, np.uint8), framerate=25)
+    assert len(list(streamkit.open(np.zeros((2, *shape), np.uint8), framerate=25))) == 2
+
+
+def test_a_second_loop_is_refused() -> None:
+    """A reader that is closed or at its end has no frames; the first loop ends as it should."""
+    video = streamkit.open(images(2), framerate=25)
+    assert len(list(video)) == 2
+    assert next(video, None) is None
+    with pytest.raises(ValueError, match="the reader is closed, or its frames are read; open the"):
+        list(video)
+    with streamkit.open(images(2), framerate=25) as video:
+        for _ in video:
+            video.close()
+    with pytest.raises(ValueError, match="the reader is closed"):
+        list(video)
 
 
 def test_a_frame_that_does_not_come_is_an_error() -> None:
