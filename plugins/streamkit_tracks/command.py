@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
+import shutil
+import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -24,7 +26,7 @@ from streamkit import (
     read_tracks,
 )
 from streamkit.output.file import write_whole
-from streamkit.output.pipe import STANDARD_OUTPUT
+from streamkit.output.pipe import STANDARD_OUTPUT, until_reader_leaves
 from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.record_sink import require_library
@@ -32,6 +34,7 @@ from streamkit_tracks.record_sink import require_library
 Form = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
 FORMS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
 ENDINGS = ", ".join(FORMS)
+STANDARD_INPUT = "-"
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
@@ -63,20 +66,31 @@ class TargetSummary(msgspec.Struct):
 
 
 def tracks(
-    file: RecordsArgument,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="JSON lines from tracksink. - is the standard input.",
+            exists=True,
+            dir_okay=False,
+            readable=True,
+            allow_dash=True,
+        ),
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each target.")] = False,
 ) -> None:
     """Lists the targets of a finished run: when they were there, in which states, their size."""
-    records = RecordFile(file)
     try:
-        found = list_targets(records)
+        with named_file(file) as path:
+            records = RecordFile(path)
+            found = list_targets(records)
     except (OSError, StreamkitError) as error:
-        exit_with_error(str(error))
+        exit_with_error(reason(error))
     if records.is_cut_off:
         typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
     as_lines = [msgspec.json.encode(target).decode() for target in found] if as_json else table_lines(found)
-    for line in as_lines:
-        typer.echo(line)
+    with until_reader_leaves():
+        for line in as_lines:
+            typer.echo(line)
     confirmed = sum(CONFIRMED in target.states for target in found)
     if not found:
         typer.echo(f"note: {file} has no target", err=True)
@@ -88,10 +102,12 @@ def convert(
     file: Annotated[
         Path,
         typer.Argument(
-            help="JSON lines from tracksink; or its CSV, or MOT text, which hold less.",
+            help="JSON lines from tracksink; or its CSV, or MOT text, which hold less. - is the standard "
+            "input, with JSON lines.",
             exists=True,
             dir_okay=False,
             readable=True,
+            allow_dash=True,
         ),
     ],
     output: Annotated[
@@ -112,14 +128,27 @@ def convert(
         exit_with_error(f"{output}: {rule}")
     sink = "mcapsink" if kind == "mcap" else f"tracksink format={kind} points={points}"
     try:
-        with json_lines(file) as records:
+        with until_reader_leaves(), named_file(file) as path, json_lines(path) as records:
             number = check_run(file, max((number for number, _ in RecordFile(records)), default=1), run)
             if kind == "parquet":
                 write_parquet(records, number, output)
             else:
                 write_records(records, number, sink, output)
     except (OSError, StreamkitError) as error:
-        exit_with_error(str(error))
+        exit_with_error(reason(error))
+
+
+@contextlib.contextmanager
+def named_file(file: Path) -> Iterator[Path]:
+    """The file itself, or for - a temporary one with what the standard input has."""
+    if str(file) != STANDARD_INPUT:
+        yield file
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "standard-input.jsonl")
+        with path.open("wb") as copy:
+            shutil.copyfileobj(sys.stdin.buffer, copy)
+        yield path
 
 
 @contextlib.contextmanager
@@ -218,3 +247,10 @@ def check_run(file: Path, count: int, wanted: int | None) -> int:
     if wanted is None and count > 1:
         typer.echo(f"note: {file} has {count} runs, this is run {count}; see --run", err=True)
     return wanted or count
+
+
+def reason(error: Exception) -> str:
+    """What an error says; of the system's with the file, and without its number."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}; check the path"
+    return str(error)

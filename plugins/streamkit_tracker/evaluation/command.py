@@ -148,9 +148,13 @@ def score_files(
     if is_one_target(truth):
         boxes = read_boxes(truth, first_pixel)
         first, last = frames or (1, len(boxes))
+        if frames is None:
+            _note_longer(found, last)
         return asdict(one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last]))
     targets, classes = read_truth(truth, first_pixel)
     first, last = frames or frames_with_boxes(targets)
+    if frames is None:
+        _note_longer(found, last)
     targets, found = frames_of(targets, first, last), frames_of(found, first, last)
     if frames and not any(len(boxes.ids) for boxes in targets):
         raise ValueError(f"--frames {first}:{last}: the truth has no box there; name frames that it covers")
@@ -158,3 +162,11 @@ def score_files(
         found = without_distractors(found, frames_of(classes, first, last))
     higher_order, identities = score_hota(targets, found), score_identities(targets, found, overlap)
     return asdict(higher_order) | asdict(identities) | {"frames": len(targets)}
+
+
+def _note_longer(found: list[Labelled], last: int) -> None:
+    """Notes on the standard error output that tracks go on behind the last frame that is scored."""
+    tracked = max((number for number, boxes in enumerate(found, 1) if len(boxes.ids)), default=0)
+    if tracked > last:
+        text = f"the tracks go on to frame {tracked}, the truth ends with {last}: the rest is not scored"
+        typer.echo(f"note: {text}", err=True)

@@ -13,6 +13,7 @@ import msgspec
 import typer
 
 from streamkit import RecordFile, StreamError, TrackRecord
+from streamkit.output.pipe import until_reader_leaves
 from streamkit_tracker.associate import GATE
 from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
 from streamkit_tracker.explanation.wording import explanation
@@ -60,11 +61,12 @@ def explain(
     index = _index(file, question, epoch)
     if index is None:
         _fail(absence(tracks, file, question))
-    if as_json:
-        typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
-        return
-    for line in explanation(question.track, file.moments, index, before, math.sqrt(GATE)):
-        typer.echo(line)
+    with until_reader_leaves():
+        if as_json:
+            typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
+            return
+        for line in explanation(question.track, file.moments, index, before, math.sqrt(GATE)):
+            typer.echo(line)
 
 
 def read_question(text: str) -> Question | None:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error
-from streamkit_tracks.command import RecordsArgument, RunOption, check_run
+from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason
 from streamkit_tracks.report.page import build_page, cost_table, read_costs
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
@@ -43,7 +43,7 @@ def report(
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
         write_page(found, file.name, output, frame, crops, costs)
     except (OSError, StreamkitError) as error:
-        exit_with_error(str(error))
+        exit_with_error(reason(error))
     except ImportError as error:
         exit_with_error(f"{error}; install the extra: pip install 'streamkit[report]'")
     typer.echo(f"wrote {output}")

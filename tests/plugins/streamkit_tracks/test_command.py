@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -149,3 +150,57 @@ def test_csv_and_mot_text_are_converted_back(records: Path, tmp_path: Path) -> N
     done = run("convert", str(tmp_path / "out.kml"), str(lines))
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.endswith("out.kml: .kml cannot be read; give one of .jsonl, .csv, .txt\n")
+
+
+LINE = (
+    '{{"schema":"streamkit.tracks/1","source":"a","seq":{0},"epoch":0,"dropped":0,"tracks":[{{"id":{0},'
+    '"state":"confirmed","x":1,"y":1,"length":5,"width":3,"angle":0,"bbox":[0,0,3,3],"score":1,"age_ns":5}}]}}\n'
+)
+
+
+def test_records_are_read_from_standard_input(tmp_path: Path) -> None:
+    """As - of other tools."""
+    lines = "".join(LINE.format(number) for number in range(3))
+    out = tmp_path / "out.csv"
+    for arguments in (("tracks", "-"), ("convert", "-", str(out))):
+        done = subprocess.run(
+            [BINARY, *arguments],
+            input=lines,
+            capture_output=True,
+            text=True,
+            timeout=patience(30),
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+    assert len(out.read_text().splitlines()) == 4
+    done = subprocess.run(
+        [BINARY, "tracks", "-"],
+        input="no record",
+        capture_output=True,
+        text=True,
+        timeout=patience(30),
+        check=False,
+    )
+    assert (done.returncode, "standard-input.jsonl:1" in done.stderr) == (1, True)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("tracks", "{}", "--json"), ("convert", "{}", "-"), ("explain", "{}", "7", "--before", "9000")],
+)
+def test_a_reader_that_leaves_is_no_failure(tmp_path: Path, command: tuple[str, ...]) -> None:
+    """As with head; the lines exceed what a pipe holds."""
+    path = tmp_path / "tracks.jsonl"
+    ids = re.compile('"id":[0-9]+') if command[0] == "explain" else re.compile("$^")
+    path.write_text("".join(ids.sub('"id":7', LINE.format(number)) for number in range(3000)))
+    with subprocess.Popen(
+        [BINARY, *(word.format(path) for word in command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        errors = process.stderr.read().decode()
+        assert process.wait(patience(30)) == 0, errors
+    assert "error" not in errors
+    assert "Traceback" not in errors

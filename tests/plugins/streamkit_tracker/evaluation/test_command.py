@@ -146,7 +146,11 @@ def test_frames_without_truth_are_left_out(tmp_path: Path):
     tracks, truth = tmp_path / "tracks.jsonl", tmp_path / "gt.txt"
     tracks.write_text("".join(record(seq, (4, "confirmed", box)) for seq in range(5)))
     truth.write_text("2,1,1,1,10,10,1\n3,1,50,1,10,10,1\n")
-    scores = json.loads(run(tracks, truth, "--json").stdout)
+    result = run(tracks, truth, "--json")
+    assert (
+        result.stderr == "note: the tracks go on to frame 5, the truth ends with 3: the rest is not scored\n"
+    )
+    scores = json.loads(result.stdout)
     assert (scores["frames"], scores["misses"], scores["false_alarms"]) == (2, 1, 1)
     scores = json.loads(run(tracks, truth, "--json", "--frames", "2:2").stdout)
     assert (scores["frames"], scores["mota"], scores["hota"]) == (1, 1.0, 1.0)

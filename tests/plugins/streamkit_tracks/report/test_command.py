@@ -79,6 +79,10 @@ def test_what_does_not_belong_together_is_an_error(run: tuple[Path, Path], tmp_p
     done = report(records, "-o", tmp_path / "x.pdf")
     assert (done.returncode, "must end in .html" in done.stderr) == (2, True)
     assert list(tmp_path.iterdir()) == []
+    done = report(records, "--stats", tmp_path / "nope.json", "-o", tmp_path / "x.html")
+    assert (done.returncode, done.stderr) == (
+        1, f"error: {tmp_path / 'nope.json'}: No such file or directory; check the path\n"
+    )  # fmt: skip
     empty = tmp_path / "empty.jsonl"
     empty.touch()
     assert "empty.jsonl: no record in it" in report(empty, "-o", tmp_path / "x.html").stderr
