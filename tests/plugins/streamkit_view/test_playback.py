@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from streamkit import Pipeline
-from streamkit_view.playback import PlayedPipeline, size_conflict, pipeline_for, unplayable
+from streamkit_view.playback import PlayedPipeline, pipeline_for, size_conflict, unplayable
 
 SCRIPT = """
 import sys, time
