@@ -48,7 +48,8 @@ def misspelt_fields(caps: Caps) -> list[str]:
 def misspelt_formats(caps: Caps) -> list[str]:
     """A line for each pixel format of raw video that is like one of streamkit's, and none of them."""
     formats = [structure.fields.get("format") for structure in caps.structures]
-    unknown = [name for name in formats if isinstance(name, str) and name not in FORMATS]
+    # Names in small letters have a hint of their own, as all words do.
+    unknown = [name for name in formats if isinstance(name, str) and name.upper() not in FORMATS]
     hints = [(name, did_you_mean(name, FORMATS)) for name in unknown]
     return [f"no element of streamkit has the format {name}; {hint}" for name, hint in hints if hint]
 
