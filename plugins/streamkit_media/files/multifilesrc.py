@@ -19,7 +19,8 @@ NUMBER = re.compile(r"%0?\d*d")
 class MultiFileSrc(Source):
     """Reads numbered image files as one video, up to the first number that is missing.
 
-    A photograph with a position (Exif, DJI's XMP) gets a `Pose`.
+    A missing number with files after it, or before `stop-index`, is warned of, as a shortfall. A photograph
+    with a position (Exif, DJI's XMP) gets a `Pose`.
 
     Example:
         multifilesrc location=img/%06d.jpg start-index=1 framerate=25/1 ! decode ! fakesink
@@ -29,7 +30,7 @@ class MultiFileSrc(Source):
 
     location: str = Property("", file="read", doc="Path with a number: img/%06d.jpg.")
     start_index: int = Property(0, min=0, doc="First number.")
-    stop_index: int = Property(-1, min=-1, doc="Last number; -1 is the last file there is.")
+    stop_index: int = Property(-1, min=-1, doc="Last number; -1 is the last before the first gap.")
     framerate: Fraction = Property(Fraction(25), min=Fraction(1, 3600), doc="Frames per second.")
     loop: bool = Property(False, doc="Repeat forever.")
 
@@ -51,8 +52,28 @@ class MultiFileSrc(Source):
 
     def _lowest_number(self) -> int | None:
         """Number of the first file there is, or None."""
-        files = FileNames(self.location).existing() if self._path(0).parent.is_dir() else []
-        return min((number for _, number in files if self._path(number).exists()), default=None)
+        return min(self._numbers_there(), default=None)
+
+    def _numbers_there(self) -> Iterator[int]:
+        """Numbers of the files there are, in any order."""
+        files = FileNames(self.location).existing() if self._path(0).parent.is_dir() else ()
+        return (number for _, number in files if self._path(number).exists())
+
+    def _warn_of_gap(self, missing: int) -> None:
+        """Warns if the video ends at a missing number though more files are there, or are asked for."""
+        if -1 < self.stop_index < missing:
+            return
+        numbers = [number for number in self._numbers_there() if number > missing]
+        if self.stop_index > -1:
+            numbers = [number for number in numbers if number <= self.stop_index]
+        if not numbers and self.stop_index < 0:
+            return
+        wanted = "" if self.stop_index < 0 else f" up to stop-index={self.stop_index}"
+        following = f"{len(numbers)} files that come after it{wanted} are not read"
+        rest = (
+            f"{following}; go on with start-index={min(numbers)}" if numbers else f"no file follows{wanted}"
+        )
+        self.post_warning(f"{self._path(missing)} is missing, the video ends before it: {rest}", "shortfall")
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The caps of the first file."""
@@ -68,6 +89,8 @@ class MultiFileSrc(Source):
         while True:
             data = self._read(index)
             if data is None:
+                if count == index - self.start_index:  # the first round
+                    self._warn_of_gap(index)
                 if not self.loop or index == self.start_index:
                     return
                 index = self.start_index

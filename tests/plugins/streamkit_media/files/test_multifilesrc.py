@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, Pipeline
+from streamkit import ElementFailure, Frame, Message, MessageKind, Pipeline
 
 
 @pytest.fixture
@@ -28,6 +28,15 @@ def decoded(text: str, limit: int = 100) -> list[Frame]:
         return frames
 
 
+def warnings(text: str) -> list[tuple[str, object]]:
+    """Texts and codes of the warnings of a whole run."""
+    messages: list[Message] = []
+    with Pipeline.parse(f"multifilesrc {text} ! decode ! fakesink") as pipeline:
+        pipeline.bus.watch(messages.append)
+        pipeline.run()
+    return [(one.text, one.fields.get("code")) for one in messages if one.kind is MessageKind.WARNING]
+
+
 def greys(frames: list[Frame]) -> list[int]:
     """The grey of each frame over 20: its file's number."""
     return [int(frame.data[0, 0]) // 20 for frame in frames]
@@ -44,6 +53,34 @@ def test_files_are_read_up_to_the_first_missing(numbered: Path) -> None:
 def test_start_and_stop_index(numbered: Path) -> None:
     """start-index and stop-index are both shown."""
     assert greys(decoded(f"location={numbered}/im%03d.png start-index=2 stop-index=4")) == [2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("stop", "rest"),
+    [
+        ("", "2 files that come after it are not read; go on with start-index=4"),
+        (
+            "stop-index=4",
+            "1 files that come after it up to stop-index=4 are not read; go on with start-index=4",
+        ),
+        ("stop-index=3", "no file follows up to stop-index=3"),
+    ],
+)
+def test_a_gap_is_a_shortfall(numbered: Path, stop: str, rest: str) -> None:
+    """The video ends at the first missing number, as GStreamer's does, and says what it leaves out."""
+    (numbered / "im003.png").unlink()
+    text = f"location={numbered}/im%03d.png start-index=1 {stop}"
+    assert greys(decoded(text)) == [1, 2]
+    expected = f"{numbered}/im003.png is missing, the video ends before it: {rest}"
+    assert warnings(text) == [(expected, "shortfall")]
+
+
+def test_an_end_without_a_gap_is_no_shortfall(numbered: Path) -> None:
+    """A file after stop-index, or of another name, is none that is left out."""
+    cv2.imwrite(str(numbered / "im7.png"), np.zeros((48, 64), np.uint8))
+    assert not warnings(f"location={numbered}/im%03d.png start-index=1")
+    (numbered / "im003.png").unlink()
+    assert not warnings(f"location={numbered}/im%03d.png start-index=1 stop-index=2")
 
 
 def test_a_first_number_that_is_missing_names_the_one_there_is(numbered: Path) -> None:
