@@ -85,6 +85,9 @@ def batch(
                     before = ", as before" if is_known else ""
                     line = presentable(f"failed{before}: {path}: {result.reason}")
                     progress.console.print(line, markup=False, highlight=False)
+                for text in result.shortfalls:
+                    line = presentable(f"warning: {path}: {text}")
+                    progress.console.print(line, markup=False, highlight=False)
 
             driver = BatchDriver(
                 files, recipe, output.absolute(), retries=retries, retry_failed=retry_failed, report=report,

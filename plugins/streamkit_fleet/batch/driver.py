@@ -31,6 +31,7 @@ class FileResult(msgspec.Struct, kw_only=True, omit_defaults=True):
         key: hash of the file's content and of what was done with it.
         status: done or failed.
         reason: of the failure.
+        shortfalls: warnings that something is missing, such as the end of a file that is cut short.
         result: path in the output folder.
         parts: number of parts it was split into.
         duration_s: of the video, s.
@@ -40,6 +41,7 @@ class FileResult(msgspec.Struct, kw_only=True, omit_defaults=True):
     key: str
     status: Literal["done", "failed"]
     reason: str = ""
+    shortfalls: list[str] = msgspec.field(default_factory=list)
     result: str = ""
     parts: int = 1
     duration_s: float = 0.0
@@ -135,6 +137,7 @@ class BatchDriver:
             key=plan.key,
             status="failed" if reason else "done",
             reason=presentable(mask_secrets(reason)),
+            shortfalls=list(dict.fromkeys(text for one in outcomes for text in one.shortfalls)),
             result="" if reason else self._files[path],
             parts=len(plan.parts),
             duration_s=round(plan.duration_s, 3),

@@ -8,22 +8,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from streamkit import Pipeline, StreamkitError, encode_record
+from streamkit import Message, Pipeline, StreamkitError, encode_record
+from streamkit.masking import mask_secrets, presentable
 from streamkit.output.file import OutputFile
 from streamkit_fleet.batch.join import join_records
 from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
 
 PARTS = ".parts"  # folder of unfinished results
+SHORTFALLS = ("shortfall", "branch-dropped")  # codes of warnings after which `launch --strict` fails
 UNFINISHED = "unfinished-"  # begins the name of a part that is being made
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What has become of a part: its result, or the reason why there is none."""
+    """What has become of a part: its result, or the reason why there is none; and what it says is missing."""
 
     path: str
     reason: str = ""
     cpu_s: float = 0.0
+    shortfalls: tuple[str, ...] = ()
 
 
 def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outcome:
@@ -34,15 +37,22 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}-{target.name}")
     began_s = time.process_time()
+    messages: list[Message] = []
     try:
         with _pipeline(plan, plan.parts[number], recipe, unfinished) as pipeline:
+            pipeline.bus.watch(messages.append)
             pipeline.run()
         unfinished.replace(target)
     except (StreamkitError, OSError) as error:
         return Outcome("", str(error), time.process_time() - began_s)
     finally:
         unfinished.unlink(missing_ok=True)
-    return Outcome(str(target), cpu_s=time.process_time() - began_s)
+    found = tuple(
+        presentable(mask_secrets(f"{message.source}: {message.text}"))
+        for message in messages
+        if message.fields.get("code") in SHORTFALLS
+    )
+    return Outcome(str(target), cpu_s=time.process_time() - began_s, shortfalls=found)
 
 
 def _pipeline(plan: Plan, part: ClipPart, recipe: BatchRecipe, output: Path) -> Pipeline:

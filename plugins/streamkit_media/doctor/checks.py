@@ -100,6 +100,8 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     checks = [_format_check(seen, transport, decoded.size), speed]
     if found.packets == 1 and not is_live:
         return [*checks, note("length", "one frame"), _telemetry_check(seen, is_live=False)]
+    if seen.shortfall:
+        checks.append(note("length", seen.shortfall))
     checks += [_rate_check(seen, found), _keyframe_check(found, is_live)]
     if is_live:
         checks.append(_jitter_check(found))

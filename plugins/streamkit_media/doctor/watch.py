@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, cast
 
-from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, StreamkitError
+from streamkit import ElementFailure, Frame, FrameFlags, Message, Pipeline, StreamkitError, mask_secrets
 from streamkit_media.doctor.measure import PacketFacts
+from streamkit_media.files.completeness import CUT_SHORT
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
@@ -31,6 +32,7 @@ class Seen:
         self.telemetry: dict[str, TelemetryReader] = {}  # a reader for each telemetry pad
         self.carrier = ""  # of a live stream: tcp, udp or its scheme
         self.error = ""  # the one that ended it, or ""
+        self.shortfall = ""  # of a file that is cut short: where it ends, and where it should
 
     def add_video(self, frame: Frame) -> None:
         """Takes a packet of the video."""
@@ -71,9 +73,14 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
     telemetry = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
     text = f"{factory} name=s  s.src ! appsink name=video {full}  {telemetry}"
     until = time.monotonic() + limit_s
+
+    def watch_for_cut(message: Message) -> None:
+        if message.text.endswith(CUT_SHORT):
+            seen.shortfall = message.text.removeprefix(f"{mask_secrets(properties['location'])}: ")
+
     try:
         with Pipeline.parse(text) as pipeline:
-            pipeline.bus.watch(lambda _: None)  # an error that is not read would be logged, too
+            pipeline.bus.watch(watch_for_cut)  # without one, an error that is not read would be logged, too
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()

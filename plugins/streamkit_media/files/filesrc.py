@@ -36,6 +36,7 @@ from streamkit_media.container import (
     reason_of,
     video_stream,
 )
+from streamkit_media.files.completeness import Completeness
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import (
@@ -71,7 +72,8 @@ class FileSrc(Source):
 
     The video comes out of `src`, or of `video` with `klv` and `klv_1` (first and second stream of MISB
     telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Times are the file's own,
-    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times.
+    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times. Video
+    that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -240,8 +242,10 @@ class FileSrc(Source):
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
         self._seek(container, streams[0][0])
+        video = next((stream for stream, _ in streams if isinstance(stream, VideoStream)), None)
+        completeness = Completeness(container, video, self.stop_s) if video is not None else None
         try:
-            for kind, frame in self._in_range(container, streams):
+            for kind, frame in self._in_range(container, streams, completeness):
                 count += 1
                 shown += frame.get(DecodeOnly) is None
                 if kind in wanted:
@@ -264,9 +268,14 @@ class FileSrc(Source):
                 "the file's own edit list shows none of its frames" if count else "the video holds no packets"
             )
             raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
+        elif not self._offset and completeness is not None and (text := completeness.shortfall()):
+            self.post_warning(f"{where}: {text}", "shortfall")
 
     def _in_range(
-        self, container: InputContainer, streams: list[tuple[Stream, StreamKind]]
+        self,
+        container: InputContainer,
+        streams: list[tuple[Stream, StreamKind]],
+        completeness: Completeness | None,
     ) -> Iterator[tuple[StreamKind, Frame]]:
         """Frames with their kinds; video outside of the range is for decoding only."""
         carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
@@ -278,6 +287,8 @@ class FileSrc(Source):
             decoded = packet.dts if packet.dts is not None else packet.pts
             shown = packet.pts if packet.pts is not None else decoded
             begin, end = limits[packet.stream_index]
+            if completeness is not None:
+                completeness.add(packet)
             if decoded is not None and end is not None and decoded >= end:
                 playing.discard(packet.stream_index)
                 if not playing:

@@ -40,7 +40,7 @@ def grey_ramp(width: int, height: int, index: int) -> NDArray[np.uint8]:
 
 @pytest.fixture(scope="session")
 def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
-    """Makes a video file; arguments: name, count, size, rate, codec, bframes, pixel_format, options."""
+    """Makes a video; arguments: name, count, size, rate, codec, bframes, pixel_format, (container_)options."""
     folder = tmp_path_factory.mktemp("media")
 
     def make(
@@ -52,12 +52,13 @@ def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
         bframes: int = 2,
         pixel_format: str = "yuv420p",
         options: Mapping[str, str] | None = None,
+        container_options: Mapping[str, str] | None = None,
     ) -> Path:
         path = folder / name
         if options is None:
             options = {"g": "6"} if codec == "libx264" else {}
         options = {"bf": str(bframes), **options} if codec == "libx264" else options
-        with av.open(str(path), "w") as container:
+        with av.open(str(path), "w", options=dict(container_options or {})) as container:
             stream = container.add_stream(codec, rate=rate, options=options)
             stream.width, stream.height = size
             stream.pix_fmt = pixel_format

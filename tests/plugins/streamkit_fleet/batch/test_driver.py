@@ -58,12 +58,34 @@ def archive(tmp_path: Path, clip: Path) -> Path:
     return folder
 
 
-def batch(archive: Path, *options: str) -> tuple[int, str]:
+def batch(archive: Path, *options: str, pattern: str = "*.mp4") -> tuple[int, str]:
     """Exit code and what was printed."""
     folder = archive.parent
-    words = ["batch", f"{archive}/**/*.mp4", "-f", f"{folder / 'copy.pipe'}", "--output", f"{folder / 'out'}"]
+    words = [
+        "batch",
+        f"{archive}/**/{pattern}",
+        "-f",
+        f"{folder / 'copy.pipe'}",
+        "--output",
+        f"{folder / 'out'}",
+    ]
     done = CliRunner().invoke(make_app(), [*words, "--suffix", ".h264", *options])
     return done.exit_code, done.stderr
+
+
+def test_a_file_that_is_cut_short_is_named_in_the_result(tmp_path: Path) -> None:
+    """Its frames are there; what is missing is printed, and stands in the summary."""
+    archive, path = tmp_path / "archive", tmp_path / "archive" / "cut.mkv"
+    text = "videotestsrc num-buffers=150 ! video/x-raw, width=64, height=48, framerate=25/1"
+    Pipeline.parse(f"{text} ! encode ! packetsink location={path}").run(timeout_s=60)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    (tmp_path / "copy.pipe").write_text(COPY)
+    code, printed = batch(archive, pattern="*.mkv")
+    assert code == 0
+    assert re.search(r"cut\.mkv: the video ends at \d\.\d s of 6\.0 s: the file is cut short", printed)
+    (result,) = json.loads((tmp_path / "out" / "batch.json").read_text())["files"].values()
+    assert result["status"] == "done"
+    assert [text.endswith("the file is cut short") for text in result["shortfalls"]] == [True]
 
 
 def test_results_are_those_of_a_serial_run_and_a_further_batch_does_what_is_left(archive: Path) -> None:

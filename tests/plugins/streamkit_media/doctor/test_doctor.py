@@ -103,6 +103,18 @@ def test_bad_servers(fake: ModuleType, behaviour: str, name: str, words: str) ->
     assert report.pipeline == ""
 
 
+def test_a_file_that_is_cut_short(make_video: Callable[..., Path], tmp_path: Path) -> None:
+    """What is there decodes, and the report says where it ends."""
+    whole = make_video("long.mp4", count=150, container_options={"movflags": "faststart"})
+    assert "length" not in verdicts(examine(str(whole), 1, 5, "tcp"))
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    report = examine(str(cut), 1, 5, "tcp")
+    (length,) = (check for check in report.checks if check.name == "length")
+    assert length.verdict is Verdict.NOTE
+    assert re.fullmatch(r"the video ends at \d\.\d s of 6\.0 s: the file is cut short", length.text)
+
+
 def test_a_file_with_telemetry(streamkit_data: Path) -> None:
     """Frames, rate and all 277 KLV packets are found, and the line pairs them."""
     report = examine(str(streamkit_data / "telemetry" / "sample-stream.ts"), 1, 5, "tcp")

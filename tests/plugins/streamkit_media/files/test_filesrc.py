@@ -13,7 +13,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, MessageKind, Pipeline, Pose
+from streamkit import ElementFailure, Frame, Message, MessageKind, Pipeline, Pose
 from tests.slowness import patience
 
 MakeVideo = Callable[..., Path]
@@ -118,6 +118,66 @@ def test_a_truncated_file_gives_its_complete_frames(make_video: MakeVideo, tmp_p
     path.write_bytes(data[: len(data) * 2 // 3])
     frames = decoded(path)
     assert 20 < len(frames) < 60
+
+
+@pytest.mark.parametrize("name", ["whole.mp4", "whole.mkv", "whole.avi"])
+@pytest.mark.parametrize(
+    ("part", "properties", "is_reported"),
+    [
+        (1, "", False),
+        (0.5, "", True),
+        (0.5, "start-s=0.5", True),
+        (0.5, "stop-s=1", False),
+        (0.5, "loop=true", True),
+    ],
+)
+def test_a_file_that_is_cut_short_is_reported(
+    make_video: MakeVideo, tmp_path: Path, name: str, part: float, properties: str, is_reported: bool
+) -> None:
+    """Where the video ends clearly before the declared end, one shortfall says where it does and should."""
+    codec = "mpeg4" if name.endswith("avi") else "libx264"
+    options = {"movflags": "faststart"}
+    data = make_video(name, count=150, codec=codec, container_options=options).read_bytes()
+    path = tmp_path / name
+    path.write_bytes(data[: round(len(data) * part)])
+    texts = []
+    text = f'filesrc location="{path}" {properties} ! decode ! appsink name=out max-buffers=0'
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        for count, _ in enumerate(pipeline["out"]):
+            if count == 160:
+                break
+        while (message := pipeline.bus.pop(0.0)) is not None:
+            if message.fields.get("code") == "shortfall":
+                texts.append(message.text)
+    rule = rf"{re.escape(str(path))}: the video ends at [123]\.\d s of 6\.0 s: the file is cut short"
+    assert len(texts) == is_reported
+    assert all(re.fullmatch(rule, text) for text in texts)
+
+
+def test_streams_of_other_lengths_are_no_cut(tmp_path: Path) -> None:
+    """The video of a file whose sound goes on is whole."""
+    for name in ("sound.mp4", "sound.mkv"):
+        path = tmp_path / name
+        with av.open(str(path), "w") as container:
+            video, audio = container.add_stream("mpeg4", rate=25), container.add_stream("aac", rate=48000)
+            video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+            for index in range(50):
+                image = av.VideoFrame.from_ndarray(np.full((72, 64), 90, np.uint8), "yuv420p")
+                image.pts, image.time_base = index, Fraction(1, 25)
+                container.mux(video.encode(image))
+            container.mux(video.encode(None))
+            for index in range(6 * 48):
+                sound = av.AudioFrame.from_ndarray(np.zeros((1, 1000), np.float32), "fltp", "mono")
+                sound.sample_rate, sound.pts, sound.time_base = 48000, 1000 * index, Fraction(1, 48000)
+                container.mux(audio.encode(sound))
+            container.mux(audio.encode(None))
+        messages: list[Message] = []
+        pipeline = Pipeline.parse(f"filesrc location={path} ! fakesink")
+        pipeline.bus.watch(messages.append)
+        pipeline.run(timeout_s=20)
+        assert pipeline["fakesink0"].count == 50
+        assert not [message.text for message in messages if message.kind is MessageKind.WARNING]
 
 
 def test_odd_media_ends_in_frames_or_one_error(streamkit_data: Path) -> None:

@@ -1,0 +1,73 @@
+"""Whether a file's video ends before the end that its container declares: the file is then cut short."""
+
+from __future__ import annotations
+
+import re
+
+from av.container import InputContainer
+from av.packet import Packet
+from av.stream import Stream
+from av.video.stream import VideoStream
+
+# The smaller difference is that of rounding, of delays, and of streams that end together.
+TOLERANCE_S, TOLERANCE_RATIO, TOLERANCE_STEPS = 1.0, 0.02, 2
+CUT_SHORT = "the file is cut short"
+LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
+
+
+class Completeness:
+    """Compares the video that comes out of a file with its declared duration.
+
+    Args:
+        container: the file.
+        video: its stream.
+        stop_s: where reading ends at the latest, s; None is the end of the file.
+    """
+
+    def __init__(self, container: InputContainer, video: VideoStream, stop_s: float | None = None) -> None:
+        self._stream_index, self._base = video.index, float(video.time_base or 0)
+        self._declared_s, self._stop_s = declared_length_s(container, video), stop_s
+        self._first: int | None = None
+        self._last = self._end = self._longest_step = 0
+
+    def add(self, packet: Packet[Stream]) -> None:
+        """Takes a packet of any of the streams, in the file's order."""
+        if packet.stream_index != self._stream_index or packet.pts is None:
+            return
+        if self._first is None:
+            self._first = self._last = packet.pts
+        self._first = min(self._first, packet.pts)
+        self._longest_step = max(self._longest_step, packet.pts - self._last)
+        self._last = max(self._last, packet.pts)
+        self._end = max(self._end, packet.pts + (packet.duration or 0))
+
+    def shortfall(self) -> str:
+        """What is missing, in words; "" where nothing is, or the container declares no length."""
+        if self._declared_s is None or self._first is None:
+            return ""
+        # Containers count from 0 or from the first frame: the later end of the two is the safe one.
+        end_s = (self._end - min(self._first, 0)) * self._base
+        due_s = self._declared_s if self._stop_s is None else min(self._declared_s, self._stop_s)
+        longest_step_s = self._longest_step * self._base
+        tolerance_s = max(TOLERANCE_S, TOLERANCE_RATIO * self._declared_s, TOLERANCE_STEPS * longest_step_s)
+        if due_s - end_s <= tolerance_s:
+            return ""
+        return f"the video ends at {end_s:.1f} s of {self._declared_s:.1f} s: {CUT_SHORT}"
+
+
+def declared_length_s(container: InputContainer, video: VideoStream) -> float | None:
+    """The length of a video by its file's header, s; None where FFmpeg estimates it from what is there."""
+    formats = set(container.format.name.split(","))
+    own_s = float(video.duration * video.time_base) if video.duration and video.time_base else None
+    if "mov" in formats:
+        return own_s
+    if "avi" in formats:  # FFmpeg shortens the duration to what is there, but not the number of frames
+        return float(video.frames / video.average_rate) if video.frames and video.average_rate else own_s
+    if "matroska" in formats:
+        if found := LENGTH.match(video.metadata.get("DURATION", "")):
+            hours, minutes, seconds = found.groups()
+            return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
+        # Of the longest stream, which need not be the video.
+        if len(container.streams) == 1 and container.duration:
+            return container.duration / 1e6
+    return None
