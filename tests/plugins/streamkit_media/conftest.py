@@ -40,7 +40,7 @@ def grey_ramp(width: int, height: int, index: int) -> NDArray[np.uint8]:
 
 @pytest.fixture(scope="session")
 def make_video(tmp_path_factory: pytest.TempPathFactory) -> MakeVideo:
-    """Makes a video; arguments: name, count, size, rate, codec, bframes, pixel_format, (container_)options."""
+    """Makes a video; name, count, size, rate, codec, bframes, pixel_format, (container_)options."""
     folder = tmp_path_factory.mktemp("media")
 
     def make(
