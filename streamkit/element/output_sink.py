@@ -33,7 +33,7 @@ class OutputFileSink(Sink):
     """Base class of sinks that write files: override `write`, and `begin` and `end` if the format needs it.
 
     A file is made with the first frame, and replaces an older one when it is whole; see `OutputFile`. A run
-    without a frame leaves the older one as it is. Each error is raised once, as `ResourceError`.
+    without a frame leaves the older one as it is, and says so. Each error is raised once, as `ResourceError`.
 
     Attributes:
         suffixes: endings of the name that are known; any where empty.
@@ -59,6 +59,7 @@ class OutputFileSink(Sink):
     )
 
     file: OutputFile | None = None
+    _has_played = False
 
     # Overridden by authors.
 
@@ -81,7 +82,7 @@ class OutputFileSink(Sink):
             self.file.abandon()
 
     def shortfall(self) -> str:
-        """Why the complete file contains no data, such as no tracks, or ""."""
+        """Why nothing of use is written though frames came, such as no tracks, or ""."""
         return ""
 
     def remark(self) -> str:
@@ -154,7 +155,7 @@ class OutputFileSink(Sink):
         """Checks the name and the folder; nothing is written before the first frame."""
         self._writing = threading.Lock()
         self.file = None
-        self.has_begun = self._is_over = False
+        self.has_begun = self._is_over = self._has_played = False
         self.number = 0
         if not self.location:
             raise ResourceError(f"location must be set; write for example location={self.example}")
@@ -211,13 +212,26 @@ class OutputFileSink(Sink):
 
     def drain(self) -> None:
         """EOS: the file is completed."""
-        if not (self.has_begun or self._is_over):
-            self.post_warning(f"{self.location}: no frame came, nothing is written", "shortfall")
+        self._warn_of_no_frame()
         self._complete()
+
+    def interrupt(self) -> None:
+        """Notes whether frames could have come: in `stop` the element plays no longer."""
+        super().interrupt()
+        self._has_played = self.is_playing and self.timing.running.is_set()
 
     def stop(self) -> None:
         """Completes the file where EOS did not."""
+        if self._has_played:
+            self._warn_of_no_frame()
         self._complete()
+
+    def _warn_of_no_frame(self) -> None:
+        if self.has_begun or self._is_over:
+            return
+        self._is_over = True
+        if self.pipeline_error() is None:  # EOS follows a failure, which says enough
+            self.post_warning(f"{self.location}: no frame came, nothing is written", "shortfall")
 
     def _complete(self) -> None:
         # Libraries that two threads use hang: a file whose writer is still at work cannot be completed.

@@ -129,14 +129,16 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             StreamError: damaged packets came, and not one could be written.
         """
         super().drain()
-        if self._count or not self.has_begun:
-            return
-        if damaged := self.drops[DAMAGED]:
+        damaged = self.drops[DAMAGED]
+        if damaged and self.has_begun and not self._count:
             raise StreamError(
                 f"{self.location}: nothing is written: {damaged} packets are damaged, and no whole keyframe "
                 "came; the video is damaged or encrypted"
             )
-        self.post_warning(f"{self.location}: no keyframe came, nothing is written", "shortfall")
+
+    def shortfall(self) -> str:
+        """That no keyframe came, with which a file begins; `drain` says so of damaged ones."""
+        return "" if self._count or self.drops[DAMAGED] else "no keyframe came, nothing is written"
 
     def _write_video(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)

@@ -547,6 +547,16 @@ def test_an_empty_scene_is_noted(launch: Callable[..., Result], tmp_path: Path, 
         ("videotestsrc num-buffers=2 ! featuresink location={}/f.npz", "put waveleteigen before it"),
         ("videotestsrc num-buffers=2 ! cotsink", "put particletrack before it"),
         ("fakesrc num-buffers=0 ! filesink location={}/x", "no frame came, nothing is written"),
+        *(
+            (f"videotestsrc num-buffers=3 ! valve drop=1 ! {sink}", "no frame came, nothing is written")
+            for sink in (
+                "filesink location={}/x",
+                "videofilesink location={}/e.mp4",
+                "jpegsink location={}/e%d.jpg",
+                "encode ! packetsink location={}/e.ts",
+                "tracksink location={}/t.jsonl",
+            )
+        ),
     ],
 )
 def test_a_run_without_results_is_reported(

@@ -1,12 +1,26 @@
 """Sinks that write files: older files, and errors."""
 
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, IfExists, NumberedFilesSink, OutputFileSink, ResourceError
+from streamkit import (
+    Caps,
+    ElementFailure,
+    Frame,
+    IfExists,
+    Message,
+    NumberedFilesSink,
+    OutputFileSink,
+    Pipeline,
+    ResourceError,
+    StreamkitError,
+)
 from streamkit.element.output_sink import CLOSE_LIMIT_S
 from streamkit.output.file import OutputFile
 from streamkit.testing import Harness, ManualClock
@@ -62,6 +76,38 @@ def written(element: str, location: Path, *data: bytes, **properties: Any) -> No
         for piece in data:
             harness.push(Frame(piece, BYTES))
         harness.drain()
+
+
+def shortfalls(text: str, run: Callable[[Pipeline], Any]) -> list[str]:
+    """The shortfalls of a pipeline that a function runs."""
+    messages: list[Message] = []
+    pipeline = Pipeline.parse(text)
+    pipeline.bus.watch(messages.append)
+    with pipeline, suppress(StreamkitError):
+        run(pipeline)
+    return [message.text for message in messages if message.fields.get("code") == "shortfall"]
+
+
+def test_a_stop_before_the_first_frame_is_reported_as_eos_is(tmp_path: Path) -> None:
+    """Not where the pipeline has not played, is paused, fails, or has given a frame."""
+    path = tmp_path / "a.bin"
+    nothing = [f"{path}: no frame came, nothing is written"]
+    dead, alive = (
+        f"appsrc is-live=true ! lines location={path}",
+        f"fakesrc sizetype=fixed ! lines name=sink location={path}",
+    )
+    assert shortfalls(dead, Pipeline.play) == nothing
+    assert shortfalls(f"fakesrc num-buffers=0 ! lines location={path}", Pipeline.run) == nothing
+    assert shortfalls(dead, Pipeline.ready) == []
+    assert shortfalls(dead, Pipeline.pause) == []
+    assert shortfalls(f"fakesrc ! identity error-after=1 ! lines location={path}", Pipeline.run) == []
+
+    def play_until_it_is_made(pipeline: Pipeline) -> None:
+        pipeline.play()
+        while not pipeline["sink"].has_begun:
+            time.sleep(0.01)
+
+    assert shortfalls(alive, play_until_it_is_made) == []
 
 
 @pytest.mark.parametrize(
