@@ -51,7 +51,8 @@ class Skip(enum.StrEnum):
 class Decode(Transform):
     """Decodes video and images; GRAY8 is the decoder's own luma plane, without copy.
 
-    Damaged frames are marked as corrupt. An element message `decoder` names the device, or software.
+    Damaged frames, and those built on them, are marked as corrupt, counted as the outcome `damaged`, and
+    warned of once, at the end. An element message `decoder` names the device, or software.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -93,7 +94,7 @@ class Decode(Transform):
         self._inherent_delay = InherentDelay()
         self._h264_frame_numbers: FrameNumbers | None = None
         self._next_pts = 0
-        self._packets = self._frames_decoded = 0
+        self._packets = self._frames_decoded = self._frames_shown = 0
         self._reported: set[str] = set()
         self._reported_device = ""
         self._first_error = ""
@@ -164,6 +165,7 @@ class Decode(Transform):
             StreamError: not one packet could be decoded.
         """
         yield from self._finish()
+        self._report_damage()
         if self._packets and not self._frames_decoded:
             codec = self._coded_caps.name if self._coded_caps is not None else "unknown caps"
             reason = f": {self._first_error}" if self._first_error else ""
@@ -173,8 +175,14 @@ class Decode(Transform):
             )
 
     def stop(self) -> None:
-        """Frees the decoder."""
+        """Frees the decoder; reports damage where EOS did not."""
         self._decoder = None
+        self._report_damage()
+
+    def _report_damage(self) -> None:
+        shown, self._frames_shown = self._frames_shown, 0
+        if shown and (damaged := self.outcomes["damaged"]):
+            self.post_warning(f"{damaged} of {shown} frames are damaged")
 
     def _begin(self, frame: Frame) -> None:
         caps = frame.caps
@@ -299,6 +307,9 @@ class Decode(Transform):
         flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
         flags |= KEYFRAME if video_frame.key_frame else 0
         flags |= CORRUPT if is_damaged else 0
+        self._frames_shown += 1
+        if is_damaged:
+            self.outcomes["damaged"] += 1
         duration = origin.duration
         if duration is None and self._framerate is not None:
             duration = round(SECOND_NS / self._framerate)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from av.codec.context import ThreadType
 
-from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, NotNegotiated, Pipeline
+from streamkit import Caps, ElementFailure, Frame, FrameFlags, Message, MessageKind, NotNegotiated, Pipeline
 from streamkit.testing import Harness, ManualClock
 from streamkit_media.codecs import coded_caps
 from streamkit_media.decoding.decode import Decode
@@ -54,6 +54,29 @@ def test_real_video_decodes_to_its_luma_planes(streamkit_data: Path) -> None:
                 np.testing.assert_array_equal(frame.data, luma)
             count += 1
     assert count == 177
+
+
+@pytest.mark.parametrize("is_stopped", [False, True])
+def test_damaged_frames_are_counted_and_reported_once(clip: Path, tmp_path: Path, is_stopped: bool) -> None:
+    """A transport stream that has lost 5 % of its packets ends with one warning, at EOS or a stop."""
+    data, chance = clip.read_bytes(), random.Random(2)
+    packets = [data[begin : begin + 188] for begin in range(0, len(data), 188)]
+    lossy = tmp_path / "lossy.ts"
+    lossy.write_bytes(b"".join(one for n, one in enumerate(packets) if n < 20 or chance.random() > 0.05))
+    messages: list[Message] = []
+    with Pipeline.parse(f"filesrc location={lossy} ! decode ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.bus.watch(messages.append)
+        pipeline.play()
+        frames = list(pipeline["out"]) if not is_stopped else [pipeline["out"].pull(5) for _ in range(60)]
+        outcomes = pipeline["decode0"].outcomes
+    damaged = sum(bool(frame.flags & FrameFlags.CORRUPT) for frame in frames)
+    assert 0 < damaged <= outcomes["damaged"] < 100
+    if not is_stopped:
+        assert damaged == outcomes["damaged"]
+    texts = [one.text for one in messages if one.source == "decode0" and "damaged" in one.text]
+    assert [text.partition(" of ")[0] for text in texts] == [str(outcomes["damaged"])]
+    if not is_stopped:
+        assert texts == [f"{damaged} of {len(frames)} frames are damaged"]
 
 
 @pytest.mark.parametrize(
@@ -162,7 +185,8 @@ def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> Non
     assert len(frames) == 12
     assert [m.text for m in harness.messages if m.kind == "warning"] == [
         "a packet could not be decoded at frame seq=1000 pts=0.000 s: Invalid data found when "
-        "processing input; continuing with the next"
+        "processing input; continuing with the next",
+        "2 of 12 frames are damaged",  # those that the decoder held when the last rubbish came
     ]
     assert drops == {"undecodable packet: Invalid data found when processing input": 3}
 
