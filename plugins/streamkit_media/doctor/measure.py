@@ -85,6 +85,7 @@ class Decoded:
     packets: int = 0  # given to the decoder
     frames: int = 0  # frames that came out
     damaged: int = 0  # of them, those that are not whole
+    interlaced: int = 0  # of them, those that may be of two packets, one for each field
     # frames a second on this machine as busy as it is; None where that took no time
     rate: float | None = None
     error: str = ""  # of the first packet that did not decode, or ""
@@ -113,6 +114,7 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
             continue
         found.frames += len(decoded)
         found.damaged += sum(image.is_corrupt for image, _ in decoded)
+        found.interlaced += sum(image.interlaced_frame for image, _ in decoded)
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
     elapsed_s = time.monotonic() - began

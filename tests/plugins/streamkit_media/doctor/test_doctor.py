@@ -15,8 +15,9 @@ from typer.testing import CliRunner
 
 from streamkit import Caps, Frame, Pipeline
 from streamkit.cli.main import make_app
-from streamkit_media.doctor.checks import Report, Verdict, _format_check
+from streamkit_media.doctor.checks import Report, Verdict, _decoding_check, _format_check
 from streamkit_media.doctor.examine import examine
+from streamkit_media.doctor.measure import Decoded
 from streamkit_media.doctor.watch import Seen
 from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
 
@@ -113,6 +114,45 @@ def test_a_file_that_is_cut_short(make_video: Callable[..., Path], tmp_path: Pat
     (length,) = (check for check in report.checks if check.name == "length")
     assert length.verdict is Verdict.NOTE
     assert re.fullmatch(r"the video ends at \d\.\d s of 6\.0 s: the file is cut short", length.text)
+
+
+@pytest.mark.parametrize(
+    ("packets", "frames", "interlaced", "verdict"),
+    [
+        (150, 84, 0, Verdict.NOTE),
+        (150, 149, 0, Verdict.GOOD),  # a decoder may hold one back
+        (150, 75, 75, Verdict.GOOD),  # two fields are a frame
+        (150, 40, 40, Verdict.NOTE),
+        (150, 130, 0, Verdict.GOOD),  # alternate references are not shown
+        (9, 6, 0, Verdict.GOOD),
+        (9, 3, 0, Verdict.NOTE),
+    ],
+)
+def test_packets_without_frames_are_a_fault(
+    packets: int, frames: int, interlaced: int, verdict: Verdict
+) -> None:
+    """A decoder that leaves out what it cannot decode reports no error; the number of frames does."""
+    check = _decoding_check(Decoded(packets=packets, frames=frames, interlaced=interlaced), None)
+    assert check.verdict is verdict
+    assert check.text.startswith(f"{frames} frames of {packets} packets")
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "options"),
+    [
+        ("fields.ts", "libx264", {"x264-params": "interlaced=1:bframes=2"}),
+        ("fields2.mpg", "mpeg2video", {"flags": "+ildct+ilme", "bf": "2"}),
+        ("hidden.webm", "libvpx", {"auto-alt-ref": "1", "lag-in-frames": "25", "cpu-used": "0"}),
+        ("hidden9.webm", "libvpx-vp9", {"auto-alt-ref": "1", "lag-in-frames": "25"}),
+        ("delayed.mp4", "libx264", {"bf": "8", "x264-params": "b-adapt=0:b-pyramid=normal"}),
+    ],
+)
+def test_whole_video_decodes_well(
+    make_video: Callable[..., Path], name: str, codec: str, options: dict[str, str]
+) -> None:
+    """Fields, frames that are not shown, and deep reordering are no fault."""
+    report = examine(str(make_video(name, count=60, codec=codec, options=options)), 1, 5, "tcp")
+    assert verdicts(report)["decoding"] == "good", report.as_text()
 
 
 def test_a_file_with_telemetry(streamkit_data: Path) -> None:
