@@ -85,7 +85,9 @@ def _links_from_sinks(graph: Graph) -> list[tuple[Pad, Pad]]:
 
 
 def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError:
-    return caps_conflict(src.path, src.query_caps(), sink.path, sink.query_caps(), places.get(src.path))
+    return caps_conflict(
+        src.path, src.query_caps(), sink.path, sink.query_caps(), places.get(src.path), sink.element
+    )
 
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:

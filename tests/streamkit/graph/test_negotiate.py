@@ -53,6 +53,35 @@ def test_pads_without_common_caps_are_refused(register: Register) -> None:
     assert caught.value.pointed(text).split("\n")[1:] == ["      identity ! wide", "               ^"]
 
 
+@pytest.mark.parametrize(
+    ("text", "remedy"),
+    [
+        ("camera ! coded", "put encode between"),
+        ("camera ! queue ! coded", "put encode between"),
+        ("camera ! video/x-h264 ! fakesink", "put encode between"),
+        ("camera ! packer ! screen", "put decode between"),
+        ("camera ! packer ! identity ! packer", "the video is encoded before packer1: leave packer1 out"),
+        (
+            "camera ! packer ! unpacker ! unpacker",
+            "the video is decoded before unpacker1: leave unpacker1 out",
+        ),
+    ],
+)
+def test_raw_video_where_coded_belongs_has_a_remedy(register: Register, text: str, remedy: str) -> None:
+    """In a few words: the media types, and what to add or leave out."""
+    coded = "; ".join(f"video/x-h26{number}" for number in range(9))
+    register(
+        camera=Camera,
+        screen=Screen,
+        coded=type("Coded", (Sink,), {"sink": coded, "__doc__": "Takes packets."}),
+        packer=type("Packer", (Transform,), {"sink": "video/x-raw", "src": coded, "__doc__": "Encodes."}),
+        unpacker=type("Unpacker", (Transform,), {"sink": coded, "src": "video/x-raw", "__doc__": "Decodes."}),
+    )
+    with pytest.raises(DescriptionError, match=f"they disagree on media type: .*; {remedy}") as caught:
+        build(f"{text} ! fakesink" if "unpacker" in text else text, {})
+    assert len(str(caught.value)) < 250
+
+
 def test_a_filter_that_no_caps_can_pass_is_refused() -> None:
     """f50: the check is made while building, not when the first frame comes."""
     with pytest.raises(DescriptionError, match="disagree on media type"):
