@@ -22,9 +22,14 @@ from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit.output.names import is_network, local_path
 
 LOCAL_LIMIT_S = 8.0
+STANDARD_INPUT = "-"
 MAX_PIXELS = 8192 * 8192
 # Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
 MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
+PIPE_REMEDY = (
+    "a pipe is not read; write it to a file first, or send it, as in ... | ffmpeg -i - -c copy -f mpegts "
+    "udp://127.0.0.1:5000 with livesrc uri=udp://@:5000"
+)
 # Formats that read any text as video, or make FFmpeg open other files than the one asked for.
 UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lavfi"})
 
@@ -116,6 +121,8 @@ def check_file(location: str) -> None:
         ResourceError: it is not there, or not a file that can be read.
         StreamError: it is empty.
     """
+    if location == STANDARD_INPUT:
+        raise ResourceError(f"{location}: a file is needed, this is the standard input; {PIPE_REMEDY}")
     path = local_path(location)
     try:
         status = path.stat()
@@ -137,7 +144,8 @@ def check_file(location: str) -> None:
             "multifilesrc location=DIR/%06d.jpg for numbered images"
         )
     if not stat.S_ISREG(status.st_mode):
-        raise ResourceError(f"{location}: a regular file is needed, this is a pipe, socket or device")
+        kind = "a pipe, socket or device"
+        raise ResourceError(f"{location}: a regular file is needed, this is {kind}; {PIPE_REMEDY}")
     if status.st_size == 0:
         raise StreamError(f"{location}: the file is empty (0 bytes); it may not have been written yet")
 

@@ -8,7 +8,7 @@ import av
 import pytest
 
 from streamkit import ResourceError, StreamError
-from streamkit_media.container import first_packets, open_container, open_failure, video_stream
+from streamkit_media.container import check_file, first_packets, open_container, open_failure, video_stream
 
 
 def test_a_good_file_opens(small_video: Path) -> None:
@@ -46,8 +46,15 @@ def test_a_directory_is_reported(tmp_path: Path) -> None:
 def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     """A named pipe, on which opening would wait for ever, is refused."""
     os.mkfifo(tmp_path / "pipe.mp4")
-    with pytest.raises(ResourceError, match="a regular file is needed, this is a pipe, socket or device"):
+    rule = (
+        "a regular file is needed, this is a pipe, socket or device; a pipe is not read; .*livesrc uri=udp:"
+    )
+    with pytest.raises(ResourceError, match=rule):
         open_container(str(tmp_path / "pipe.mp4"))
+    with pytest.raises(
+        ResourceError, match=r"-: a file is needed, this is the standard input; .*livesrc uri="
+    ):
+        check_file("-")
 
 
 @pytest.mark.parametrize(
