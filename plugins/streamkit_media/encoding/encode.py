@@ -9,7 +9,7 @@ from av.codec.codec import UnknownCodecError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import Caps, Frame, FrameFlags, SettingsOf, StreamError, Transform
+from streamkit import SECOND_NS, Caps, Frame, FrameFlags, SettingsOf, StreamError, Transform
 from streamkit_media.codecs import MEDIA_TYPES, caps_rate, coded_caps
 from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
@@ -24,7 +24,7 @@ class Encode(Transform):
 
     Packets leave when all frames shown before them are encoded, too, so that a recording that is stopped has
     no hole. A stop without EOS drops, and counts, the frames that the encoder holds: a dozen, with
-    `live=true` none.
+    `live=true` none. Frames without times get them by the frame rate of their caps, else at 25/s.
 
     Example:
         videotestsrc num-buffers=50 ! encode ! packetsink location=test.ts
@@ -47,6 +47,7 @@ class Encode(Transform):
         self._highest = -1
         self._epoch = 0
         self._last_ticks = -1
+        self._frame_ns = self._next_ns = 0
 
     def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
         """Caps are those of the first packet."""
@@ -60,6 +61,9 @@ class Encode(Transform):
                 packets = self._finish()
                 self._begin(frame)
             assert self._encoder is not None
+            if frame.pts is None:
+                frame = frame.replace(pts=self._next_ns, duration=frame.duration or self._frame_ns)
+            self._next_ns = (frame.pts or 0) + self._frame_ns
             ticks = self._last_ticks = max(self._last_ticks + 1, self._encoder.ticks(frame.pts or 0))
             coded = self._encoder.encode(frame.data, ticks)
         except UnknownCodecError:
@@ -93,6 +97,7 @@ class Encode(Transform):
         size = caps.integer("width"), caps.integer("height")
         rate = caps_rate(caps)
         self._encoder = Encoder(self.settings, str(caps["format"]), size, rate or ASSUMED_RATE)
+        self._frame_ns = round(SECOND_NS / (rate or ASSUMED_RATE))
         self._raw_caps, self._epoch, self._last_ticks, self._highest = caps, frame.epoch, -1, -1
         self._coded_caps = coded_caps(
             self._encoder.codec, even(size[0]), even(size[1]), self._encoder.extradata, rate

@@ -3,6 +3,7 @@ import sys
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -30,6 +31,28 @@ def test_each_codec_comes_back(codec: str) -> None:
         difference = frame.data.astype(float) - ramp(number).data
         assert np.median(np.abs(difference)) < 8
         assert abs(difference.mean()) < 2
+
+
+@pytest.mark.parametrize("rate", [Fraction(10), Fraction(30000, 1001), None])
+def test_frames_without_times_are_spaced_by_the_rate(tmp_path: Path, rate: Fraction | None) -> None:
+    """As videofilesink does: 0, 11 and 22 us would be a video that nothing plays."""
+    step_ns = round(10**9 / (rate or 25))
+    caps = raw_video_caps("GRAY8", 64, 48, rate)
+    path = tmp_path / "untimed.ts"
+    with Harness("encode", live=True) as encoder, Harness("packetsink", location=str(path)) as sink:
+        frames = [ramp(n).replace(pts=None, duration=None, caps=caps) for n in range(4)]
+        frames.append(ramp(4).replace(pts=10**9, caps=caps))
+        frames.append(frames[0])
+        packets = [packet for frame in frames for packet in encoder.push(frame)] + encoder.drain()
+        assert [packet.pts for packet in packets] == [
+            *(number * step_ns for number in range(4)), 10**9, 10**9 + step_ns,
+        ]  # fmt: skip
+        for packet in packets:
+            sink.push(packet)
+        sink.drain()
+    with av.open(str(path)) as container:
+        times = [float(packet.pts * packet.time_base) for packet in container.demux(video=0) if packet.size]
+    assert times == pytest.approx([packet.pts / 1e9 for packet in packets], abs=2e-5)
 
 
 def test_live_holds_nothing_back() -> None:
