@@ -58,6 +58,10 @@ def write_remedy(error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number in (errno.ENOSPC, errno.EDQUOT):
         return "; free some space"
+    if number == errno.EFBIG:
+        return (
+            "; the limit of a file's size is reached (ulimit -f, or the file system's): write several files"
+        )
     if number == errno.EPIPE:
         return "; what read it has ended"
     if number == errno.ETIMEDOUT:

@@ -41,6 +41,10 @@ def test_a_suggestion_is_similar_or_begins_with_the_word(word: str, meant: str) 
     [
         (errno.ENOSPC, "; free some space"),
         (errno.EDQUOT, "; free some space"),
+        (
+            errno.EFBIG,
+            "; the limit of a file's size is reached (ulimit -f, or the file system's): write several files",
+        ),
         (errno.EPIPE, "; what read it has ended"),
         (errno.EACCES, "; check that the directory is there and takes files"),
         (errno.EINVAL, ""),
