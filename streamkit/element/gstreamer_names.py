@@ -95,6 +95,8 @@ PROPERTIES = {
     },
     "videofilesink": {"speed-preset": "preset=WORD", "quantizer": "crf=NUMBER", "bitrate": "crf=NUMBER"},
     "rtspsrc": {
+        "uri": "location=URL",
+        "url": "location=URL",
         "protocols": "transport=tcp or transport=udp",
         "timeout": "timeout-s=SECONDS",
         "tcp-timeout": "timeout-s=SECONDS",

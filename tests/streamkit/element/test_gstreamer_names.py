@@ -11,6 +11,7 @@ from streamkit.graph.build import build
 @pytest.mark.parametrize(
     ("text", "hint"),
     [
+        ("rtspsrc uri=rtsp://a ! fakesink", "here: location=URL"),
         ("rtspsrc location=rtsp://a protocols=tcp ! fakesink", "here: transport=tcp or transport=udp"),
         ("videotestsrc ! encode speed-preset=fast ! fakesink", "here: preset=WORD"),
         ("videotestsrc ! encode tune=zerolatency ! fakesink", "here: live=true for zerolatency"),
