@@ -130,6 +130,11 @@ class Encoder:
             FFmpegError: encoding failed.
         """
         shape = shape_of(self.pixel_format, *self.size)
+        if not isinstance(pixels, np.ndarray):
+            raise ValueError(
+                f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be uint8{list(shape)}, "
+                f"got {type(pixels).__name__}; take videotestsrc where fakesrc stands"
+            )
         if pixels.shape != shape or pixels.dtype != np.uint8:
             raise ValueError(
                 f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be uint8{list(shape)}, "

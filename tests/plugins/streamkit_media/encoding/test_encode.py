@@ -55,6 +55,16 @@ def test_frames_without_times_are_spaced_by_the_rate(tmp_path: Path, rate: Fract
     assert times == pytest.approx([packet.pts / 1e9 for packet in packets], abs=2e-5)
 
 
+def test_frames_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
+    """Fakesrc gives bytes under any caps; the error says what was expected, and what came."""
+    caps = "video/x-raw, format=GRAY8, width=64, height=48, framerate=25/1"
+    for sink in ("encode ! fakesink", f"videofilesink location={tmp_path}/x.mp4"):
+        with pytest.raises(
+            ElementFailure, match=r"GRAY8 of 64 x 48 must be uint8\[48, 64\], got bytes; take"
+        ):
+            Pipeline.parse(f"fakesrc num-buffers=3 ! {caps} ! {sink}").run(timeout_s=20)
+
+
 def test_live_holds_nothing_back() -> None:
     """Each frame's packet comes at once."""
     with Harness("encode", live=True) as encoder:
