@@ -129,16 +129,13 @@ class Encoder:
             ValueError: the array is of another shape or type; FFmpeg would stretch it unseen.
             FFmpegError: encoding failed.
         """
-        shape = shape_of(self.pixel_format, *self.size)
-        if not isinstance(pixels, np.ndarray):
+        expected = f"uint8{list(shape_of(self.pixel_format, *self.size))}"
+        is_array = isinstance(pixels, np.ndarray)  # whatever an application or fakesrc puts under the caps
+        found = f"{pixels.dtype}{list(pixels.shape)}" if is_array else type(pixels).__name__
+        if found != expected:
             raise ValueError(
-                f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be uint8{list(shape)}, "
-                f"got {type(pixels).__name__}; take videotestsrc where fakesrc stands"
-            )
-        if pixels.shape != shape or pixels.dtype != np.uint8:
-            raise ValueError(
-                f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be uint8{list(shape)}, "
-                f"got {pixels.dtype}{list(pixels.shape)}; give the frame caps of what it holds"
+                f"{self.pixel_format} of {self.size[0]} x {self.size[1]} must be {expected}, got {found}; "
+                "give the frame caps of what it holds"
             )
         frame = video_frame(pixels, self.pixel_format, str(self._context.pix_fmt))
         if frame.format.name != self._context.pix_fmt:

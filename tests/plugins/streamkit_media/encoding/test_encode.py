@@ -60,7 +60,7 @@ def test_frames_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
     caps = "video/x-raw, format=GRAY8, width=64, height=48, framerate=25/1"
     for sink in ("encode ! fakesink", f"videofilesink location={tmp_path}/x.mp4"):
         with pytest.raises(
-            ElementFailure, match=r"GRAY8 of 64 x 48 must be uint8\[48, 64\], got bytes; take"
+            ElementFailure, match=r"GRAY8 of 64 x 48 must be uint8\[48, 64\], got bytes; give"
         ):
             Pipeline.parse(f"fakesrc num-buffers=3 ! {caps} ! {sink}").run(timeout_s=20)
 
