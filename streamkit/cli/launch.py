@@ -145,7 +145,7 @@ def launch(
             from msgspec import structs
 
             from streamkit.cli.run import Run
-            from streamkit.cli.summary import as_text, summarise
+            from streamkit.cli.summary import as_text, summarise, written_files
             from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
 
@@ -184,7 +184,7 @@ def launch(
     if stats_file is not None and not _is_written(stats_file, statistics, display):
         code = code or 1
     if summary == "text" or (run.has_played and not quiet):
-        display.print_line(as_text(made))
+        display.print_line(as_text(made, written_files(statistics)))
     _exit(code, abandons_start=run.abandons_start)
 
 

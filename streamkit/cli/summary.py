@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
@@ -65,8 +65,18 @@ def dropped_text(dropped: Mapping[str, int]) -> str:
     return f"{sum(dropped.values())} ({'; '.join(counted if len(dropped) > 1 else dropped)})"
 
 
-def as_text(summary: RunSummary) -> str:
-    """The last line of a run: "30 frames in 1.0 s, 30.0/s, 3 confirmed tracks, wrote tracks.jsonl"."""
+def written_files(statistics: RunStatistics) -> dict[str, list[str]]:
+    """The first and the last file written, by location."""
+    return {row.location: row.written for row in statistics.elements if row.written}
+
+
+def as_text(summary: RunSummary, written: Mapping[str, Sequence[str]] | None = None) -> str:
+    """The last line of a run: "30 frames in 1.0 s, 30.0/s, 3 confirmed tracks, wrote tracks.jsonl".
+
+    Args:
+        summary: the run.
+        written: first and last file by location, in place of patterns.
+    """
     words = [f"{summary.frames} frame{'s' * (summary.frames != 1)} in {summary.elapsed_s:.1f} s"]
     if summary.elapsed_s:
         words.append(f"{summary.frames / summary.elapsed_s:.1f}/s")
@@ -75,6 +85,10 @@ def as_text(summary: RunSummary) -> str:
     for name, count in summary.results.items():
         label = LABELS.get(name, name)
         words.append(f"{count} {label.removesuffix('s') if count == 1 else label}")
-    if files := [f"{count} files {name}" if count > 1 else name for name, count in summary.files.items()]:
+    names = {name: " to ".join((written or {}).get(name, [name])) for name in summary.files}
+    files = [
+        f"{count} files {names[name]}" if count > 1 else names[name] for name, count in summary.files.items()
+    ]
+    if files:
         words.append(f"wrote {' and '.join(files)}")
     return ", ".join(words)

@@ -73,6 +73,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
         results: things made, such as tracks or files, by name.
         outcomes: frames by what the element has found of each, such as the status of its registration.
         location: the file or pattern of an element that has written files, else "".
+        written: paths of the first and the last file of a sink; of one file, or none, just those.
         errors, warnings: messages posted.
         busy_ns: working time, ns. Of a source: time to produce frames, 0 for a live one. Of a queue: time of
             upstream to push frames, including waits.
@@ -96,6 +97,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     age_ns: int | None
     queue: QueueLevels | None
     pads: list[PadStatistics]
+    written: list[str] = []
 
     @property
     def total_dropped(self) -> int:
@@ -250,6 +252,7 @@ def collect_statistics(
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element),
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
+            written=[mask_secrets(path) for path in getattr(element, "written", ())],
         )
 
     return {element: row(element) for element in list(graph.elements)}  # branches may join meanwhile

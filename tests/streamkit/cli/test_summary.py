@@ -44,6 +44,17 @@ def test_text_is_one_line_on_stderr(launch: Callable[..., Result], tmp_path: Pat
     assert failed.stderr.splitlines()[-1].startswith("2 frames in ")
 
 
+def test_files_written_are_named_in_place_of_the_pattern(
+    launch: Callable[..., Result], tmp_path: Path
+) -> None:
+    """The first and the last of several; the time in a name is not known before."""
+    done = launch("--summary", f"videotestsrc num-buffers=4 ! jpegsink location={tmp_path}/image-%03d.jpg")
+    assert done.stderr.endswith(f", wrote 4 files {tmp_path}/image-000.jpg to {tmp_path}/image-003.jpg\n")
+    done = launch("--summary", f"videotestsrc num-buffers=4 ! filesink location={tmp_path}/at-%Y.raw")
+    (path,) = tmp_path.glob("at-*.raw")
+    assert done.stderr.endswith(f", wrote {path}\n")
+
+
 def test_words() -> None:
     """One track, two tracks; drops only where there are some; the number of files where there are several."""
     made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files={})
