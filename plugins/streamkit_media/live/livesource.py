@@ -8,7 +8,17 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit import Caps, Frame, Property, ResourceError, Source, StreamError
+from streamkit import (
+    Caps,
+    Direction,
+    Frame,
+    PadTemplate,
+    Presence,
+    Property,
+    ResourceError,
+    Source,
+    StreamError,
+)
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import AccessRefused
 from streamkit_media.live.connection import LiveConnection
@@ -17,6 +27,7 @@ from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
 from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import StreamKind
 
+VIDEO_PAD = PadTemplate("video", Direction.SRC, Caps(CODED_CAPS), Presence.SOMETIMES)
 STOP_LIMIT_S = 1.8
 LEAVE_LIMIT_S = 0.5
 # Most connections that are still in a call of FFmpeg; each ends at its own time limit.
@@ -24,7 +35,10 @@ ABANDONED_LIMIT = 8
 
 
 class LiveSource(Endpoint, Source):
-    """Base of live sources: override `make_input`; `templates` are the pads besides the video's."""
+    """Base of live sources: override `make_input`; `templates` are the pads besides `src`.
+
+    The video comes out of `src`, or of `video` by the name that it has in `filesrc`.
+    """
 
     src = CODED_CAPS
     is_live = True
@@ -58,7 +72,7 @@ class LiveSource(Endpoint, Source):
         self._next_seq = 0
         self._epoch = -1
         self._timeline = Timeline()
-        self._kinds = frozenset(map(StreamKind, ["video", *(pad.name for pad in self.templates)]))
+        self._kinds = frozenset(map(StreamKind, (pad.name for pad in self.templates)))
         super().start()
 
     # Overridden by the kinds of live sources.
@@ -169,22 +183,26 @@ class LiveSource(Endpoint, Source):
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))
             own = frame.replace(epoch=self._epoch)
-            if kind is StreamKind.VIDEO:
-                yield own
-            elif kind.value in self.pads:
+            is_named = self._is_linked(kind.value)
+            if is_named:
                 yield kind.value, own
+            if kind is StreamKind.VIDEO and (self._is_linked("src") or not is_named):
+                yield own
         if not is_connected and not self.over.is_set():
             raise StreamError(f"{self._where}: the server ended before the first packet")
 
     def _add_pads(self, found: Collection[StreamKind]) -> None:
-        """Adds pads for the streams other than the video."""
+        """Adds pads for the streams."""
         for kind in sorted(found):
-            if kind is not StreamKind.VIDEO and kind.value not in self.pads:
+            if kind.value not in self.pads:
                 self.add_pad(kind.value)
         if self._epoch == 0:
             for name in sorted(self.pads.keys() & self._kinds.difference(found)):
                 self.post_warning(f"{self._where}: it sends no stream for the pad {name}")
             self.no_more_pads()
+
+    def _is_linked(self, name: str) -> bool:
+        return name in self.pads and self.pads[name].peer is not None
 
     def _disconnect(self, limit_s: float) -> None:
         """Ends the connection; one in a call of FFmpeg ends at its own limit."""

@@ -13,7 +13,7 @@ from streamkit.output.names import is_network
 from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
 from streamkit_media.live.datagraminput import DatagramInput
 from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence, UrlInput
-from streamkit_media.live.livesource import LiveSource
+from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
 from streamkit_media.streams import KLV_CAPS
 from streamkit_media.udp import source_address
 
@@ -50,8 +50,9 @@ class LiveSrc(LiveSource):
     schemes = (*LIVE_SCHEMES, "http", "https")
     uri_schemes = LIVE_SCHEMES
     example = "uri=udp://@:5000"
-    templates = tuple(
-        PadTemplate(name, Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES) for name in ("klv", "klv_1")
+    templates = (
+        VIDEO_PAD,
+        *(PadTemplate(name, Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES) for name in ("klv", "klv_1")),
     )
 
     location: str = Property(

@@ -8,7 +8,7 @@ from typing_extensions import override
 
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
 from streamkit_media.container import TimedOut, UnsupportedTransport
-from streamkit_media.live.livesource import LiveSource
+from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
 from streamkit_media.rtsp.rtspinput import RtspInput
 from streamkit_media.streams import KLV_CAPS
 
@@ -31,7 +31,10 @@ class RtspSrc(LiveSource):
         rtspsrc location=rtsp://drone/live ! decode ! fakesink
     """
 
-    templates = (PadTemplate("klv", Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES),)
+    templates = (
+        VIDEO_PAD,
+        PadTemplate("klv", Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES),
+    )
 
     transport: SourceTransport = Property(
         SourceTransport.TCP,

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice, pairwise
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -43,6 +44,21 @@ def test_a_closed_port_is_reported() -> None:
         "check the address"
     )
     assert elapsed < MARGIN_S
+
+
+@pytest.mark.parametrize("links", ["s.video ! {a}", "s.src ! {a}", "s.src ! {a}  s.video ! {b}", "s. ! {a}"])
+def test_the_video_has_the_pads_of_a_file(fake: ModuleType, links: str) -> None:
+    """`src` and `video` carry the same packets, each where it is linked."""
+    text = links.format(a="appsink name=a max-buffers=0", b="appsink name=b max-buffers=0")
+    with (
+        fake.FakeServer(fake.access_units()) as server,
+        Pipeline.parse(f"rtspsrc name=s location={server.url}  {text}") as pipeline,
+    ):
+        pipeline.play()
+        numbers = [
+            [frame.seq for frame in islice(pipeline[name], 20)] for name in "ab"[: text.count("appsink")]
+        ]
+    assert all(found == list(range(20)) for found in numbers)
 
 
 @pytest.mark.parametrize(
