@@ -12,14 +12,17 @@ from urllib.parse import urlsplit, urlunsplit
 
 from streamkit import StreamkitError, choose_source, mask_secrets
 from streamkit.output.names import FileNames, is_network, local_path
-from streamkit_media.container import check_file
+from streamkit_media.container import check_file, open_container, video_stream
 from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_usable, stream_checks
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
+from streamkit_media.files.completeness import declared_length_s, tolerance_s
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.reachability import connection_failure
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
+FILE_PACKETS = 3000  # of the beginning of a file
+PLAYED_TOLERANCES = 1.5  # of its end
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 
 
@@ -134,11 +137,13 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         size = local_path(location).stat().st_size
         text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size} bytes"
         checks.append(good("file", text, bytes=size))
-    seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None)
+    seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None, FILE_PACKETS)
     if not seen.packets and is_network(location):
         return Report(where, (*checks, bad("stream", seen.error or "no packet came")), "")
     if not seen.packets:
         return _telemetry_file(location, checks, seen.error)
+    if len(seen.packets) >= FILE_PACKETS and not is_network(location):
+        seen.shortfall = _end_of(location, timeout_s)
     checks += stream_checks(seen, is_live=False, transport="")
     if len(seen.packets) == 1:
         return _reported(where, checks, _one_frame_line(location, seen))
@@ -149,6 +154,17 @@ def _examine_file(location: str, timeout_s: float) -> Report:
     source = f"filesrc name=s location={mask_secrets(in_description(location))}"
     tracks = f"tracksink location=tracks.jsonl if-exists=fail{klv}"
     return _reported(where, checks, f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! {tracks}"')
+
+
+def _end_of(location: str, timeout_s: float) -> str:
+    """What the end of a long file lacks, of which the beginning alone was read; "" if nothing."""
+    with suppress(StreamkitError), open_container(location) as container:
+        length_s = declared_length_s(container, video_stream(container, location))
+        if length_s is not None:
+            begin_s = max(0.0, length_s - PLAYED_TOLERANCES * tolerance_s(length_s))
+            end = watch("filesrc", {"location": location, "start_s": begin_s}, max(timeout_s, 10.0), None)
+            return end.shortfall
+    return ""
 
 
 def telemetry_beside(location: str) -> Path | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Mapping
@@ -16,7 +17,6 @@ from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 
 POLL_S = 0.1
-FILE_PACKETS = 3000
 TELEMETRY_PADS = {"filesrc": ("klv", "klv_1", "subtitle"), "rtspsrc": ("klv",), "livesrc": ("klv", "klv_1")}
 KEPT_PACKETS, KEPT_BYTES = 150, 1 << 26
 
@@ -58,7 +58,13 @@ class Seen:
         return max(found, key=lambda item: (item[1]["poses"], item[1]["good_packets"]), default=nothing)
 
 
-def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: float | None) -> Seen:
+def watch(
+    factory: str,
+    properties: Mapping[str, Any],
+    limit_s: float,
+    seconds: float | None,
+    most_packets: float = math.inf,
+) -> Seen:
     """Plays a source and records what comes out of it, until its end or for some seconds.
 
     Args:
@@ -66,6 +72,7 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
         properties: of the source.
         limit_s: longest wait for the first packet, and for a file altogether.
         seconds: how long to watch a live stream from its first packet on; None plays a file to its end.
+        most_packets: of the video of a file; no more are read.
     """
     seen = Seen()
     full = "max-buffers=1000 drop=true" if seconds is not None else ""
@@ -84,7 +91,7 @@ def watch(factory: str, properties: Mapping[str, Any], limit_s: float, seconds: 
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()
-            while time.monotonic() < until and (seconds is not None or len(seen.packets) < FILE_PACKETS):
+            while time.monotonic() < until and (seconds is not None or len(seen.packets) < most_packets):
                 frame = _pull(pipeline["video"], POLL_S)
                 is_over = frame is None and (pipeline.ended.is_set() or pipeline.error is not None)
                 if frame is not None:

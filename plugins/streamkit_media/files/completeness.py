@@ -21,10 +21,13 @@ class Completeness:
     Args:
         container: the file.
         video: its stream.
-        stop_s: where reading ends at the latest, s; None is the end of the file.
+        start_s, stop_s: the part that is read, s; by default all of it.
     """
 
-    def __init__(self, container: InputContainer, video: VideoStream, stop_s: float | None = None) -> None:
+    def __init__(
+        self, container: InputContainer, video: VideoStream, start_s: float = 0.0, stop_s: float | None = None
+    ) -> None:
+        self._start_s = start_s
         self._stream_index, self._base = video.index, float(video.time_base or 0)
         self._declared_s, self._stop_s = declared_length_s(container, video), stop_s
         self._first: int | None = None
@@ -43,16 +46,21 @@ class Completeness:
 
     def shortfall(self) -> str:
         """What is missing, in words; "" where nothing is, or the container declares no length."""
-        if self._declared_s is None or self._first is None:
+        if self._declared_s is None:
             return ""
         # Containers count from 0 or from the first frame: the later end of the two is the safe one.
-        end_s = (self._end - min(self._first, 0)) * self._base
+        end_s = self._start_s if self._first is None else (self._end - min(self._first, 0)) * self._base
         due_s = self._declared_s if self._stop_s is None else min(self._declared_s, self._stop_s)
-        longest_step_s = self._longest_step * self._base
-        tolerance_s = max(TOLERANCE_S, TOLERANCE_RATIO * self._declared_s, TOLERANCE_STEPS * longest_step_s)
-        if due_s - end_s <= tolerance_s:
+        steps_s = TOLERANCE_STEPS * self._longest_step * self._base
+        if due_s - end_s <= max(tolerance_s(self._declared_s), steps_s):
             return ""
-        return f"the video ends at {end_s:.1f} s of {self._declared_s:.1f} s: {CUT_SHORT}"
+        where = f"{'before' if self._first is None else 'at'} {end_s:.1f} s of {self._declared_s:.1f} s"
+        return f"the video ends {where}: {CUT_SHORT}"
+
+
+def tolerance_s(length_s: float) -> float:
+    """By how much a whole video may end before its declared length, s."""
+    return max(TOLERANCE_S, TOLERANCE_RATIO * length_s)
 
 
 def declared_length_s(container: InputContainer, video: VideoStream) -> float | None:

@@ -243,7 +243,9 @@ class FileSrc(Source):
             raise StreamError(f"{where}: none of its streams is linked")
         self._seek(container, streams[0][0])
         video = next((stream for stream, _ in streams if isinstance(stream, VideoStream)), None)
-        completeness = Completeness(container, video, self.stop_s) if video is not None else None
+        completeness = (
+            Completeness(container, video, self.start_s, self.stop_s) if video is not None else None
+        )
         try:
             for kind, frame in self._in_range(container, streams, completeness):
                 count += 1
@@ -258,7 +260,10 @@ class FileSrc(Source):
             if not count:
                 raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
-        if not shown and self.start_s:
+        cut = "" if completeness is None or self._offset else completeness.shortfall()
+        if cut and (shown or self.start_s):
+            self.post_warning(f"{where}: {cut}", "shortfall")
+        elif not shown and self.start_s:
             length = "" if self._duration is None else f"; it is {self._duration / 1e6:.1f} s long"
             self.post_warning(
                 f"{where}: there is no frame from start-s={self.start_s:g} on{length}", "shortfall"
@@ -268,8 +273,6 @@ class FileSrc(Source):
                 "the file's own edit list shows none of its frames" if count else "the video holds no packets"
             )
             raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
-        elif not self._offset and completeness is not None and (text := completeness.shortfall()):
-            self.post_warning(f"{where}: {text}", "shortfall")
 
     def _in_range(
         self,

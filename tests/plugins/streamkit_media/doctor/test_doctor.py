@@ -116,6 +116,22 @@ def test_a_file_that_is_cut_short(make_video: Callable[..., Path], tmp_path: Pat
     assert re.fullmatch(r"the video ends at \d\.\d s of 6\.0 s: the file is cut short", length.text)
 
 
+@pytest.mark.parametrize("name", ["long.mp4", "long.mkv", "long.avi"])
+def test_a_long_file_that_is_cut_short(
+    make_video: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Its end is looked at by itself."""
+    monkeypatch.setattr("streamkit_media.doctor.examine.FILE_PACKETS", 60)
+    codec = "mpeg4" if name.endswith("avi") else "libx264"
+    whole = make_video(f"end_{name}", count=250, codec=codec, container_options={"movflags": "faststart"})
+    assert "length" not in verdicts(examine(str(whole), 1, 5, "tcp"))
+    cut = tmp_path / name
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    report = examine(str(cut), 1, 5, "tcp")
+    (length,) = (check for check in report.checks if check.name == "length")
+    assert re.fullmatch(r"the video ends (at|before) \d\.\d s of 10\.0 s: the file is cut short", length.text)
+
+
 @pytest.mark.parametrize(
     ("packets", "frames", "interlaced", "verdict"),
     [
