@@ -41,7 +41,7 @@ class OutputFileSink(Sink):
         write_errors: exceptions by which writing fails.
         has_begun: whether a frame was given to `write`.
         number: of the next file, where several are written.
-        written: paths of the first and the last file of the run; of a single one, or none, just those.
+        written_paths: paths of the first and the last file of the run; of a single one, or none, just those.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = ()
@@ -60,7 +60,7 @@ class OutputFileSink(Sink):
     )
 
     file: OutputFile | None = None
-    written: tuple[str, ...] = ()
+    written_paths: tuple[str, ...] = ()
     _written_before: tuple[str, ...] = ()
     _has_played = False
 
@@ -134,14 +134,14 @@ class OutputFileSink(Sink):
             self._protect(path)
         self.number += 1
         self.results["files"] += 1
-        self._written_before, self.written = self.written, (*self.written[:1], str(path))
+        self._written_before, self.written_paths = self.written_paths, (*self.written_paths[:1], str(path))
         return path
 
     def take_back(self) -> None:
         """The last path was not written: the next file gets its number."""
         self.number -= 1
         self.results["files"] -= 1
-        self.written = self._written_before
+        self.written_paths = self._written_before
 
     # Called by the engine.
 
@@ -160,7 +160,7 @@ class OutputFileSink(Sink):
         """Checks the name and the folder; nothing is written before the first frame."""
         self._writing = threading.Lock()
         self.file = None
-        self.written = self._written_before = ()
+        self.written_paths = self._written_before = ()
         self.has_begun = self._is_over = self._has_played = False
         self.number = 0
         if not self.location:

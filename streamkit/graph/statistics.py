@@ -13,6 +13,7 @@ import msgspec
 
 from streamkit.element.base import Element
 from streamkit.element.frame_queue import FrameQueue
+from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
@@ -236,6 +237,7 @@ def collect_statistics(
     def row(element: Element) -> ElementStatistics:
         name = element.name
         newest_ns = totals.newest_ns[element]
+        paths = element.written_paths if isinstance(element, OutputFileSink) else ()
         return ElementStatistics(
             element=name,
             parent=element.parent,
@@ -252,7 +254,7 @@ def collect_statistics(
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=_levels(element),
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
-            written=[mask_secrets(path) for path in getattr(element, "written", ())],
+            written=[mask_secrets(path) for path in paths],
         )
 
     return {element: row(element) for element in list(graph.elements)}  # branches may join meanwhile

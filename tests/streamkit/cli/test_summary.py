@@ -53,6 +53,7 @@ def test_files_written_are_named_in_place_of_the_pattern(
     done = launch("--summary", f"videotestsrc num-buffers=4 ! filesink location={tmp_path}/at-%Y.raw")
     (path,) = tmp_path.glob("at-*.raw")
     assert done.stderr.endswith(f", wrote {path}\n")
+    assert launch("videotestsrc num-buffers=1 ! textoverlay text=a ! fakesink").exit_code == 0
 
 
 def test_words() -> None:
