@@ -32,7 +32,7 @@ VIDEOS = {
     "KITTI-17": "mot/KITTI-17/video.mp4",
     "MOT16-09": "mot/MOT16-09/video.mp4",
 }
-MOST_ROWS = 800  # of a video; larger frames are halved
+MAX_ROWS = 800  # of a video; larger frames are halved
 # Cameras that move: no truth.
 MOVING = {"ucsd_jump", "ucsd_skiing", "ucsd_surf"}
 MARGIN = 0.12
@@ -66,7 +66,7 @@ def _decoded(path: Path) -> Iterator[GreyArray]:
 
 def _halved(frame: GreyArray) -> GreyArray:
     """A frame, of half the size where it has many rows."""
-    if len(frame) <= MOST_ROWS:
+    if len(frame) <= MAX_ROWS:
         return frame
     return np.asarray(cv2.resize(frame, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import fuzz_watch
 
-LARGEST_SOURCE = 1 << 21
+MAX_SOURCE = 1 << 21
 SETTLED = 400  # about three variants of each source
 EXTREMES = (b"\xff\xff\xff\xff", b"\0\0\0\0", b"\x7f\xff\xff\xff", b"\x80\0\0\0")
 SUFFIXES = frozenset(
@@ -62,7 +62,7 @@ def sources(clips: Path) -> list[Path]:
         path
         for folder in (clips, data / "telemetry" / "klv_ts", data / "odd_media")
         for path in sorted(folder.rglob("*"))
-        if path.suffix in SUFFIXES and path.stat().st_size <= LARGEST_SOURCE
+        if path.suffix in SUFFIXES and path.stat().st_size <= MAX_SOURCE
     ]
 
 

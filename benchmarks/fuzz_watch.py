@@ -26,7 +26,7 @@ from pathlib import Path
 HANG_S = 5.0
 ADDRESS_SPACE = 12 << 30
 GROWTH_MB = 30.0
-SHORTEST_S = 20.0  # a process that lived shorter tells nothing of its memory
+MIN_S = 20.0  # a process that lived shorter tells nothing of its memory
 # Each new thread may take an arena of glibc's allocator, which keeps what it once held: that is no leak.
 ONE_ARENA = {"MALLOC_ARENA_MAX": "1"}
 PAGE_MB = resource.getpagesize() / 2**20
@@ -156,7 +156,7 @@ def _growth(last: dict[str, object]) -> list[str]:
         f"memory after each tenth {last['tenths_mb']} MB, {end_mb:.0f} MB at the end; "
         f"descriptors {len(tenth_open)}, then {len(end_open)}"
     )
-    if last["seconds"] < SHORTEST_S:  # type: ignore[operator]
+    if last["seconds"] < MIN_S:  # type: ignore[operator]
         return []
     found = []
     leaked = [kind for kind, count in Counter(end_open).items() if count > max(1, tenth_open.count(kind))]

@@ -38,7 +38,7 @@ from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 
 SHAPE = (720, 1280)
 BLOCK = 128
-LEAST_IN_BLOCK = 6
+MIN_IN_BLOCK = 6
 MEMORY_PX = 64_000_000
 # Of seed n the one of number n % 4: names, frames of a row, frames.
 KINDS = (("one strip of 6", 6, 6), ("one strip of 8", 8, 8), ("3 rows of 4", 4, 12), ("3 rows of 4", 4, 12))
@@ -135,7 +135,7 @@ def shifted(
     medians = [
         np.median(shifts[cells == cell], axis=0)
         for cell in np.unique(cells)
-        if np.count_nonzero(cells == cell) >= LEAST_IN_BLOCK
+        if np.count_nonzero(cells == cell) >= MIN_IN_BLOCK
     ]
     return np.hypot(*shifts.T), np.hypot(*np.array(medians).T)
 

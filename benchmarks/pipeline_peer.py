@@ -14,10 +14,10 @@ import time
 import cv2
 import numpy as np
 
-MOST_TARGETS = 20
-LEAST_AREA = 150
-LEAST_OVERLAP = 0.2
-MOST_MISSES = 10
+MAX_TARGETS = 20
+MIN_AREA = 150
+MIN_OVERLAP = 0.2
+MAX_MISSES = 10
 
 
 def overlap(first, second):
@@ -32,7 +32,7 @@ def boxes_of(mask):
     """Boxes of what is white."""
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    return [cv2.boundingRect(c) for c in contours if cv2.contourArea(c) >= LEAST_AREA]
+    return [cv2.boundingRect(c) for c in contours if cv2.contourArea(c) >= MIN_AREA]
 
 
 def follow(picture, found, targets, create):
@@ -40,13 +40,13 @@ def follow(picture, found, targets, create):
     kept = []
     for tracker, misses in targets:
         is_there, box = tracker.update(picture)
-        match = next((b for b in found if is_there and overlap(box, b) >= LEAST_OVERLAP), None)
+        match = next((b for b in found if is_there and overlap(box, b) >= MIN_OVERLAP), None)
         if match is not None:
             found.remove(match)
         missed = 0 if match is not None else misses + 1
-        if is_there and missed < MOST_MISSES:
+        if is_there and missed < MAX_MISSES:
             kept.append((tracker, missed))
-    for box in sorted(found, key=lambda b: -b[2] * b[3])[: MOST_TARGETS - len(kept)]:
+    for box in sorted(found, key=lambda b: -b[2] * b[3])[: MAX_TARGETS - len(kept)]:
         if box[2] < picture.shape[1] / 4 and box[3] < picture.shape[0] / 4:
             tracker = create()
             tracker.init(picture, box)

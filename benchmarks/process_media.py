@@ -22,14 +22,14 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from fuzz_media import LARGEST_SOURCE, SUFFIXES, mutated
+from fuzz_media import MAX_SOURCE, SUFFIXES, mutated
 
 from streamkit import Caps, ElementFailure, Frame, Pipeline, StreamkitError, Transform
 from streamkit.graph.processes.process_statistics import resident_bytes
 
 FILE_S = 15.0  # longest time for a file
 WATCHDOG_S = 30.0
-LONGEST_WAIT_S = 10 * WATCHDOG_S
+MAX_WAIT_S = 10 * WATCHDOG_S
 END_S = 60.0
 OUTCOME = Caps("application/x-outcome")
 BIN = f"( process=true restart=100000 watchdog-s={WATCHDOG_S:g} decodemedia )"
@@ -79,7 +79,7 @@ def install(folder: Path) -> None:
 def files(mutants: int, dice: random.Random) -> Iterator[bytes]:
     """Each file of the data, then variants of the small ones."""
     whole = [path for path in sorted(odd_media().rglob("*")) if path.is_file()]
-    small = [path for path in whole if path.suffix in SUFFIXES and path.stat().st_size <= LARGEST_SOURCE]
+    small = [path for path in whole if path.suffix in SUFFIXES and path.stat().st_size <= MAX_SOURCE]
     for path in whole:
         yield path.suffix.encode() + b"\0" + path.read_bytes()
     for number in range(mutants):
@@ -97,7 +97,7 @@ def feed(pipeline: Pipeline, mutants: int, dice: random.Random, sent: Counter[st
     source = pipeline["in"]
     for content in files(mutants, dice):
         try:
-            source.push(content, timeout_s=LONGEST_WAIT_S)
+            source.push(content, timeout_s=MAX_WAIT_S)
         except StreamkitError:
             return  # the main thread prints why
         sent["files"] += 1

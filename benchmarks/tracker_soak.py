@@ -19,7 +19,7 @@ from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
 
 HEIGHT, WIDTH = 120, 160
-MOST_CARS = 4
+MAX_CARS = 4
 ROWS = 10
 PAGE_MB = 4096 / 2**20
 
@@ -31,7 +31,7 @@ def scene() -> Iterator[tuple[np.ndarray, np.ndarray]]:
     bodies = generator.integers(0, 255, (40, 8, 12)).astype(np.uint8)
     cars: list[tuple[float, float, float, int]] = []
     while True:
-        if len(cars) < MOST_CARS and generator.random() < 0.15:
+        if len(cars) < MAX_CARS and generator.random() < 0.15:
             speed, row = generator.uniform(1.5, 3.5), generator.uniform(10, HEIGHT - 10)
             rightwards = generator.random() < 0.5
             cars.append(

@@ -57,7 +57,7 @@ FLY = (
 )
 READY_S = 5.0
 SPARE_S = 60.0  # of video, for slow starts
-LOOK_EVERY_S = 15.0
+POLL_S = 15.0
 
 
 async def watch(url: str, origin: str, received: Any) -> None:
@@ -187,7 +187,7 @@ def measure_page(server: int, url: str, seconds: float) -> None:
         browser.get(url)
         began = time.monotonic()
         while time.monotonic() - began < seconds:
-            time.sleep(LOOK_EVERY_S)
+            time.sleep(POLL_S)
             browser.execute_cdp_cmd("HeapProfiler.collectGarbage", {})
             used = browser.execute_cdp_cmd("Runtime.getHeapUsage", {})["usedSize"] / 1e6
             nodes = browser.execute_cdp_cmd("Memory.getDOMCounters", {})["nodes"]

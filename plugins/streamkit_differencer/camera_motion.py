@@ -24,7 +24,7 @@ from streamkit_differencer.image_motion import (
 )
 
 # Largest step between two frames, as a share of the width.
-LARGEST_STEP = 0.3
+MAX_STEP = 0.3
 # A keyframe is renewed when the view moved by more of its width, or something else covers it for so long.
 RENEWAL_SHIFT = 0.12
 RENEWAL_FRAMES = 75
@@ -35,19 +35,19 @@ STILL_PX, SETTLED_PX = 0.5, 0.1
 QUICK_STILL_PX, ENOUGH_SHARE = 0.2, 0.5
 # A step of a camera that rested may be that of traffic, a small one is of noise: it must explain this many
 # times what rest explains.
-LARGE_STEP_PX, LEAST_GAIN, LARGE_STEP_GAIN = 1.8, 1.05, 1.25
+LARGE_STEP_PX, MIN_GAIN, LARGE_STEP_GAIN = 1.8, 1.05, 1.25
 # Smallest share that a place must explain: edges of another scene that happen to lie alike explain a seventh.
-LEAST_EXPLAINED = 0.18
+MIN_EXPLAINED = 0.18
 # A zoom is taken only where it explains this many times as much as turn and shift, and so is a homography:
 # foam and birds that spread over the view zoom like a camera.
 FREEDOM_GAIN = 1.1
 STEPS = 6
-MOST_MISSED_FRAMES = 12
+MAX_MISSED_FRAMES = 12
 # Missed frames in a row that a pan explains, after which a camera that rested is lost; leaves that cover the
 # view move as one for half as many.
 PAN_FRAMES = 6
 # An image without texture may be a lens that is covered for a moment.
-MOST_PLAIN_FRAMES = 75
+MAX_PLAIN_FRAMES = 75
 
 
 @dataclass(slots=True)
@@ -121,14 +121,14 @@ class CameraMotion:
         self._missed += 1
         is_plain = not len(Patches.of(levels[0]))
         if self._panned >= PAN_FRAMES:
-            self._rests, self._missed = False, MOST_MISSED_FRAMES + 1
+            self._rests, self._missed = False, MAX_MISSED_FRAMES + 1
         if self._rests and not is_plain:
             # What covers the view is no motion; the keyframe may have been taken of it.
             if self._missed > RENEWAL_FRAMES:
                 self._missed = 0
                 self._set_keyframe(levels, self._placed)
             return self._placed
-        if self._missed <= (MOST_PLAIN_FRAMES if is_plain else MOST_MISSED_FRAMES):
+        if self._missed <= (MAX_PLAIN_FRAMES if is_plain else MAX_MISSED_FRAMES):
             return None
         self.reset()
         self._set_keyframe(levels, self._placed)
@@ -137,7 +137,7 @@ class CameraMotion:
     def _is_pan(self, before: list[ByteImage], levels: list[ByteImage]) -> bool:
         """Whether a frame shows most of the one before it, but elsewhere; leaves hardly move as one."""
         at_rest, _ = Patches.of(before[0]).explained(levels[0], np.eye(3))
-        if at_rest >= LEAST_EXPLAINED:
+        if at_rest >= MIN_EXPLAINED:
             return False
         keyframe = self._keyframe, self._keyframe_to_plane
         self._set_keyframe(before, self._placed)
@@ -164,11 +164,11 @@ class CameraMotion:
         placed, moved_share, moved_weight = self._aligned(levels)
         step = corner_distance(placed, at_rest, image.shape)
         from_last = corner_distance(placed, self._placed, image.shape) / max(image.shape)
-        gain = LARGE_STEP_GAIN if step > LARGE_STEP_PX else LEAST_GAIN
-        is_possible = from_last < LARGEST_STEP and moved_share >= LEAST_EXPLAINED
+        gain = LARGE_STEP_GAIN if step > LARGE_STEP_PX else MIN_GAIN
+        is_possible = from_last < MAX_STEP and moved_share >= MIN_EXPLAINED
         if step > settled and is_possible and moved_weight >= (gain if self._rests else 1.0) * weight:
             return placed
-        return at_rest if share >= LEAST_EXPLAINED else None
+        return at_rest if share >= MIN_EXPLAINED else None
 
     def _aligned(self, levels: list[ByteImage]) -> tuple[FloatArray, float, float]:
         """The best place near those of the keyframe and of the last frame, and what it explains.

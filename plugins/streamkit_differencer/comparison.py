@@ -7,7 +7,7 @@ from numba import types
 
 from streamkit_differencer.arrays import BOUNDS, Bounds, ByteImage, ByteLine, FloatImage, FloatLine
 from streamkit_differencer.equations import (
-    LONGEST_WAIT,
+    MAX_WAIT,
     SET,
     count_down,
     find_changes,
@@ -66,7 +66,7 @@ def find_quiet_ground(
         find_quiet(counters, quiet_frames, quiet[row - top])
         if _has_new(valid[row, left:right], counters):
             for column in range(left, right):
-                if valid[row, column] == UNKNOWN and waiting[row, column] < LONGEST_WAIT:
+                if valid[row, column] == UNKNOWN and waiting[row, column] < MAX_WAIT:
                     edge = EDGE_SHARE * np.float32(ranges[row - top, column - left])
                     background[row, column], valid[row, column] = earlier[row, column], PROVISIONAL
                     deviation[row, column] = FIRST_DEVIATION + edge
@@ -85,7 +85,7 @@ def _has_new(valid: ByteLine, waiting: ByteLine) -> bool:
     """Whether a line has unknown ground that did not change."""
     united = np.uint8(0)
     for index in range(valid.size):
-        is_new = (valid[index] == np.uint8(UNKNOWN)) & (waiting[index] < np.uint8(LONGEST_WAIT))
+        is_new = (valid[index] == np.uint8(UNKNOWN)) & (waiting[index] < np.uint8(MAX_WAIT))
         united |= np.uint8(is_new)
     return bool(united > 0)
 

@@ -19,8 +19,8 @@ from streamkit_differencer.arrays import ByteImage, FloatArray
 TILES, MEANS, MEAN_PX = 4, 6, 8
 # Correlation below which two tiles are unlike; tiles of a smaller standard deviation are compared by their
 # means.
-LEAST_CORRELATION = 0.5
-LEAST_TEXTURE = 8.0
+MIN_CORRELATION = 0.5
+MIN_TEXTURE = 8.0
 NEAR = 10.0
 # Largest share of unlike tiles between two frames of a calm stretch, and frames of it before a cut and behind
 # it.
@@ -74,7 +74,7 @@ class CutDetector:
         self._last = tiles
         if is_other:
             self._unlike += 1
-            limit = CUT_FRAMES if np.median(tiles.std(axis=1)) >= LEAST_TEXTURE else COVERED_FRAMES
+            limit = CUT_FRAMES if np.median(tiles.std(axis=1)) >= MIN_TEXTURE else COVERED_FRAMES
             if self._unlike < limit:
                 return Cut.SUSPECTED
             # The camera may be switched back at once.
@@ -106,12 +106,12 @@ def unlike_share(first: FloatArray, second: FloatArray) -> float:
         means.append(tiles.mean(axis=1))
         deviations.append(tiles.std(axis=1))
     covariance = ((first - means[0][:, None]) * (second - means[1][:, None])).mean(axis=1)
-    is_plain = np.maximum(*deviations) < LEAST_TEXTURE
+    is_plain = np.maximum(*deviations) < MIN_TEXTURE
     # The whole frame may be brighter.
     step = means[1] - means[0]
     differs = np.abs(step - np.median(step)) > NEAR
-    unlike = np.where(is_plain, differs, covariance < LEAST_CORRELATION * deviations[0] * deviations[1])
+    unlike = np.where(is_plain, differs, covariance < MIN_CORRELATION * deviations[0] * deviations[1])
     # Objects on plain ground leave most of it as it was.
     changes = np.median(np.abs(second - first), axis=1) > NEAR
-    becomes_plain = ~is_plain & (np.minimum(*deviations) < LEAST_CORRELATION * LEAST_TEXTURE)
+    becomes_plain = ~is_plain & (np.minimum(*deviations) < MIN_CORRELATION * MIN_TEXTURE)
     return float(np.mean(np.where(becomes_plain, changes, unlike)))

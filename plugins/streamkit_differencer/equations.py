@@ -19,8 +19,8 @@ import numpy as np
 from streamkit_differencer.arrays import ByteLine, FloatLine
 from streamkit_kernels import compiled
 
-# Largest lambda. The counter D is kept as D + LONGEST_WAIT - lambda: a change sets it to this.
-LONGEST_WAIT = 255
+# Largest lambda. The counter D is kept as D + MAX_WAIT - lambda: a change sets it to this.
+MAX_WAIT = 255
 SET = np.uint8(255)
 
 
@@ -56,7 +56,7 @@ def count_down(waiting: ByteLine, changed: ByteLine) -> None:
     """Equation 1, in place: D = lambda where a pixel changed, else one less than before.
 
     Args:
-        waiting: uint8[w], D(t - 1) + `LONGEST_WAIT` - lambda.
+        waiting: uint8[w], D(t - 1) + `MAX_WAIT` - lambda.
         changed: uint8[w], mask of what changed, S(t).
     """
     for index in range(waiting.size):
@@ -67,7 +67,7 @@ def count_down(waiting: ByteLine, changed: ByteLine) -> None:
 @compiled
 def find_quiet(waiting: ByteLine, quiet_frames: int, quiet: ByteLine) -> None:
     """The pixels with D = 0 for this lambda; `quiet`, uint8[w], becomes their mask."""
-    least = np.uint8(LONGEST_WAIT - quiet_frames)
+    least = np.uint8(MAX_WAIT - quiet_frames)
     for index in range(waiting.size):
         quiet[index] = SET if waiting[index] <= least else np.uint8(0)
 

@@ -19,7 +19,7 @@ from streamkit_differencer.comparison import compare_with_background
 # Values of a finished mask: foreground that changed within quiet_frames, foreground that is quiet, shadow.
 # Values up to the last number are background or shadow.
 MOVING, STOPPED, SHADOW = 255, 128, 50
-HIGHEST_BACKGROUND = 100
+MAX_BACKGROUND = 100
 MAX_MEDIAN_PX = 7
 GROWTH_STEPS = 2
 _GROWTH = np.ones((5, 5), np.uint8)  # two pixels in each direction

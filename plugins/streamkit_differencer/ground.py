@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, CountImage, FloatArray, FloatImage, Slices
-from streamkit_differencer.equations import LONGEST_WAIT
+from streamkit_differencer.equations import MAX_WAIT
 
 Image = TypeVar("Image", ByteImage, CountImage, FloatImage)
 # Values of `Ground.valid`.
@@ -17,7 +17,7 @@ UNKNOWN, PROVISIONAL, KNOWN = 0, 1, 255
 # Mean deviation of an unknown pixel, grey levels.
 UNKNOWN_DEVIATION = 5.0
 # Value of each image where nothing is known, if it is not 0.
-FILLS = {"deviation": UNKNOWN_DEVIATION, "waiting": LONGEST_WAIT}
+FILLS = {"deviation": UNKNOWN_DEVIATION, "waiting": MAX_WAIT}
 # Type of each image that is not of bytes.
 TYPES = {
     "background": np.float32,

@@ -35,7 +35,7 @@ TRUST_RATE = 0.1
 # Cells of a 4 by 4 grid that explained patches must lie in: a single moving object is no camera motion.
 SPREAD_CELLS = 6
 # Levels of a pyramid, each of half the size; images are not made smaller than this.
-MAX_LEVELS, SMALLEST_LEVEL_PX = 3, 36
+MAX_LEVELS, MIN_LEVEL_PX = 3, 36
 # The fit ends when a step moves no corner by more, px.
 MIN_STEP_PX = 0.02
 # Weight of the previous step in the normal equations, per patch: none drifts along an edge without end.
@@ -192,7 +192,7 @@ def _normalised(values: FloatImage) -> tuple[FloatImage, FloatImage]:
 def pyramid(image: ByteImage) -> list[ByteImage]:
     """A smoothed image in several sizes, the full one first, each half as wide as the one before."""
     levels = [cast("ByteImage", cv2.GaussianBlur(image, (5, 5), 1.0))]
-    while len(levels) < MAX_LEVELS and min(levels[-1].shape) >= 2 * SMALLEST_LEVEL_PX:
+    while len(levels) < MAX_LEVELS and min(levels[-1].shape) >= 2 * MIN_LEVEL_PX:
         levels.append(downsampled(levels[-1], 2))
     return levels
 

@@ -7,7 +7,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING
+from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING
 from streamkit_kernels import INT32, UINT8, compiled, kernel
 
 # Columns of the table of objects.
@@ -55,7 +55,7 @@ def measure_objects(
             top, left = (first_row + cell_row) * step, (first_column + cell_column) * step
             for row in range(top, min(top + step, foreground.shape[0])):
                 for column in range(left, min(left + step, foreground.shape[1])):
-                    if foreground[row, column] <= HIGHEST_BACKGROUND:
+                    if foreground[row, column] <= MAX_BACKGROUND:
                         continue
                     if sizes[label] >= min_area:
                         _count(result[label - 1], row, column, foreground[row, column] == MOVING)

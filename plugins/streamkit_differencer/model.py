@@ -15,7 +15,7 @@ import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of, local_range
 from streamkit_differencer.comparison import find_quiet_ground, known_background
-from streamkit_differencer.equations import LONGEST_WAIT
+from streamkit_differencer.equations import MAX_WAIT
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
@@ -137,7 +137,7 @@ class BackgroundModel:
         settings, ground = self.settings, self.ground
         if not self._history:
             # Without an earlier frame no pixel counts as quiet.
-            ground.waiting[frame.seen > 0] = LONGEST_WAIT
+            ground.waiting[frame.seen > 0] = MAX_WAIT
             return np.zeros_like(frame.image[region])
         earlier = self._history[0]
         images = *frame, *earlier, local_range(earlier.image[region])

@@ -12,7 +12,7 @@ from streamkit_differencer.arrays import ByteLine, FloatLine
 from streamkit_differencer.ground import PROVISIONAL
 from streamkit_kernels import compiled
 
-HIGHEST_THRESHOLD = 60
+MAX_THRESHOLD = 60
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
 # First mean deviation of a pixel, and the share of the local range that is added: edges may flicker.
@@ -28,7 +28,7 @@ MAX_FOREGROUND = 0.3
 @compiled
 def find_thresholds(deviation: FloatLine, gain: np.float32, lowest: np.float32, thresholds: ByteLine) -> None:
     """T_F of each pixel of a line: so many mean deviations, but not below `lowest` grey levels."""
-    highest = np.float32(HIGHEST_THRESHOLD)
+    highest = np.float32(MAX_THRESHOLD)
     for index in range(thresholds.size):
         wanted = min(np.rint(deviation[index] * gain), highest)
         thresholds[index] = np.uint8(np.int32(max(wanted, lowest)))

@@ -17,7 +17,7 @@ import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage, above
 from streamkit_differencer.clusters import clustered
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING
+from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
     BOTTOM,
     CHANGED,
@@ -144,7 +144,7 @@ def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
 
     Each halving is a vote of two by two pixels; beyond the border nothing is set.
     """
-    cells = above(foreground, HIGHEST_BACKGROUND)
+    cells = above(foreground, MAX_BACKGROUND)
     while scale < CELL_SIZE:
         height, width = cells.shape
         even = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
@@ -166,4 +166,4 @@ def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:
     boxes = np.rint((objects.boxes[objects.changes >= MOVES] + 0.5) / scale).astype(int)
     for left, top, right, bottom in boxes.tolist():
         inside = mask[top:bottom, left:right]
-        inside[inside > HIGHEST_BACKGROUND] = MOVING
+        inside[inside > MAX_BACKGROUND] = MOVING

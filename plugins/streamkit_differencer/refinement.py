@@ -13,7 +13,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray, overlaps
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND
+from streamkit_differencer.foreground import MAX_BACKGROUND
 from streamkit_differencer.objects import Objects
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
@@ -102,7 +102,7 @@ def measured_at_full_resolution(
             for column in range(left, right):
                 index = (row - top) * width + column - left
                 contrasts[index] = -1
-                if line[columns[column - left]] > HIGHEST_BACKGROUND:
+                if line[columns[column - left]] > MAX_BACKGROUND:
                     contrasts[index] = abs(
                         np.int64(image[row, column]) - background_at(background, to_background, row, column)
                     )

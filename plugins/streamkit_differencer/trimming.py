@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, FloatImage, LabelImage
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND
+from streamkit_differencer.foreground import MAX_BACKGROUND
 from streamkit_differencer.refinement import background_at
 from streamkit_kernels import FLOAT32, FLOAT64, INT32, UINT8, UINT8_STRIDED, compiled, kernel
 
@@ -54,7 +54,7 @@ def object_contrasts(
     for index in range(len(blocks)):
         for offset in range(4):
             row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
-            if mask[row, column] > HIGHEST_BACKGROUND:
+            if mask[row, column] > MAX_BACKGROUND:
                 ground[row, column] = max(background_at(background, to_background, row, column), 1)
                 sums[blocks[index, 2]] += abs(np.int64(image[row, column]) - np.int64(ground[row, column]))
                 pixels[blocks[index, 2]] += 1.0
@@ -125,7 +125,7 @@ def _is_surrounding(
 ) -> bool:
     """Whether a pixel is foreground that may be halo or soft shadow."""
     mean = contrast[row // 2, column // 2]
-    if mask[row, column] <= HIGHEST_BACKGROUND or mean == 0.0:
+    if mask[row, column] <= MAX_BACKGROUND or mean == 0.0:
         return False
     known = np.int64(ground[row, column])
     darkening = known - np.int64(image[row, column])
@@ -141,7 +141,7 @@ def _is_even(mask: ByteImage, image: ByteImage, ground: ByteImage, row: int, col
     count, total, squares = 0, 0.0, 0.0
     for y in range(max(row - 1, 0), min(row + 2, mask.shape[0])):
         for x in range(max(column - 1, 0), min(column + 2, mask.shape[1])):
-            if mask[y, x] > HIGHEST_BACKGROUND or mask[y, x] == TRIMMED:
+            if mask[y, x] > MAX_BACKGROUND or mask[y, x] == TRIMMED:
                 ratio = image[y, x] / np.int64(ground[y, x])
                 count, total, squares = count + 1, total + ratio, squares + ratio * ratio
     mean = total / count
@@ -151,10 +151,10 @@ def _is_even(mask: ByteImage, image: ByteImage, ground: ByteImage, row: int, col
 @compiled
 def _is_edge(mask: ByteImage, row: int, column: int) -> bool:
     """Whether a pixel is foreground and one of its four neighbours is background."""
-    if mask[row, column] <= HIGHEST_BACKGROUND:
+    if mask[row, column] <= MAX_BACKGROUND:
         return False
     for y, x in _neighbours(row, column, mask.shape):
-        if mask[y, x] <= HIGHEST_BACKGROUND and mask[y, x] != TRIMMED:
+        if mask[y, x] <= MAX_BACKGROUND and mask[y, x] != TRIMMED:
             return True
     return False
 

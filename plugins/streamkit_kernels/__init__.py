@@ -10,7 +10,7 @@ def darken(image, darker):
 prepare("my_package")
 """
 
-from streamkit_kernels.calling_thread import LARGEST_PRODUCT as LARGEST_PRODUCT
+from streamkit_kernels.calling_thread import MAX_PRODUCT as MAX_PRODUCT
 from streamkit_kernels.calling_thread import product as product
 from streamkit_kernels.compilation import BOOL_1D as BOOL_1D
 from streamkit_kernels.compilation import FLOAT32 as FLOAT32

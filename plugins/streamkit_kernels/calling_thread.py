@@ -12,9 +12,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-LARGEST_PRODUCT = 2**18
-SHORTEST_SUM = 32
-FEWEST_ROWS = 8
+MAX_PRODUCT = 2**18
+MIN_SUM = 32
+MIN_ROWS = 8
 
 Real = TypeVar("Real", np.float32, np.float64)
 
@@ -34,12 +34,12 @@ def product(left: NDArray[Real], right: NDArray[Real]) -> NDArray[Real]:
     if not left.ndim == right.ndim == 2:
         lead = np.broadcast_shapes(left.shape[:-2], right.shape[:-2])
     out = np.empty((*lead, count, columns), left.dtype)
-    depth = LARGEST_PRODUCT // max(count * columns, 1)
+    depth = MAX_PRODUCT // max(count * columns, 1)
     if depth >= inner:
         np.matmul(left, right, out=out)
         return out
-    block = max(1, LARGEST_PRODUCT // max(inner * columns, 1))
-    if depth >= SHORTEST_SUM and block < FEWEST_ROWS:
+    block = max(1, MAX_PRODUCT // max(inner * columns, 1))
+    if depth >= MIN_SUM and block < MIN_ROWS:
         # Long sums over few columns: splitting the sum reads `right` once, splitting rows once per block.
         np.matmul(left[..., :depth], right[..., :depth, :], out=out)
         for start in range(depth, inner, depth):

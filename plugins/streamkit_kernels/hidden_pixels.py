@@ -11,7 +11,7 @@ from streamkit.geometry.homography import GreyArray
 
 _CELL: Final = 8  # px
 _REACH: Final = 3.0  # cells
-_LEAST_WEIGHT: Final = 1e-3
+_MIN_WEIGHT: Final = 1e-3
 
 
 def without_hidden(grey: GreyArray, hidden: GreyArray) -> GreyArray:
@@ -28,7 +28,7 @@ def without_hidden(grey: GreyArray, hidden: GreyArray) -> GreyArray:
         cv2.resize(one, cells, interpolation=cv2.INTER_AREA) for one in (shown, cv2.bitwise_and(grey, shown))
     )
     weight, total = (cv2.GaussianBlur(one.astype(np.float32), (0, 0), _REACH) for one in reduced)
-    least = _LEAST_WEIGHT * 255
+    least = _MIN_WEIGHT * 255
     mean = (total * 255 + least * float(total.mean())) / (weight + least)
     smooth = cv2.resize(np.clip(mean, 0, 255).astype(np.uint8), (width, height))
     return np.asarray(cv2.copyTo(smooth, hidden, grey.copy()), np.uint8)

@@ -16,7 +16,7 @@ _ORDERS: Final = {b"II": "<", b"MM": ">"}
 _MAGIC: Final = 42
 _ENTRY_BYTES: Final = 12
 _INLINE_BYTES: Final = 4
-_MOST_VALUES: Final = 64
+_MAX_VALUES: Final = 64
 _ASCII: Final = 2
 # How one value of each type is laid out; the types with two numbers are fractions.
 _LAYOUTS: Final = {1: "B", 3: "H", 4: "I", 5: "II", 7: "B", 9: "i", 10: "ii", 11: "f", 12: "d"}
@@ -101,7 +101,7 @@ def _directory(tiff: bytes, order: str, offset: int) -> dict[int, Value]:
 def _value(tiff: bytes, order: str, kind: int, count: int, place: int) -> Value | None:
     """An entry's value, stored in the entry itself where it fits; None for unused types."""
     layout = "s" if kind == _ASCII else _LAYOUTS.get(kind)
-    if layout is None or not 0 < count <= _MOST_VALUES:
+    if layout is None or not 0 < count <= _MAX_VALUES:
         return None
     size = struct.calcsize(order + layout) * count
     if size > _INLINE_BYTES:

@@ -16,7 +16,7 @@ from streamkit_telemetry_formats.klv import BadKlv, elements
 
 Value = int | float | str | bytes | None
 Decoder = Callable[[bytes], Value]
-LONGEST_TEXT = 4096
+MAX_TEXT = 4096
 LATEST_TIME_NS = 2**63 - 1
 
 
@@ -90,8 +90,8 @@ def imapb(low: float, high: float, scale: float = 1.0, most: int = 8) -> Decoder
 
 def text(data: bytes) -> Value:
     """Text in UTF-8; invalid bytes become replacement characters."""
-    if len(data) > LONGEST_TEXT:
-        raise BadKlv(f"a text has at most {LONGEST_TEXT} bytes, got {len(data)}")
+    if len(data) > MAX_TEXT:
+        raise BadKlv(f"a text has at most {MAX_TEXT} bytes, got {len(data)}")
     return data.decode("utf-8", "replace").rstrip("\0")
 
 

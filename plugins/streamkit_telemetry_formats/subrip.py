@@ -18,12 +18,12 @@ TIMES = re.compile(
 )
 ARROW = "-->"
 NUMBER = re.compile(r"[0-9]{1,9}")
-LONGEST_TEXT = 4096
+MAX_TEXT = 4096
 STAMP = re.compile(
     r"\b(\d{4})[-.](\d{1,2})[-.](\d{1,2})\s+(\d{1,2}):(\d{2}):(\d{2})(?:[.,](\d{3})(?:[.,](\d{3}))?)?(?!\d)"
 )
 STEP = re.compile(r"\bDiffTime\s*:\s*(\d{1,7})\s*ms")
-LONGEST_NS = 1000 * 3600 * 1_000_000_000  # as long as a subtitle's own times reach
+MAX_NS = 1000 * 3600 * 1_000_000_000  # as long as a subtitle's own times reach
 
 
 # A subtitle: its beginning, ns, None where it has a number but no line of times; its text.
@@ -66,7 +66,7 @@ class SubtitleReader:
         return are_numbers and int(following) == int(number) + 1
 
     def _keep(self, line: str) -> None:
-        if self._size <= LONGEST_TEXT:
+        if self._size <= MAX_TEXT:
             self._lines.append(line)
             self._size += len(line) + 1
 
@@ -75,12 +75,12 @@ class SubtitleReader:
         times, lines = self._times, self._lines
         self._times, self._lines, self._size = None, [], 0
         if times is not None:
-            return _ns(*times.groups()), "\n".join(lines)[:LONGEST_TEXT]
+            return _ns(*times.groups()), "\n".join(lines)[:MAX_TEXT]
         if any(ARROW in line for line in lines):
             self.broken += 1
             return None
         is_numbered = len(lines) > 1 and NUMBER.fullmatch(lines[0].strip()) is not None
-        return (None, "\n".join(lines[1:])[:LONGEST_TEXT]) if is_numbered else None
+        return (None, "\n".join(lines[1:])[:MAX_TEXT]) if is_numbered else None
 
 
 def subtitle_text(text: str) -> str:
@@ -117,7 +117,7 @@ class AircraftClock:
             begin = self._next if self._next is not None or stamp is not None else 0
         if begin is None and stamp is not None:
             begin = 0 if self._zero is None else (stamp - self._zero) // timedelta(microseconds=1) * 1000
-        if begin is None or not 0 <= begin < LONGEST_NS:
+        if begin is None or not 0 <= begin < MAX_NS:
             return None
         if self._zero is None and stamp is not None:
             self._zero = _earlier(stamp, begin)

@@ -12,7 +12,7 @@ from streamkit_telemetry_formats.dji import DjiTelemetry
 from streamkit_telemetry_formats.klv import CHUNK_BYTES, holds_klv
 from streamkit_telemetry_formats.misb import MisbTelemetry
 from streamkit_telemetry_formats.sample import Sample
-from streamkit_telemetry_formats.subrip import LONGEST_TEXT, subtitle_text
+from streamkit_telemetry_formats.subrip import MAX_TEXT, subtitle_text
 
 KLV = "meta/x-klv"
 REFUSALS = {
@@ -51,7 +51,7 @@ class TelemetryReader:
         if media_type == KLV:
             return self.klv(bytes(data), pts)
         text = data if isinstance(data, str) else bytes(data).decode("utf-8", "replace")
-        sample = self._dji.sample(subtitle_text(text)[:LONGEST_TEXT], pts or 0)
+        sample = self._dji.sample(subtitle_text(text)[:MAX_TEXT], pts or 0)
         return [] if sample is None else [sample]
 
     def subtitles(self, lines: Iterable[str]) -> Iterator[Sample]:

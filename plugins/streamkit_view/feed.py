@@ -31,7 +31,7 @@ from streamkit_zenoh.wire.video_header import VideoHeader
 
 PACKET_LIMIT_BYTES = 8 << 20
 QUEUE_MESSAGES, QUEUE_BYTES = 256, 64 << 20
-LOOK_S = 0.5
+POLL_S = 0.5
 SILENT_S = 2.0
 NOTHING_PRINTED = PrintedLine()
 
@@ -175,13 +175,13 @@ class Feed:
         for receiver in self._receivers.values():
             receiver.queue.close()
         for thread in self._threads:
-            thread.join(2 * LOOK_S)
+            thread.join(2 * POLL_S)
         return [call for receiver in self._receivers.values() for call in receiver.undeclare]
 
     def _receive(self, name: str) -> None:
         receiver = self._receivers[name]
         while not self._stopping.is_set():
-            received = receiver.queue.get(LOOK_S)
+            received = receiver.queue.get(POLL_S)
             if received is None or received.is_deleted:
                 continue
             try:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from streamkit_view.messages import FRAME, MOSAIC, TILE, TRACKS, VIDEO, Identity, PageMessage
 
-LOOK_S = 0.1
+POLL_S = 0.1
 HISTORY_S = 300.0
 LATEST = (FRAME, TRACKS, MOSAIC, TILE)
 HISTORY_BYTES = 128 << 20  # four minutes at 4 Mbit/s
@@ -94,7 +94,7 @@ async def replay(history: History, back_s: float, offer: Callable[[PageMessage],
     while True:
         found = history.get(number)
         if found is None:
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(POLL_S)
             continue
         at, past = found
         now_s = time.monotonic()

@@ -18,7 +18,7 @@ TILES_ACROSS = 10
 BLOCK_PX = 16  # that JPEG codes together: what has not changed decodes to the same pixels
 BLACK = 8  # most brightness of pixels without ground, which JPEG has changed
 GRID_ERROR_PX = 0.1
-FARTHEST_PX = 1 << 20
+MAX_PX = 1 << 20
 
 Key = tuple[int, int]
 
@@ -83,7 +83,7 @@ class MosaicTiles:
         with np.errstate(all="ignore"):
             moved = project(normalised(inverse(self._to_plane) @ to_plane), points) - points
             origin = np.rint(moved[0])
-            if not (np.abs(moved - origin) < GRID_ERROR_PX).all() or np.abs(origin).max() > FARTHEST_PX:
+            if not (np.abs(moved - origin) < GRID_ERROR_PX).all() or np.abs(origin).max() > MAX_PX:
                 return None
         tiles = dict(cut(image, (int(origin[0]), int(origin[1])), side))
         return tiles if self._checksums.keys() <= tiles.keys() else None

@@ -25,7 +25,7 @@ from streamkit_view.messages import (
 from streamkit_view.viewer import Viewer
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 
-LOOK_S = 1.0
+POLL_S = 1.0
 REQUEST_LIMIT = 16
 POLICY_VIOLATION = 1008
 NO_TOKEN = "changes need the token: open the address that `streamkit view` printed"
@@ -146,4 +146,4 @@ class PageSocket:
 
     async def _become_stuck(self) -> None:
         while not self._viewer.is_stuck:
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(POLL_S)

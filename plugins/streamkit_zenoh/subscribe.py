@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
     from streamkit_zenoh.subscriber import TrackSubscriber
 
-LOOK_EVERY_S = 0.2
+POLL_S = 0.2
 SILENCE_S = 5.0  # without a record, of a publisher that is there
 RETURN_LIMIT_S = 2.0  # a link that was cut is back within it, as after this process was suspended
 MAX_RECORDS = 4096
@@ -112,7 +112,7 @@ def _print_all(
     printed, last_s, gone_s = 0, time.monotonic(), float("inf")
     is_silent = has_looked = False
     while not stopped() and (count is None or printed < count):
-        update = subscriber.update(LOOK_EVERY_S)
+        update = subscriber.update(POLL_S)
         printer.refresh()
         now_s = time.monotonic()
         if update is not None:
@@ -126,7 +126,7 @@ def _print_all(
             gone_s = min(gone_s, now_s)
             if now_s - gone_s > RETURN_LIMIT_S:
                 return 1, VANISHED
-            time.sleep(LOOK_EVERY_S)
+            time.sleep(POLL_S)
         else:
             gone_s = float("inf")
             if timeout_s is not None and now_s - last_s > timeout_s:

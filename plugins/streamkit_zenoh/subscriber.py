@@ -13,7 +13,7 @@ from streamkit_zenoh.receiver import Counts, MessageReceiver
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, decode_message
 
-LOOK_EVERY_S = 0.2
+POLL_S = 0.2
 CLOSE_LIMIT_S = 2.0
 LOOK_LIMIT_S = 1.0
 QUEUE_LIMIT_BYTES = 64 * 1024 * 1024
@@ -116,7 +116,7 @@ class TrackSubscriber:
     def updates(self) -> Iterator[Update]:
         """Records with their keys, and deletions of keys, as they are received."""
         while not self._queue.is_over:
-            update = self.update(LOOK_EVERY_S)
+            update = self.update(POLL_S)
             if update is not None:
                 yield update
 

@@ -28,7 +28,7 @@ from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_s
 from streamkit_zenoh.wire.numbering import RecentDict
 from streamkit_zenoh.wire.records import record_frame
 
-LOOK_EVERY_S = 0.2
+POLL_S = 0.2
 STOP_LIMIT_S = 2.0
 QUEUE_LIMIT_BYTES = 128 * 1024 * 1024
 # Reasons of drops, by the count of the receiver.
@@ -110,7 +110,7 @@ class ZenohSrc(SessionElement, Source):
         assert receiver is not None, "start() precedes frames"
         passed, last_ns = 0, self.clock_ns()
         while passed != self.num_buffers and not self._interrupted.is_set():
-            message = receiver.queue.get(LOOK_EVERY_S)
+            message = receiver.queue.get(POLL_S)
             self._count_drops(receiver)
             frame = None if message is None else self._frame(receiver, message)
             if frame is not None:

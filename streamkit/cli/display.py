@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 REDRAW_EVERY_S = 0.2
 LINE_EVERY_S = 1.0
-SHARE_OF_BAR, NARROWEST_BAR = 0.25, 8  # of the columns; columns
+SHARE_OF_BAR, MIN_BAR_COLUMNS = 0.25, 8  # of the columns; columns
 
 
 class Display:
@@ -106,7 +106,7 @@ class Progress(Display):
             words.append(f"{age_text(max(ages_ns))} old")
         text, columns = ", ".join(words), shutil.get_terminal_size().columns - 1
         width = min(columns - len(text), round(columns * SHARE_OF_BAR))
-        if share is not None and width >= NARROWEST_BAR:
+        if share is not None and width >= MIN_BAR_COLUMNS:
             line = bar(share, width) + text
         else:
             line = f"{now.elapsed_s:7.1f} s{text}"[:columns]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SIZE_LIMIT = 50_000_000
 SVG_LIMIT_S = 30
-NARROWEST_CAPS = 20  # columns
+MIN_CAPS_COLUMNS = 20  # columns
 DRAWN_FORMATS = 3  # in the label of a link; the file sources alone have two dozen
 
 
@@ -164,7 +164,7 @@ def as_text(built: Graph, counters: Counters) -> str:
                 head = f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  "
                 end = "".join(f", {text}" for text in _link_counts(sink, counters))
                 if columns is not None:
-                    room = max(columns - len(head) - len(end), NARROWEST_CAPS)
+                    room = max(columns - len(head) - len(end), MIN_CAPS_COLUMNS)
                     caps = textwrap.shorten(caps, room, placeholder=" ...")
                 lines.append(head + caps + end)
     return "\n".join(lines)

@@ -16,7 +16,7 @@ from streamkit.cli.description import fail_usage
 
 TEMPLATES = Path(__file__).with_name("plugin_template")
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
-LONGEST_NAME = 50
+MAX_NAME = 50
 
 
 ElementKind = Literal["transform", "source", "sink"]
@@ -59,12 +59,12 @@ def element_name(name: str) -> str:
 
 def check_free_name(name: str) -> None:
     """Refuses a name that is invalid for a package, module or element, or already in use."""
-    if not NAME.fullmatch(name) or len(name) > LONGEST_NAME:
-        suggestion = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:LONGEST_NAME]
+    if not NAME.fullmatch(name) or len(name) > MAX_NAME:
+        suggestion = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-0123456789")[:MAX_NAME]
         hint = f"; {suggestion!r} would do" if NAME.fullmatch(suggestion) else ""
         fail_usage(
             "a package's name has lower-case letters, digits and single dashes, begins with a letter and has "
-            f"at most {LONGEST_NAME} characters, got {name!r}{hint}"
+            f"at most {MAX_NAME} characters, got {name!r}{hint}"
         )
     package = name.replace("-", "_")
     if keyword.iskeyword(package) or package in sys.stdlib_module_names or package in ("streamkit", "tests"):

@@ -111,7 +111,7 @@ class Run:
             self.monitor.begin()
             return self._watch()
         except StreamkitError as error:
-            if isinstance(error, ElementFailure) and self._is_cancelled(error):
+            if isinstance(error, ElementFailure) and self._reports_interrupt(error):
                 return 0
             return self._fail(str(error), error)
         finally:
@@ -120,8 +120,8 @@ class Run:
             self.statistics = self.display.measure()
             gc.unfreeze()
 
-    def _is_cancelled(self, error: ElementFailure) -> bool:
-        """Whether an interrupt made the start fail; says so."""
+    def _reports_interrupt(self, error: ElementFailure) -> bool:
+        """Prints that an interrupt made the start fail; False if it did not."""
         self.abandons_start = bool(self.interrupts) and isinstance(error.cause, HangDetected)
         if self.abandons_start:
             self._print_interrupt(f"stopped while {error.element} was starting")

@@ -8,12 +8,12 @@ from typing import Any
 from streamkit.flow.events import Event, SegmentEvent
 from streamkit.flow.frame import Frame
 
-TEXT = (bytes, bytearray, str)  # faster than a union made for each frame
+BYTES_LIKE = (bytes, bytearray, str)  # faster than a union made for each frame
 
 
 def data_size(data: Any) -> int:
     """Bytes of an array, a packet or bytes; 0 for other objects."""
-    if isinstance(data, TEXT):
+    if isinstance(data, BYTES_LIKE):
         return len(data)
     size = getattr(data, "nbytes", None)
     if size is None:
@@ -120,9 +120,9 @@ class FrameQueue:
 
     def drop_frames(self) -> int:
         """Drops all frames and keeps the events; returns the number of frames."""
-        return self.keep([item for item in self.items if not isinstance(item, Frame)])
+        return self.replace_with([item for item in self.items if not isinstance(item, Frame)])
 
-    def keep(self, events: list[Event]) -> int:
+    def replace_with(self, events: list[Event]) -> int:
         """Replaces the contents with these events; returns the number of frames dropped."""
         dropped = self.buffers
         self._sizes.clear()

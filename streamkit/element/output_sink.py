@@ -15,7 +15,7 @@ from streamkit.errors import PropertyError, ResourceError, StreamkitError, write
 from streamkit.flow.frame import Frame
 from streamkit.output.file import OutputFile, check_writable, is_special
 from streamkit.output.names import FileNames, local_path
-from streamkit.output.pipe import STANDARD_OUTPUT, Patience, standard_output
+from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, standard_output
 from streamkit.output.retention import Retention, RetentionLimits
 
 CLOSE_LIMIT_S = 5.0
@@ -117,8 +117,8 @@ class OutputFileSink(Sink):
     def open_file(self, *, is_whole: bool = False) -> OutputFile:
         """The next file; with `is_whole` it appears once it has content that is complete."""
         append = self.can_append() and self.if_exists is IfExists.CONTINUE
-        patience = Patience(self.timeout_s, self.stopping, self.waiting)
-        return OutputFile(self.next_path(), append=append, is_whole=is_whole, patience=patience)
+        reader_wait = ReaderWait(self.timeout_s, self.stopping, self.waiting)
+        return OutputFile(self.next_path(), append=append, is_whole=is_whole, reader_wait=reader_wait)
 
     def next_path(self) -> Path:
         """The path of the next file.

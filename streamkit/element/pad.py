@@ -189,10 +189,10 @@ class Pad:
         onward: tuple[Pad, Event] | None = (self, event)
         while onward is not None:
             src, event = onward
-            src.store_event(event)
+            src.apply_event(event)
             if src.peer is None:
                 return
-            src.peer.store_event(event)
+            src.peer.apply_event(event)
             try:
                 onward = src.peer.element.pass_event(src.peer, event)
             except Exception as error:
@@ -217,12 +217,12 @@ class Pad:
 
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""
-        self.store_event(event)
+        self.apply_event(event)
         onward = self.element.pass_event(self, event)
         if onward is not None:
             onward[0].send_event(onward[1])
 
-    def store_event(self, event: Event) -> None:
+    def apply_event(self, event: Event) -> None:
         """Stores the caps or segment of the frames that follow, or begins or ends a flush."""
         if isinstance(event, CapsEvent):
             self.caps = event.caps

@@ -199,7 +199,7 @@ class Queue(Element):
                 newest = {
                     type(item): item for item in pending.items if not isinstance(item, Frame | GapEvent)
                 }
-                self.count_drop("flushed", pending.keep(list(newest.values())))
+                self.count_drop("flushed", pending.replace_with(list(newest.values())))
             super().flush(begins=begins)
 
     # Called in the queue's thread.
@@ -310,7 +310,7 @@ class Queue(Element):
         with self.lock:
             self._refusal = stop
             reason = "pipeline stopped" if self.stopping.is_set() else "downstream has ended"
-            self.count_drop(reason, self.pending.keep([]))
+            self.count_drop(reason, self.pending.replace_with([]))
             self.changed.notify_all()
 
     def interrupt(self) -> None:
@@ -323,4 +323,4 @@ class Queue(Element):
     @override
     def stop(self) -> None:
         with self.lock:
-            self.count_drop("pipeline stopped", self.pending.keep([]))
+            self.count_drop("pipeline stopped", self.pending.replace_with([]))

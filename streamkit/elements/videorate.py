@@ -213,7 +213,7 @@ class VideoRate(Transform):
 
     def _decimated(self, frame: Frame, time_ns: int) -> Iterable[Frame] | None:
         """The frame, unless it is too soon after the previous output."""
-        if self._is_too_soon(time_ns):
+        if not self._takes_tick(time_ns):
             self._drop("above the rate")
             return None
         self._last_ns = time_ns
@@ -223,30 +223,31 @@ class VideoRate(Transform):
         duration = int(SECOND_NS / self._rate_out) if self._rate_out else frame.duration
         return [self._numbered(frame, time_ns, duration)]
 
-    def _is_too_soon(self, time_ns: int) -> bool:
+    def _takes_tick(self, time_ns: int) -> bool:
+        """Takes the next tick for a frame; False if the frame comes too soon for it."""
         if self.average_period and self.max_rate < INT:
-            return self._is_above_average(time_ns)
+            return self._updates_average(time_ns)
         if self._rate_out == 0:
-            return False
+            return True
         half_ns = int(SECOND_NS / self._rate_in / 2) if self._rate_in > self._rate_out else 0
         if time_ns + half_ns < self._tick_ns():
-            return True
+            return False
         while self._tick_ns() <= time_ns + half_ns and not self.stopping.is_set():
             self._ticks += 1
-        return False
+        return True
 
-    def _is_above_average(self, time_ns: int) -> bool:
-        """Whether the average output interval would fall below that of `max-rate`."""
+    def _updates_average(self, time_ns: int) -> bool:
+        """Adds a frame to the average output interval; False if that fell below the one of `max-rate`."""
         if self._last_ns is None:
-            return False
+            return True
         step_ns = time_ns - self._last_ns
         rest_ns = max(0, self.average_period - step_ns)
         average_ns = (self._average_ns or step_ns) * rest_ns + step_ns * min(step_ns, self.average_period)
         average_ns //= self.average_period
         if average_ns < SECOND_NS // self.max_rate:
-            return True
+            return False
         self._average_ns = average_ns
-        return False
+        return True
 
     def _drop(self, reason: str) -> None:
         self._dropped += 1

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from streamkit.output.pipe import STANDARD_OUTPUT, Patience, open_fifo, standard_output, wait_writable
+from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, open_fifo, standard_output, wait_writable
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -51,9 +51,9 @@ class OutputFile(io.FileIO):
         *,
         append: bool = False,
         is_whole: bool = False,
-        patience: Patience = Patience(),  # noqa: B008 - frozen; the event of the default is never set
+        reader_wait: ReaderWait = ReaderWait(),  # noqa: B008 - frozen; the event of the default is never set
     ) -> None:
-        self.path, self._patience = path, patience
+        self.path, self._patience = path, reader_wait
         self._target = path.resolve()
         self._unpublished: Path | None = None
         if not is_special(path):
@@ -68,7 +68,7 @@ class OutputFile(io.FileIO):
         if is_stdout := str(path) == STANDARD_OUTPUT:
             target = standard_output()
         elif path.is_fifo():
-            target = open_fifo(path, patience)
+            target = open_fifo(path, reader_wait)
         super().__init__(target, "ab" if append else "wb", closefd=not is_stdout)
         self._waits_for_reader = not stat.S_ISREG(os.fstat(self.fileno()).st_mode)
         self._pending = bytearray()

@@ -1,4 +1,4 @@
-"""Pipes as outputs: the standard output, and waits for a reader that end."""
+"""Pipes as outputs: the standard output, and waits for its reader, each with a limit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 STANDARD_OUTPUT = "-"
-LOOK_S = 0.05
+POLL_S = 0.05
 STOP_LIMIT_S = 1.0
 
 
@@ -46,13 +46,13 @@ def until_reader_leaves() -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Patience:
+class ReaderWait:
     """How long to wait for a reader.
 
     Attributes:
         limit_s: the longest wait in which it takes nothing, s.
-        stopping: set once there is to be no longer wait than a second.
-        waiting: the context of a wait.
+        stopping: when it is set, a wait ends after a second.
+        waiting: context that is entered while waiting.
     """
 
     limit_s: float = 10.0
@@ -70,25 +70,25 @@ class Patience:
             raise TimeoutError(errno.ETIMEDOUT, f"its reader has taken nothing for {limit_s:g} s")
 
 
-def open_fifo(path: Path, patience: Patience) -> int:
+def open_fifo(path: Path, reader_wait: ReaderWait) -> int:
     """Opens a named pipe for writing as soon as something reads it; returns the descriptor.
 
     Raises:
         OSError: nothing reads it in time, or it cannot be opened.
     """
     began_s = time.monotonic()
-    with patience.waiting():
+    with reader_wait.waiting():
         while True:
             try:
                 return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             except OSError as error:
                 if error.errno != errno.ENXIO:
                     raise
-            patience.check(began_s)
-            time.sleep(LOOK_S)
+            reader_wait.check(began_s)
+            time.sleep(POLL_S)
 
 
-def wait_writable(descriptor: int, patience: Patience) -> None:
+def wait_writable(descriptor: int, reader_wait: ReaderWait) -> None:
     """Waits until a pipe takes `select.PIPE_BUF` bytes, or its reader has gone.
 
     Raises:
@@ -98,6 +98,6 @@ def wait_writable(descriptor: int, patience: Patience) -> None:
     poll.register(descriptor, select.POLLOUT)
     if poll.poll(0):
         return
-    with patience.waiting():
-        while not poll.poll(LOOK_S * 1000):
-            patience.check(began_s)
+    with reader_wait.waiting():
+        while not poll.poll(POLL_S * 1000):
+            reader_wait.check(began_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 FIRST_DELAY_S, MAX_DELAY_S = 1.0, 60.0
-SOUND_S = 60.0  # a run that lasted so long makes the next delay the first one again
+HEALTHY_S = 60.0  # a run that lasted so long makes the next delay the first one again
 
 
 class RestartDelay:
@@ -31,7 +31,7 @@ class RestartDelay:
 
     def after(self, lasted_s: float = 0.0) -> float:
         """The delay before the next try, s, after one that lasted so long."""
-        if lasted_s >= SOUND_S:
+        if lasted_s >= HEALTHY_S:
             self.reset()
         # Past 60 doublings every limit is reached; the power itself would overflow at a thousand.
         delay_s = min(self._longest_s, self._first_s * 2.0 ** min(self.tries, 60))

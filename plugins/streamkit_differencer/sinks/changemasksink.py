@@ -6,7 +6,7 @@ import numpy as np
 from streamkit import Frame, IfExists, OutputFileSink, Property, PropertyError, StreamError
 from streamkit.output.file import OutputFile
 from streamkit_differencer.arrays import above
-from streamkit_differencer.foreground import HIGHEST_BACKGROUND, MOVING, SHADOW, STOPPED
+from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING, SHADOW, STOPPED
 
 _NO_MASK = np.ones(256, np.uint8)
 _NO_MASK[[0, SHADOW, STOPPED, MOVING]] = 0
@@ -63,7 +63,7 @@ class ChangeMaskSink(OutputFileSink):
                 "link the pad mask: framediff name=d d.mask ! changemasksink"
             )
         # Masks are mostly empty: higher levels gain little for their time.
-        mask = above(frame.data, HIGHEST_BACKGROUND)
+        mask = above(frame.data, MAX_BACKGROUND)
         _, encoded = cv2.imencode(".png", mask, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         self.file = OutputFile(self.next_path(), is_whole=True)
         self.file.write(np.asarray(encoded).tobytes())

@@ -17,7 +17,7 @@ LARGE_JITTER_MS = 50.0
 RATE_TOLERANCE = 0.1
 HEADROOM = 1.5  # decoding is not the only work
 # A packet may be a second field, or a frame that is not shown (the alternate reference of VP8, one in seven).
-LEAST_DECODED, PACKETS_LEFT_OUT = 0.8, 3
+MIN_DECODED, PACKETS_LEFT_OUT = 0.8, 3
 REFUSALS = {
     "bad_packets": "damaged",
     "broken_tags": "values not of the length or range of their tag",
@@ -133,7 +133,7 @@ def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
     if decoded.error:
         return note("decoding", f"{text}, the others do not decode: {decoded.error}", **facts)
     most = decoded.packets - decoded.interlaced
-    if decoded.frames < min(LEAST_DECODED * most, most - PACKETS_LEFT_OUT):
+    if decoded.frames < min(MIN_DECODED * most, most - PACKETS_LEFT_OUT):
         return note("decoding", f"{text}, the others give none: the video is damaged or incomplete", **facts)
     if decoded.damaged:
         return note("decoding", f"{text}, {decoded.damaged} of them damaged", **facts)

@@ -15,7 +15,7 @@ from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
 
 HELD_LIMIT = 512
-MOST_REORDERED = 16  # frames between two that are shown in the order of their packets, as in H.264
+MAX_REORDERED = 16  # frames between two that are shown in the order of their packets, as in H.264
 UNFINISHED = "held by the encoder at the stop"
 
 
@@ -78,7 +78,7 @@ class Encode(Transform):
         for packet in coded:
             self._waiting.append(self._frame(packet, frame))
             self._highest = max(self._highest, packet.pts or 0)
-            if next(iter(self._held), ticks + 1) > self._highest or len(self._waiting) > MOST_REORDERED:
+            if next(iter(self._held), ticks + 1) > self._highest or len(self._waiting) > MAX_REORDERED:
                 packets += self._waiting
                 self._waiting.clear()
         return packets

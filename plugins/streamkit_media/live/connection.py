@@ -32,7 +32,7 @@ from streamkit_media.streams import DecodeOnly, StreamKind, packet_frame, stream
 
 CUT_EVERY_S = 0.05
 WATCHDOG_MARGIN_S = 0.3
-LOOK_S = 0.5
+POLL_S = 0.5
 LATE = DecodeOnly("late: a newer frame had come")
 OVERRUN = "consumer too slow, older packets dropped"
 MAX_WAIT_NS = 500_000_000
@@ -111,7 +111,7 @@ class LiveConnection:
         self.begin()
         last = time.monotonic()
         while not is_over.is_set():
-            packet = queue.get(min(LOOK_S, timeout_s), is_over)
+            packet = queue.get(min(POLL_S, timeout_s), is_over)
             if packet is not None:
                 frame, has_gap = packet.frame, packet.number != self._expected[packet.kind]
                 self._expected[packet.kind] = packet.number + 1

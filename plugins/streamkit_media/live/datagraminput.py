@@ -25,7 +25,7 @@ from streamkit_media.live.transportpackets import TransportPackets
 from streamkit_media.streams import nanoseconds, read_packets
 from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, overflows, source_address
 
-LOOK_S = 0.1
+POLL_S = 0.1
 NOTICE_S = 2.0  # how long a first connection waits before it reports what for
 PARSING = ~cast("int", Flags.no_parse.value)
 DATAGRAM_BYTES = 1 << 16
@@ -72,7 +72,7 @@ class DatagramInput(LiveInput):
             self._receiver = open_receiver(source_address(self.location))
         except OSError as error:
             raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
-        self._receiver.settimeout(LOOK_S)
+        self._receiver.settimeout(POLL_S)
         options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
         return open_container(self.location, options, format_name="mpegts", stream=self)
 

@@ -22,7 +22,7 @@ from streamkit_media.recording.parametersets import check_parameter_sets
 
 TIME_BASE = Fraction(1, 90_000)
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
-LOWEST_TICKS = -60 * TIME_BASE.denominator  # more than any encoder reorders
+MIN_TICKS = -60 * TIME_BASE.denominator  # more than any encoder reorders
 MAX_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer ones wrong, or crashes
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 # Times stay, so that records of the stream can be matched; FFmpeg would move the first decoding time to 0.
@@ -98,7 +98,7 @@ class PacketWriter:
         name, options = container
         self._reads_parameter_sets = name not in WITHOUT_HEADERS
         self._is_limited = "movflags" in options
-        self._before_first = LOWEST_TICKS if "negative_cts_offsets" in options.get("movflags", "") else -1
+        self._before_first = MIN_TICKS if "negative_cts_offsets" in options.get("movflags", "") else -1
         options = {**ALWAYS, **options}
         if isinstance(file, Playlist):
             self._container: OutputContainer = av.open(

@@ -19,7 +19,7 @@ from streamkit_media.recording.packetsink import BEFORE_KEYFRAME, times_of
 from streamkit_media.rtsp.pusher import PushOrder, PushPacket
 from streamkit_media.rtsp.pushprocess import PushFailure, PushProcess
 
-LOOK_S = 0.05
+POLL_S = 0.05
 LEAVE_LIMIT_S = 1.0
 STOP_LIMIT_S = 5.0
 STEADY_S = 5.0  # a connection that has lasted so long was good: retries count from zero
@@ -150,7 +150,7 @@ class RtspClientSink(Endpoint, Sink):
             while self._process.pending >= self.max_packets:
                 if self.drop or self.stopping.is_set():
                     return False
-                self._check(LOOK_S)
+                self._check(POLL_S)
         return True
 
     def _times(self, frame: Frame) -> tuple[int, int]:
@@ -217,11 +217,11 @@ class RtspClientSink(Endpoint, Sink):
         process = self._process
         if process is not None and process.is_opened:
             while process.pending and not self.stopping.is_set():
-                self._check(LOOK_S)
+                self._check(POLL_S)
             self.stopping.wait(self.latency_ms / 1000)
             process.end()
             while not process.is_done and not self.stopping.is_set():
-                self._check(LOOK_S)
+                self._check(POLL_S)
         self._leave()
 
     def _leave(self, reason: str = "the pipeline was stopped", limit_s: float = LEAVE_LIMIT_S) -> None:

@@ -14,7 +14,7 @@ from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected
 from streamkit_stitcher.registration.motion_models import MotionModel
 
 _FIRST_DAMPING: Final = 1e-5
-_LARGEST_DAMPING: Final = 1e6
+_MAX_DAMPING: Final = 1e6
 _MIN_DEPTH: Final = 1e-3
 _MIN_PIVOT: Final = 1e-12
 # Columns turn a camera's free parameters into the elements h11 h12 h13 h21 h22 h23 h31 h32.
@@ -182,7 +182,7 @@ class _Descent:
                 damping, growth = max(damping / 5, 1e-12), 2.0
             else:
                 damping, growth = damping * growth, growth * 2
-            if abs(gain) <= least or damping >= _LARGEST_DAMPING:
+            if abs(gain) <= least or damping >= _MAX_DAMPING:
                 return iteration
         return self._settings.ba_iterations
 

@@ -15,7 +15,7 @@ SignArray = npt.NDArray[np.int8]
 _FEWEST: Final = 16
 _WORKING_WIDTH: Final = 640
 # Grey levels per px, beyond noise.
-_LEAST_GRADIENT: Final = 8.0
+_MIN_GRADIENT: Final = 8.0
 # Side of a window, as a part of the width: about a letter's.
 _WINDOW: Final = 1 / 100
 # Pixels that one gradient is computed from: neighbours are no evidence of their own.
@@ -23,7 +23,7 @@ _CORRELATED_PX: Final = 9
 # Standard deviations of a sum of random signs: one window in 30 000 is beyond them.
 _SIGNIFICANT: Final = 4.0
 # Part of the area up to which what graphics enclose is theirs.
-_LARGEST_HOLE: Final = 1 / 20
+_MAX_HOLE: Final = 1 / 20
 
 
 class OverlaidGraphics:
@@ -78,7 +78,7 @@ class OverlaidGraphics:
         if not found.any():
             return None
         _, labels, statistics, _ = cv2.connectedComponentsWithStats(1 - found, connectivity=4)
-        is_hole = statistics[:, cv2.CC_STAT_AREA] < _LARGEST_HOLE * found.size
+        is_hole = statistics[:, cv2.CC_STAT_AREA] < _MAX_HOLE * found.size
         return np.asarray((found > 0) | is_hole[labels])
 
 
@@ -88,6 +88,6 @@ def _signs(pixels: ImageArray) -> list[SignArray]:
     size = pixels.shape[1] // factor, pixels.shape[0] // factor
     small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
     grey = small if small.ndim == 2 else cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
-    least = 8 * _LEAST_GRADIENT
+    least = 8 * _MIN_GRADIENT
     gradients = [cv2.Sobel(grey, cv2.CV_16S, dx, dy) for dx, dy in ((1, 0), (0, 1))]
     return [(one > least).astype(np.int8) - (one < -least).astype(np.int8) for one in gradients]

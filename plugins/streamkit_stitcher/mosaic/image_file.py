@@ -15,7 +15,7 @@ from streamkit_stitcher.mosaic.tiles import ImageArray
 TIFF_SUFFIXES: Final = (".tif", ".tiff")
 SUFFIXES: Final = (".png", ".jpg", ".jpeg", *TIFF_SUFFIXES)
 _JPEG_QUALITY: Final = 92
-_LONGEST_JPEG_SIDE: Final = 65500
+_MAX_JPEG_SIDE: Final = 65500
 
 
 def check_location(location: str) -> None:
@@ -89,10 +89,10 @@ def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) 
 def _encode(image: ImageArray, path: Path, partial: Path) -> None:
     """Writes PNG or JPEG row by row, so that a memory-mapped image stays on disk."""
     is_jpeg = path.suffix.lower() != ".png"
-    if is_jpeg and max(image.shape[:2]) > _LONGEST_JPEG_SIDE:
+    if is_jpeg and max(image.shape[:2]) > _MAX_JPEG_SIDE:
         height, width = image.shape[:2]
         raise OSError(
-            f"{path}: a JPEG side is at most {_LONGEST_JPEG_SIDE} px, got {width} x {height}; write a .png"
+            f"{path}: a JPEG side is at most {_MAX_JPEG_SIDE} px, got {width} x {height}; write a .png"
         )
     # PNG's default here is run-length encoding: twice as fast as the lowest compression level.
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if is_jpeg else []

@@ -16,7 +16,7 @@ from streamkit.geometry.homography import (
     to_reduced,
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
-from streamkit_stitcher.plane.keyframes import SMALLEST_CORNER_STD, Keyframe, KeyframeMatch
+from streamkit_stitcher.plane.keyframes import MIN_CORNER_STD, Keyframe, KeyframeMatch
 from streamkit_stitcher.registration.dense_alignment import (
     ELSEWHERE,
     DenseAlignment,
@@ -29,8 +29,8 @@ from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 _CACHED: Final = 3
 _FIRST_DEVIATION: Final = 2.0
 _FIRST_REST: Final = 0.7
-_LEAST_DEVIATION: Final = 0.1
-_LARGEST_DEVIATION: Final = 8.0
+_MIN_DEVIATION: Final = 0.1
+_MAX_DEVIATION: Final = 8.0
 _GAIN: Final = 0.1
 # Frames after which the first belief that the camera rests counts half, and memory of whether it did.
 _FIRST_FRAMES: Final = 10
@@ -143,7 +143,7 @@ class DenseMatcher:
         # A wrong motion is off by as much as the search reaches.
         reach = math.hypot(ELSEWHERE * factor, before_std)
         doubt = reach * math.sqrt(self._resting.add(found.evidence))
-        return math.hypot(SMALLEST_CORNER_STD * factor, std, doubt)
+        return math.hypot(MIN_CORNER_STD * factor, std, doubt)
 
     def _prior(self, before_std: float) -> FloatArray:
         """Covariance of the step from a prediction, float64[8, 8], px.
@@ -151,7 +151,7 @@ class DenseMatcher:
         A doubtful previous frame, `before_std` px at working size, makes more room, so that the truth is
         found again.
         """
-        doubt = max(0.0, before_std**2 - self._std**2 - SMALLEST_CORNER_STD**2)
+        doubt = max(0.0, before_std**2 - self._std**2 - MIN_CORNER_STD**2)
         return self._covariance + np.diag((self._deviation**2 + doubt) * STEP_RATIOS**2)
 
     def _learn(self, found: DenseAlignment) -> None:
@@ -161,7 +161,7 @@ class DenseMatcher:
         squares = (found.step**2 + np.diag(found.covariance) - np.diag(self._covariance)) / STEP_RATIOS**2
         size = float(np.clip(squares[:4].mean(), 0.0, (_OUTLIER * self._deviation) ** 2))
         deviation = np.sqrt((1 - _GAIN) * self._deviation**2 + _GAIN * size)
-        self._deviation = float(np.clip(deviation, _LEAST_DEVIATION, _LARGEST_DEVIATION))
+        self._deviation = float(np.clip(deviation, _MIN_DEVIATION, _MAX_DEVIATION))
         self._covariance, self._std = found.covariance, found.corner_std
 
 

@@ -14,7 +14,7 @@ from streamkit_stitcher.bundle_adjustment.problem import IndexArray, PlaneProble
 # An adjustment, and the keyframe of each of its cameras.
 Problem = tuple[PlaneProblem, tuple[int, ...]]
 _PATCHES: Final = 1 << 20
-_LARGEST_SCALE: Final = 50.0
+_MAX_SCALE: Final = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +190,6 @@ def adjusted_homographies(
     homographies = {}
     for camera, index in enumerate(indices):
         matrix = inverse(result.cameras[camera])
-        if not problem.fixed[camera] and 0 < scale_change(matrix, (720, 1280)) < _LARGEST_SCALE:
+        if not problem.fixed[camera] and 0 < scale_change(matrix, (720, 1280)) < _MAX_SCALE:
             homographies[index] = matrix
     return homographies, result.rmse

@@ -31,8 +31,8 @@ _KEPT_SCALES: Final = (0.8, 1.25)
 _MAX_TILT: Final = 0.5
 # Smallest deviation at a corner, px: lens, shutter and compression. Rendered flights without these are off by
 # 0.12 to 0.13 px (root mean square), of which the fit explains about half.
-SMALLEST_CORNER_STD: Final = 0.1
-_LEAST_SHARE: Final = 0.05
+MIN_CORNER_STD: Final = 0.1
+_MIN_SHARE: Final = 0.05
 # Errors of neighbouring points are alike: four count as one.
 _ALIKE: Final = 4
 # Limits of a frame's motion from a keyframe: a camera that looks obliquely and turns halves the scale of one
@@ -123,7 +123,7 @@ def predicted_error(deviation: float, share: float = 1.0) -> float:
         deviation: of the fit, for points with independent errors.
         share: of the points in view that agree.
     """
-    return math.hypot(SMALLEST_CORNER_STD, math.sqrt(_ALIKE) * deviation / max(_LEAST_SHARE, share) ** 2)
+    return math.hypot(MIN_CORNER_STD, math.sqrt(_ALIKE) * deviation / max(_MIN_SHARE, share) ** 2)
 
 
 def overlap_at_like_scale(keyframe: Keyframe, to_reference: FloatArray, shape: tuple[int, int]) -> float:

@@ -18,7 +18,7 @@ from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.registration.correlation import band_pass, overlap_correlation
 from streamkit_stitcher.registration.motion_models import FitLimits
 
-_MOST_TIE_POINTS: Final = 80
+_MAX_TIE_POINTS: Final = 80
 _PATCHES: Final = 200
 _LIMITS: Final = FitLimits(ransac_threshold=2.0)
 # Keyframes of likely features, of the same plane and of others, that are tried.
@@ -31,7 +31,7 @@ _COARSE: Final = 8.0
 def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
     """The tie of a match of the keyframe `observer` on `keyframe`."""
     tie = Tie(keyframe.index, observer, match.patches, match.key_points, match.frame_points)
-    return tie.thinned(_MOST_TIE_POINTS)
+    return tie.thinned(_MAX_TIE_POINTS)
 
 
 def close_loops(

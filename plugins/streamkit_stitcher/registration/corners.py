@@ -9,7 +9,7 @@ from streamkit.geometry.homography import FloatArray, GreyArray
 
 _MARGIN: Final = 8
 _BLOCK: Final = 7
-_SMALLEST_CELL: Final = 4
+_MIN_CELL: Final = 4
 _NOISE_FACTOR: Final = 2.5
 _MIN_SHARE: Final = 0.35
 _MIN_STRENGTH: Final = 1e-6
@@ -22,7 +22,7 @@ def even_corners(grey: GreyArray, columns: int, rows: int) -> FloatArray:
     Source: Shi and Tomasi, Good features to track, CVPR 1994.
     """
     height, width = grey.shape[0] - 2 * _MARGIN, grey.shape[1] - 2 * _MARGIN
-    columns, rows = min(columns, width // _SMALLEST_CELL), min(rows, height // _SMALLEST_CELL)
+    columns, rows = min(columns, width // _MIN_CELL), min(rows, height // _MIN_CELL)
     if columns < 1 or rows < 1:
         return np.empty((0, 2))
     strength = cv2.cornerMinEigenVal(grey, _BLOCK, ksize=3)

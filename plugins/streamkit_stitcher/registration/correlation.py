@@ -9,7 +9,7 @@ import numpy.typing as npt
 from streamkit.geometry.homography import FloatArray, GreyArray, translation
 
 _WIDTH: Final = 160
-_SMALLEST_SIDE: Final = 16
+_MIN_SIDE: Final = 16
 _FINE: Final = 1.0
 _COARSE: Final = 4.0
 _MIN_OVERLAP: Final = 0.15
@@ -29,7 +29,7 @@ def search_shift(earlier: GreyArray, current: GreyArray) -> FloatArray | None:
     """
     height, width = current.shape
     scale = min(1.0, _WIDTH / width)
-    columns, rows = max(_SMALLEST_SIDE, round(width * scale)), max(_SMALLEST_SIDE, round(height * scale))
+    columns, rows = max(_MIN_SIDE, round(width * scale)), max(_MIN_SIDE, round(height * scale))
     small = [cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA) for image in (earlier, current)]
     x, y, correlation = texture_shift(*(band_pass(image, _FINE, _COARSE) for image in small))
     if not correlation > _MIN_CORRELATION:

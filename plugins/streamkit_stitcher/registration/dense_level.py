@@ -22,7 +22,7 @@ from streamkit_stitcher.registration.patches import halved
 SingleArray = npt.NDArray[np.float32]
 _BLOCK: Final = 8
 _LEVELS: Final = 3
-_SMALLEST_SIDE: Final = 60
+_MIN_SIDE: Final = 60
 _NEIGHBOURHOOD: Final = 4.0
 _SMOOTHING: Final = 0.8
 # Grey levels below which contrast is taken for noise.
@@ -32,7 +32,7 @@ _WEAK_POWER: Final = 0.05
 # counts as a quarter of agreement; 1 is unrelated.
 _UNLIKE: Final = 0.15
 _RELATED: Final = 0.3
-_SMALLEST_VARIANCE: Final = 0.005
+_MIN_VARIANCE: Final = 0.005
 _ITERATIONS: Final = 6
 _SETTLED: Final = 0.03
 # Differences are alike over parts of the frame, as shadows and edges are: it counts as so many measurements.
@@ -58,7 +58,7 @@ def texture(grey: GreyArray) -> SingleArray:
 def levels_of(grey: GreyArray) -> tuple[GreyArray, ...]:
     """The image and at most two halvings, coarsest first."""
     images = [grey]
-    while len(images) < _LEVELS and min(images[-1].shape) >= 2 * _SMALLEST_SIDE:
+    while len(images) < _LEVELS and min(images[-1].shape) >= 2 * _MIN_SIDE:
         images.append(halved(images[-1]))
     return tuple(images[::-1])
 
@@ -207,4 +207,4 @@ class BlockComparison:
         """Mean squared difference of the blocks that agree."""
         counted = self.weights**2
         total = float(counted.sum())
-        return max(_SMALLEST_VARIANCE, float((counted * self.squares).sum()) / total if total > 0 else 0.0)
+        return max(_MIN_VARIANCE, float((counted * self.squares).sum()) / total if total > 0 else 0.0)

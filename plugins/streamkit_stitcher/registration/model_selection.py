@@ -13,7 +13,7 @@ from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 _MODELS: Final = (MotionModel.HOMOGRAPHY, MotionModel.AFFINE, MotionModel.SIMILARITY)
 _PARAMETERS: Final = {MotionModel.HOMOGRAPHY: 8, MotionModel.AFFINE: 6, MotionModel.SIMILARITY: 4}
 _FEWEST: Final = 24
-_SMALLEST_VARIANCE: Final = 0.02**2
+_MIN_VARIANCE: Final = 0.02**2
 
 
 def gric(residuals: FloatArray, variance: float, parameters: int) -> float:
@@ -100,7 +100,7 @@ def _criteria(fits: Sequence[MotionFit], source: FloatArray, target: FloatArray)
     residuals = [target - project(fit.matrix, source) for fit in fits]
     # Robust: the median length of a 2-D Gaussian error is 1.1774 deviations.
     typical = float(np.median(np.hypot(*residuals[0].T)))
-    variance = max(_SMALLEST_VARIANCE, (typical / 1.1774) ** 2)
+    variance = max(_MIN_VARIANCE, (typical / 1.1774) ** 2)
     return np.array(
         [gric(own, variance, _PARAMETERS[fit.model]) for own, fit in zip(residuals, fits, strict=True)]
     )

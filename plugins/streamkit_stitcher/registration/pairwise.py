@@ -36,11 +36,11 @@ _THUMBNAIL: Final = (80, 45)
 _BLANK_DEVIATION: Final = 2.0
 _BLANK_POINTS: Final = 8
 _MIN_CORRELATION: Final = 0.1
-_LEAST_HEIGHT: Final = 64
+_MIN_HEIGHT: Final = 64
 _CUT_RATIO: Final = 0.3
 # Correlation of thumbnails that show the same scene.
 _ALIKE: Final = 0.5
-_LEAST_SHARE: Final = 0.05
+_MIN_SHARE: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +103,14 @@ class PairwiseMotion:
         """Predicted error at the worst corner, px: the corners that agree may be a mover's."""
         agreeing = self.inliers / max(1, self.matches)
         shift = corner_shift(self.matrix, shape)
-        return self.rmse / max(agreeing, _LEAST_SHARE) + (1 - agreeing) * shift
+        return self.rmse / max(agreeing, _MIN_SHARE) + (1 - agreeing) * shift
 
 
 def working_level(shape: tuple[int, int], working_width: int) -> int:
     """How often to halve a frame: until it is `working_width` wide, but no lower than 64 px."""
     height, width = shape
     level = 0
-    while width >> level > working_width and height >> (level + 1) >= _LEAST_HEIGHT:
+    while width >> level > working_width and height >> (level + 1) >= _MIN_HEIGHT:
         level += 1
     return level
 

@@ -15,7 +15,7 @@ from numba import types
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8_READONLY, compiled, kernel
 from streamkit_stitcher.registration.patch_comparison import probe
-from streamkit_stitcher.registration.patches import OFF_PLANE, SMALLEST_STD
+from streamkit_stitcher.registration.patches import MIN_STD, OFF_PLANE
 
 _SingleArray = npt.NDArray[np.float32]
 _PATCHES = types.Array(types.float32, 3, "C")
@@ -192,9 +192,9 @@ def _inform(products: FloatArray, inverse_hessian: FloatArray, information: Floa
     for patch in range(products.shape[1]):
         # Images of unit deviation with correlation c differ by 2 - 2 c.
         noise = 2 * max(1 - products[2, patch], 1e-3)
-        xx = inverse_hessian[patch, 0, 0] * noise + SMALLEST_STD**2
+        xx = inverse_hessian[patch, 0, 0] * noise + MIN_STD**2
         xy = inverse_hessian[patch, 0, 1] * noise
-        yy = inverse_hessian[patch, 1, 1] * noise + SMALLEST_STD**2
+        yy = inverse_hessian[patch, 1, 1] * noise + MIN_STD**2
         determinant = xx * yy - xy * xy
         information[0, patch], information[1, patch] = yy / determinant, -xy / determinant
         information[2, patch] = xx / determinant

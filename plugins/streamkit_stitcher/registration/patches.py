@@ -12,7 +12,7 @@ from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, proj
 
 RADIUS: Final = 7
 # Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
-SMALLEST_STD: Final = 0.04
+MIN_STD: Final = 0.04
 # Squared residual by the median one beyond which a patch is off the plane.
 OFF_PLANE: Final = 9.0
 _MIN_CONTRAST: Final = 2.0

@@ -20,8 +20,8 @@ _POLISHED: Final = 4
 _STEPS: Final = 15
 _FREEDOM: Final = 8.0
 _FEWEST: Final = 6.0
-_SMALLEST_DEVIATION: Final = 0.1
-_LEAST_SHARE: Final = 0.01
+_MIN_DEVIATION: Final = 0.1
+_MIN_SHARE: Final = 0.01
 _NEAR: Final = 16.0
 
 
@@ -79,7 +79,7 @@ def _polished(
     densities = np.empty((3, len(source)))
     densities[2] = 1 / float(np.prod(np.ptp(target, axis=0) + 1))
     near = (_NEAR * threshold) ** 2
-    shares, variance = np.full(3, 1 / 3), max(_SMALLEST_DEVIATION, threshold / 2) ** 2
+    shares, variance = np.full(3, 1 / 3), max(_MIN_DEVIATION, threshold / 2) ** 2
     likelihood = -math.inf
     for _ in range(_STEPS):
         mapped = project(matrix, source)
@@ -98,7 +98,7 @@ def _polished(
         if better is None:
             break
         matrix = better
-        shares = np.maximum(beliefs.mean(axis=1), _LEAST_SHARE)
+        shares = np.maximum(beliefs.mean(axis=1), _MIN_SHARE)
         deviation = math.sqrt(float((weights * squares).sum()) / (2 * expected))
-        variance = min(max(deviation, _SMALLEST_DEVIATION), max(threshold, _SMALLEST_DEVIATION)) ** 2
+        variance = min(max(deviation, _MIN_DEVIATION), max(threshold, _MIN_DEVIATION)) ** 2
     return matrix, likelihood

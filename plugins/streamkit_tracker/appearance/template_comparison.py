@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_kernels import LARGEST_PRODUCT, compiled
+from streamkit_kernels import MAX_PRODUCT, compiled
 from streamkit_tracker.appearance.eigen_template import DEVIATION_FLOOR
 from streamkit_tracker.appearance.frame_crops import QuadArray
 from streamkit_tracker.appearance.window_sampling import sample_window
@@ -40,7 +40,7 @@ def template_distances(
         first_patches: float32[t, p], is filled: the first patch of each template, grey levels minus 128.
     """
     pixels, columns = grid.shape[1], rows.shape[1]
-    together = max(1, min(LARGEST_PRODUCT // (columns * pixels), MAX_TOGETHER, windows.shape[1]))
+    together = max(1, min(MAX_PRODUCT // (columns * pixels), MAX_TOGETHER, windows.shape[1]))
     near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
     patches, products = np.empty((together, pixels), np.float32), np.empty((together, columns), np.float32)
     powers, moments = np.empty(together, np.float32), np.empty((3, together))

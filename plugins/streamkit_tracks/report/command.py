@@ -15,7 +15,7 @@ from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reas
 from streamkit_tracks.report.page import build_page, cost_table, read_costs
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
-MOST_CROPS = 60
+MAX_CROPS = 60
 ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
 PAGE_SUFFIXES = (".html", ".htm")
 
@@ -96,7 +96,7 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
     from streamkit_tracks.report.pictures import crop_jpeg, frame_jpeg
 
     wanted: defaultdict[int, list[TargetPath]] = defaultdict(list, {run.busiest: []})
-    for path in run.shown_paths()[:MOST_CROPS]:
+    for path in run.shown_paths()[:MAX_CROPS]:
         wanted[path.largest[1]].append(path)
     times = sorted((pts, index) for index, pts in enumerate(run.pts_ns) if pts is not None)
     picture, crops, has_match = b"", {}, False

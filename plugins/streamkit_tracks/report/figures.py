@@ -18,9 +18,9 @@ STATE_COLOURS = {"tentative": "#bbbbbb", "confirmed": "#1f77b4", "coasting": "#f
 STATUS_COLOURS = {
     "ok": "#2ca02c", "still": "#98df8a", "weak": "#ffbb33", "cut": "#9467bd", "lost": "#d62728",
 }  # fmt: skip
-MOST_ROWS = 120
-MOST_LABELS = 50  # more cannot be read one below the other
-MOST_POINTS = 1000  # of one trail
+MAX_ROWS = 120
+MAX_LABELS = 50  # more cannot be read one below the other
+MAX_POINTS = 1000  # of one trail
 METRES_PER_DEGREE = 111_320.0
 
 
@@ -96,7 +96,7 @@ def _draw_map(axes: Any, run: RecordedRun) -> str:
 
 def _trail(points: array[float]) -> tuple[list[float], list[float]]:
     """Coordinates x and y of a path, thinned."""
-    step = 3 * max(1, len(points) // 3 // MOST_POINTS)
+    step = 3 * max(1, len(points) // 3 // MAX_POINTS)
     return list(points[1::step]), list(points[2::step])
 
 
@@ -109,13 +109,13 @@ def _draw_trail(axes: Any, path: TargetPath, xs: list[float], ys: list[float]) -
 def _draw_targets(axes: Any, run: RecordedRun) -> str:
     """A bar for each target, coloured by its state."""
     paths = run.shown_paths()
-    rows = sorted(paths[:MOST_ROWS], key=lambda path: path.times_s[0])
+    rows = sorted(paths[:MAX_ROWS], key=lambda path: path.times_s[0])
     if not rows:
         return ""
     for row, path in enumerate(rows):
         for state, start_s, width_s in _stretches(path.times_s, path.states):
             axes.broken_barh([(start_s, width_s)], (row - 0.4, 0.8), facecolors=STATE_COLOURS[state])
-    labelled = range(0, len(rows), -(-len(rows) // MOST_LABELS))
+    labelled = range(0, len(rows), -(-len(rows) // MAX_LABELS))
     axes.set_yticks(labelled, [str(rows[row].id) for row in labelled], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("s")

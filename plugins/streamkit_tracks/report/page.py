@@ -16,7 +16,7 @@ from streamkit import StreamError
 if TYPE_CHECKING:
     from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
-MOST_TARGETS = 200
+MAX_TARGETS = 200
 HEADS = ("frames", "ms a frame", "busy, %", "dropped", "element")
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
@@ -88,7 +88,7 @@ def _figure(image: str, caption: str) -> str:
 def _table(paths: list[TargetPath], crops: Mapping[int, bytes]) -> str:
     """The targets, the longest first."""
     rows = []
-    for path in paths[:MOST_TARGETS]:
+    for path in paths[:MAX_TARGETS]:
         states = ", ".join(f"{count} {state}" for state, count in Counter(path.states).items())
         crop = _image(crops[path.id], "image/jpeg", f"target {path.id}") if path.id in crops else ""
         rows.append(

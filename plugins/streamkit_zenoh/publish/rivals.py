@@ -15,7 +15,7 @@ from streamkit_zenoh.presence import LivelinessWatch
 
 QUERY_LIMIT_S = 2.0
 GRACE_S = 1.0  # for a publisher that was killed to be missed
-LOOK_EVERY_S = 0.1
+POLL_S = 0.1
 EXCLUSIVE, SHARED, TAKEOVER = "exclusive", "shared", "takeover"
 # Runs of this process whose session may still be closing in the background.
 _ENDED: set[int] = set()
@@ -72,7 +72,7 @@ def refuse_rivals(session: zenoh.Session, root: str, cancelled: threading.Event)
     """Raises `KeyInUse` if another publisher stays at the key; one that was just killed is waited for."""
     deadline_s = time.monotonic() + GRACE_S
     while rivals := _others(session, root):
-        if cancelled.wait(LOOK_EVERY_S):
+        if cancelled.wait(POLL_S):
             return
         if time.monotonic() >= deadline_s:
             raise KeyInUse(

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.camera_motion import MOST_MISSED_FRAMES, PAN_FRAMES, RENEWAL_FRAMES, CameraMotion
+from streamkit_differencer.camera_motion import MAX_MISSED_FRAMES, PAN_FRAMES, RENEWAL_FRAMES, CameraMotion
 from streamkit_differencer.image_motion import corner_distance
 
 SHAPE = (240, 320)
@@ -136,7 +136,7 @@ def test_a_camera_that_moved_and_is_lost_begins_a_new_plane_after_some_patience(
     plane = camera.plane
     # The scenes are made of squares, which must not lie on each other.
     there = np.array([[1, 0, 4.0], [0, 1, 4.0], [0, 0, 1.0]])
-    for number in range(MOST_MISSED_FRAMES):
+    for number in range(MAX_MISSED_FRAMES):
         assert camera.place(view(there, seed=5, number=number)) is None
     np.testing.assert_array_equal(camera.place(view(there, seed=5, number=99)), np.eye(3))
     assert camera.plane == plane + 1

@@ -8,7 +8,7 @@ import pytest
 
 from streamkit_differencer import equations
 from streamkit_differencer.comparison import compare_with_background
-from streamkit_differencer.equations import LONGEST_WAIT
+from streamkit_differencer.equations import MAX_WAIT
 
 
 def changed(image, earlier, threshold, ranges=None, gain=0.0):
@@ -65,7 +65,7 @@ class FrameDifference:
 
     def update(self, current):
         if self.waiting is None:
-            self.waiting = np.full(current.shape, LONGEST_WAIT, np.uint8)
+            self.waiting = np.full(current.shape, MAX_WAIT, np.uint8)
             self.background, self.valid = (
                 np.zeros(current.shape, np.float32),
                 np.zeros(current.shape, np.uint8),
@@ -83,7 +83,7 @@ class FrameDifference:
     @property
     def dynamic(self):
         """D(t)."""
-        least = LONGEST_WAIT - self.quiet_frames
+        least = MAX_WAIT - self.quiet_frames
         return np.maximum(self.waiting, least) - least
 
 

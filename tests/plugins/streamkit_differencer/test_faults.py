@@ -11,7 +11,7 @@ from streamkit.testing import Harness
 
 QUIET_FRAMES = 12
 RECOVERY = QUIET_FRAMES + 2
-MOST_OBJECTS = 300
+MAX_OBJECTS = 300
 FAULT_BEGINS, FAULT_ENDS = 28, 33
 MATCH_PX = 15.0
 LOST_FRAMES = 75
@@ -82,7 +82,7 @@ def score(world, found: list[Detections], times: range) -> tuple[float, float]:
 
 def assert_recovers(world, found: list[Detections], end: int) -> None:
     """No frame has more objects than are allowed, and from lambda + 2 frames on the cars are found again."""
-    assert max(len(detections) for detections in found) <= MOST_OBJECTS
+    assert max(len(detections) for detections in found) <= MAX_OBJECTS
     share, false = score(world, found, range(end + RECOVERY, len(found)))
     assert share >= 0.8
     assert false <= 0.15
@@ -162,10 +162,10 @@ def test_a_flood_is_capped_and_flagged():
     caps = raw_video_caps("GRAY8", 640, 480)
     pictures = [ground] * 20 + [flood] + [ground] * 3
     found, messages = watched(Frame(picture, caps, seq=n) for n, picture in enumerate(pictures))
-    assert len(found[20]) == MOST_OBJECTS
+    assert len(found[20]) == MAX_OBJECTS
     (flag,) = [message.fields for message in messages if "found" in message.fields]
     assert flag["found"] == 400
-    assert flag["kept"] == MOST_OBJECTS
+    assert flag["kept"] == MAX_OBJECTS
     assert len(found[21]) == 0
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from streamkit_telemetry_formats.klv import BadKlv, KlvReader, elements
 from streamkit_telemetry_formats.st0601 import (
-    LONGEST_TEXT,
+    MAX_TEXT,
     TAGS,
     decode_local_set,
     imapb,
@@ -123,7 +123,7 @@ def test_every_tag_has_its_length_rule(tag: int) -> None:
     if decode is nested:
         assert decode(b"any length") == b"any length"
         return
-    limit = LONGEST_TEXT if decode is text else 8
+    limit = MAX_TEXT if decode is text else 8
     with pytest.raises(BadKlv, match="bytes"):
         decode(b"\x01" * (limit + 1))
     if decode is not text:

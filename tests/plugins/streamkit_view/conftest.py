@@ -52,7 +52,7 @@ FORGETTING: dict[str, dict[str, Any]] = {
     "Emulation.setEmulatedMedia": {"features": []},
     "Network.clearBrowserCookies": {},
 }
-LOOK_EVERY_S = 0.05
+POLL_S = 0.05
 
 
 @dataclass
@@ -206,5 +206,5 @@ def wait_for(condition: Callable[[], Any], limit_s: float = 40.0) -> Any:
     while not (found := condition()):
         took_s = time.monotonic() - began_s
         assert took_s < limit_s or took_s < patience(limit_s), "it has not happened in time"
-        time.sleep(LOOK_EVERY_S)
+        time.sleep(POLL_S)
     return found

@@ -248,7 +248,7 @@ def test_a_publisher_that_is_back_in_time_is_no_error(
     monkeypatch: pytest.MonkeyPatch, looks: int, code: int
 ) -> None:
     """As after this process was suspended; else the error says how to wait for the next."""
-    monkeypatch.setattr(command, "LOOK_EVERY_S", 0.001)
+    monkeypatch.setattr(command, "POLL_S", 0.001)
     monkeypatch.setattr(command, "RETURN_LIMIT_S", 0.05)
     shown: list[TrackRecord] = []
     printer = SimpleNamespace(refresh=lambda: None, show=shown.append)
