@@ -118,7 +118,7 @@ class ZenohSink(SessionElement, Sink):
     def drain(self) -> None:
         publication = self._publication
         if publication is not None:
-            if left := publication.flush():
+            if left := publication.drain():
                 self.post_warning(f"{left} messages could not be sent before the end: receivers are too slow")
             try:
                 publication.records.raise_fault()

@@ -242,7 +242,7 @@ class Decode(Transform):
         if self._decoder is not None:
             decoder, self._decoder = self._decoder, None
             try:
-                yield from self._shown(decoder.flush())
+                yield from self._shown(decoder.drain())
             except FFmpegError as error:
                 self._undecodable(None, error)
             if decoder.unaccounted:

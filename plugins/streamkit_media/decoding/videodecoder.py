@@ -46,7 +46,7 @@ class VideoDecoder(Generic[Origin]):
 
     Attributes:
         threading: what it has.
-        unaccounted: packets that gave neither a frame nor an error yet; after `flush` they never will.
+        unaccounted: packets that gave neither a frame nor an error yet; after `drain` they never will.
 
     Raises:
         KeyError: no codec has these caps.
@@ -122,7 +122,7 @@ class VideoDecoder(Generic[Origin]):
             self._pending.popitem(last=False)
         return self._decoded(packet, origin)
 
-    def flush(self) -> list[tuple[VideoFrame, Origin]]:
+    def drain(self) -> list[tuple[VideoFrame, Origin]]:
         """The frames still held; nothing may be decoded after it.
 
         Raises:

@@ -108,7 +108,7 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
             continue
         found.packets += frame is not None
         try:
-            decoded = decoder.flush() if frame is None else decoder.decode(frame.data, frame)
+            decoded = decoder.drain() if frame is None else decoder.decode(frame.data, frame)
         except FFmpegError as cause:
             found.error = found.error or reason_of(cause)
             continue

@@ -82,7 +82,7 @@ class AccessUnits:
         has_start, has_slice = START_CODES.match(data) is not None, holds_slice(self._codec, data)
         begins = has_start and (piece.pts is None or piece.pts != self._pts)
         if begins:
-            yield from self.flush()
+            yield from self.drain()
         elif self._is_ended and (has_slice or not has_start):
             self.trusts_marks = False
         if not self._pieces:
@@ -91,9 +91,9 @@ class AccessUnits:
         self._has_slice |= has_slice
         if is_marked and self.trusts_marks and self._has_slice:
             self._is_ended = True
-            yield from self.flush()
+            yield from self.drain()
 
-    def flush(self) -> Iterator[Packet[Stream]]:
+    def drain(self) -> Iterator[Packet[Stream]]:
         """What is held, with the times of its first piece."""
         pieces, self._pieces = self._pieces, []
         if not pieces:

@@ -188,5 +188,5 @@ def whole_frames(
         yield from units.add(piece, is_marked=piece.size <= FULL_PIECE_BYTES)
         if units.has_several:
             container.flags &= PARSING
-            yield from units.flush()
+            yield from units.drain()
             units = None

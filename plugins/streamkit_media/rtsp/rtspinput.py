@@ -85,7 +85,7 @@ class RtspInput(UrlInput):
                 yield from units.add(piece, is_marked=is_last)
             else:
                 yield piece
-        yield from units.flush()
+        yield from units.drain()
         self.check_end()
 
     def _marked(self, pieces: Iterator[Packet[Stream]]) -> Iterator[tuple[Packet[Stream], bool]]:

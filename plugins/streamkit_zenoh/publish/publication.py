@@ -80,7 +80,7 @@ class Publication:
         own = Claimant.here(settings.claim, publisher.run)
         self._rivals = RivalWatch(session, root, own, self._give_way)
 
-    def flush(self) -> int:
+    def drain(self) -> int:
         """Waits until everything is sent and delivered; returns how many messages are left."""
         patience_s, cancelled = self._settings.cut_off_s, self._publisher.cancelled
         left = sum(executor.wait_idle(patience_s, cancelled) for executor in self._executors)

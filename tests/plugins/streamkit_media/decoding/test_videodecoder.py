@@ -26,7 +26,7 @@ def test_each_frame_knows_its_packet(small_video: Path, threading: ThreadType, a
         decoded = []
         for packet in read_packets(container, stream):
             decoded += decoder.decode(bytes(packet) if as_bytes else packet, packet.pts)
-        decoded += decoder.flush()
+        decoded += decoder.drain()
     origins = [origin for _, origin in decoded]
     assert len(origins) == 12
     assert origins == sorted(set(origins), key=lambda pts: pts or 0)
@@ -55,14 +55,14 @@ def test_damage_is_an_error_and_the_next_packet_decodes(small_video: Path) -> No
     with pytest.raises(FFmpegError):
         decoder.decode(b"\xff" * 100, -1)
     decoded = [pair for number, packet in enumerate(packets) for pair in decoder.decode(packet, number)]
-    assert len(decoded + decoder.flush()) == 12
+    assert len(decoded + decoder.drain()) == 12
 
 
-def test_flush_of_an_unused_decoder_is_empty(small_video: Path) -> None:
+def test_draining_an_unused_decoder_gives_nothing(small_video: Path) -> None:
     """A decoder that got nothing holds nothing."""
     with open_container(str(small_video)) as container:
         decoder = VideoDecoder[int](video_caps(video_stream(container, "small")))
-    assert decoder.flush() == []
+    assert decoder.drain() == []
 
 
 @pytest.mark.parametrize("threading", [ThreadType.FRAME, ThreadType.SLICE])
@@ -101,7 +101,7 @@ for seed in range(400):
             data[chance.randrange(min(chance.choice((40, len(data))), len(data)))] = chance.randrange(256)
         del data[chance.choice((len(data), len(data), chance.randrange(len(data)) + 1)):]
         shown += attempt(decoder.decode, bytes(data), number)
-    shown += attempt(decoder.flush)
+    shown += attempt(decoder.drain)
 print(shown)
 """
 

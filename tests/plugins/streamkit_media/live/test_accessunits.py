@@ -94,7 +94,7 @@ def test_a_frame_is_whole_with_its_marked_piece(
     assert [packet.pts for packet in found] == [3000 * number for number in range(20)]
     assert [packet.is_keyframe for packet in found] == [number % 15 == 0 for number in range(20)]
     assert {packet.duration for packet in found} == {3000}
-    assert not list(joiner.flush())
+    assert not list(joiner.drain())
 
 
 def test_without_marks_the_next_frame_ends_one(
@@ -105,7 +105,7 @@ def test_without_marks_the_next_frame_ends_one(
     found: list[Packet] = []
     for piece, _ in pieces_of(fake, units, codec):
         found += joiner.add(piece, is_marked=False)
-    found += joiner.flush()
+    found += joiner.drain()
     assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
 
 
@@ -118,7 +118,7 @@ def test_frames_of_one_timestamp_are_distinguished(
     for piece, _ in pieces_of(fake, units, codec):
         piece.pts = 7
         found += joiner.add(piece, is_marked=False)
-    found += joiner.flush()
+    found += joiner.drain()
     assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, unit) for unit in units]
 
 
@@ -130,7 +130,7 @@ def test_marks_on_every_packet_are_ignored(
     found: list[Packet] = []
     for piece, _ in pieces_of(fake, units, codec):
         found += joiner.add(piece, is_marked=True)
-    found += joiner.flush()
+    found += joiner.drain()
     assert not joiner.trusts_marks
     whole = [plain(fake, bytes(packet)) for packet in found]
     assert whole[-10:] == [plain(fake, unit) for unit in units][-10:]
