@@ -128,7 +128,10 @@ def mosaic(path: Path) -> int:
 SINKS: dict[str, tuple[str, str, Reader]] = {
     "filesink": ("filesink", "out.raw", lambda path: path.stat().st_size // (320 * 240)),
     "jpegsink": ("jpegsink", "image-%05d.jpg", images),
-    "changemasksink": ("changemasksink", "masks", lambda path: images(path / "bin%05d.png")),
+    "changemasksink": (
+        "framediff motion=none name=d ! fakesink on-error=drop-branch d.mask ! changemasksink", "masks",
+        lambda path: images(path / "bin%05d.png"),
+    ),
     "videofilesink .mp4": ("videofilesink preset=ultrafast", "out.mp4", video_frames),
     "videofilesink .mkv": ("videofilesink preset=ultrafast", "out.mkv", video_frames),
     "packetsink .ts": ("encode live=true gop=20 ! packetsink", "packets.ts", video_frames),

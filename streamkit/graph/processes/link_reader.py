@@ -96,7 +96,7 @@ class LinkReader:
         frame = self._pad.announce_caps(self._continued(frame))
         is_over = False
         try:
-            self._link.wait_while_flushing()
+            self._wait_for_downstream()
             if connection.counts[TAKEN] < connection.counts[FLUSHED]:
                 raise Flushing(self._link.name)
             self._pad.push(frame)
@@ -110,6 +110,18 @@ class LinkReader:
             connection.counts[TAKEN] += 1
             with contextlib.suppress(ChannelClosed):
                 connection.channel.send(decoder.done(is_over=is_over), (), self._link.stopping.is_set)
+
+    def _wait_for_downstream(self) -> None:
+        """Waits until no flush is in progress; a frame that a stop meets here has not been sent on.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
+        try:
+            self._link.wait_while_flushing()
+        except Flushing:
+            self._link.count_drop("pipeline stopped")
+            raise
 
     def _continued(self, frame: Frame) -> Frame:
         """The frame with the epoch and number that follow those from before a restart."""

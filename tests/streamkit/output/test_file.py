@@ -179,7 +179,7 @@ def test_a_named_pipe_without_a_reader_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     with pytest.raises(TimeoutError, match=r"its reader has taken nothing for 0\.2 s"):
-        OutputFile(path, patience=ReaderWait(0.2))
+        OutputFile(path, reader_wait=ReaderWait(0.2))
 
 
 def test_a_pipe_whose_reader_stops_fails_once(tmp_path: Path) -> None:
@@ -187,7 +187,7 @@ def test_a_pipe_whose_reader_stops_fails_once(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    file = OutputFile(path, patience=ReaderWait(1.5))
+    file = OutputFile(path, reader_wait=ReaderWait(1.5))
     with pytest.raises(TimeoutError):
         file.write(bytes(1 << 20))
     began = time.monotonic()
@@ -205,4 +205,4 @@ def test_a_stop_ends_the_wait_for_a_reader(tmp_path: Path) -> None:
     stopping = threading.Event()
     stopping.set()
     with pytest.raises(TimeoutError, match="nothing for 1 s"):
-        OutputFile(path, patience=ReaderWait(600, stopping))
+        OutputFile(path, reader_wait=ReaderWait(600, stopping))
