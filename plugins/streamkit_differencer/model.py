@@ -19,7 +19,7 @@ from streamkit_differencer.equations import MAX_WAIT
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
-from streamkit_differencer.ground import CanvasFrame, Ground
+from streamkit_differencer.ground import PROVISIONAL, CanvasFrame, Ground
 from streamkit_differencer.illumination import exposure_change
 from streamkit_differencer.learning import choose_values, learn_ground
 from streamkit_differencer.noise import (
@@ -130,6 +130,9 @@ class BackgroundModel:
             self._remove_parallax(region, found, parallax)
         self._learn(whole, region, found)
         self._history.append(whole)
+        if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
+            # A flight comes to new ground all the time: its first second is not worth the ghosts.
+            mask[self.ground.valid[region] == PROVISIONAL] = 0
         return found
 
     def _find_quiet(self, frame: CanvasFrame, region: Slices, gradient_gain: float) -> ByteImage:

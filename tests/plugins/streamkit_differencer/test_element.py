@@ -258,3 +258,14 @@ def test_a_pipeline_passes_every_frame(pixel_format):
     assert len(frames) == 6
     assert all(frame.get(Detections) is not None for frame in frames)
     assert luma(frames[0]).shape == (120, 160)
+
+
+def test_a_flight_begins_without_detections_on_provisional_ground() -> None:
+    """Cars of the first frames would leave ghosts; those of ground that is known by then are there."""
+    flight = "dronetestsrc num-buffers=40 seed=201 speed=8"
+    with Pipeline.parse(f"{flight} ! stitch ! framediff ! appsink name=out max-buffers=100") as pipeline:
+        pipeline.play()
+        found = [frame.get(Detections) for frame in pipeline["out"]]
+    counts = [0 if detections is None else len(detections) for detections in found]
+    assert max(counts[:8]) == 0
+    assert min(counts[-5:]) > 5

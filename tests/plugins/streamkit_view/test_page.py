@@ -302,7 +302,7 @@ def test_the_time_line_goes_back_and_returns(
         wait_for(lambda: text(browser, "back-text") == "0:03 ago" and 0 <= shown_s() < live_s)
         past_s = shown_s()
         wait_for(lambda: shown_s() > past_s + 0.5)
-        assert browser.execute_script("return streamkit.page.shown.isExact")
+        wait_for(lambda: browser.execute_script("return streamkit.page.shown.isExact"))
         wait_for(lambda: newest_s() - shown_s() > 2)
         assert browser.find_element(By.ID, "state").text == "playing"
         browser.find_element(By.ID, "live").click()
