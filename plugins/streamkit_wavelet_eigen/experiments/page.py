@@ -1,5 +1,6 @@
 """The results page in Markdown, our figures next to the published ones, and figure 3."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -155,7 +156,8 @@ def _shown(figure: Figure) -> str:
 
 
 def _mean(figures: Sequence[Figure]) -> float:
-    return sum(figure["mean"] for figure in figures) / max(len(figures), 1)
+    # The exact sum: that of `sum` depends on the version of Python from 3.12 on, and with it the last digit.
+    return math.fsum(figure["mean"] for figure in figures) / max(len(figures), 1)
 
 
 def draw_figure_3(results: Results, path: Path) -> None:
