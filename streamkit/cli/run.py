@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 POLL_S = 0.2
 EOS_LIMIT_S = 10.0
 SAME_INTERRUPT_S = 0.1  # `timeout` signals the process, and then its whole group
-SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
 
 
 class Run:
@@ -220,7 +219,7 @@ class Run:
     def _print_message(self, message: Message) -> None:
         if any(message is other for other in self._printed):
             return
-        if message.fields.get("code") in SHORTFALLS:
+        if message.is_shortfall:
             self.shortfalls.append(f"{message.source}: {message.text}")
         if message.kind is MessageKind.WARNING and not self.quiet:
             self.display.print_line(f"warning: {message.source or 'pipeline'}: {message.text}")

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 from streamkit.masking import presentable, presentable_value
 
+SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
+
 
 class MessageKind(enum.StrEnum):
     """Kind of a message."""
@@ -35,6 +37,11 @@ class Message:
     text: str = ""
     fields: Mapping[str, object] = field(default_factory=dict)
     error: Exception | None = None
+
+    @property
+    def is_shortfall(self) -> bool:
+        """Whether it warns that something that the pipeline is for was not made."""
+        return self.fields.get("code") in SHORTFALLS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", presentable(self.text))

@@ -15,7 +15,6 @@ from streamkit_fleet.batch.join import join_records
 from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
 
 PARTS = ".parts"  # folder of unfinished results
-SHORTFALLS = ("shortfall", "branch-dropped")  # codes of warnings after which `launch --strict` fails
 UNFINISHED = "unfinished-"  # begins the name of a part that is being made
 
 
@@ -50,7 +49,7 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
     found = tuple(
         presentable(mask_secrets(f"{message.source}: {message.text}"))
         for message in messages
-        if message.fields.get("code") in SHORTFALLS
+        if message.is_shortfall
     )
     return Outcome(str(target), cpu_s=time.process_time() - began_s, shortfalls=found)
 
