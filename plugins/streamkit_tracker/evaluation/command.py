@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from streamkit import SHOWN_STATES, RecordFile, StreamError
+from streamkit import SHOWN_STATES, RecordFile, StreamError, exit_with_error
 from streamkit_tracker.evaluation.readers import (
     Row,
     frames_of,
@@ -70,14 +70,12 @@ def trackeval(
     try:
         limits = None if frames is None else frame_range(frames)
     except ValueError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(2) from error
+        exit_with_error(str(error), 2)
     try:
         scores = score_files(tracks, truth, overlap, first_pixel, limits, run)
         sign = swap_sign(tracks, truth)
     except (ValueError, StreamError) as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(1) from error
+        exit_with_error(str(error))
     if sign:
         typer.echo(f"warning: {sign}; tracks come first, ground truth second", err=True)
     if as_json:

@@ -7,12 +7,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, NamedTuple, NoReturn
+from typing import Annotated, NamedTuple
 
 import msgspec
 import typer
 
-from streamkit import RecordFile, StreamError, TrackRecord
+from streamkit import RecordFile, StreamError, TrackRecord, exit_with_error
 from streamkit.output.pipe import until_reader_leaves
 from streamkit_tracker.associate import GATE
 from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
@@ -53,14 +53,16 @@ def explain(
     """Explains where a track came from: its detections, their distance, its similarity, the registration."""
     question = read_question(moment)
     if question is None:
-        _fail(f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60, or ID", code=2)
+        exit_with_error(
+            f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60, or ID", code=2
+        )
     try:
         file = read_track(tracks, question.track, run)
     except (OSError, StreamError, ValueError) as error:
-        _fail(str(error))
+        exit_with_error(str(error))
     index = _index(file, question, epoch)
     if index is None:
-        _fail(absence(tracks, file, question))
+        exit_with_error(absence(tracks, file, question))
     with until_reader_leaves():
         if as_json:
             typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
@@ -162,8 +164,3 @@ def _plain(track: int, moments: Sequence[Moment], index: int) -> object:
     head = {"frame": moment.frame, "epoch": moment.epoch, "seconds": moment.seconds, "place": moment.place}
     row = {**head, **msgspec.structs.asdict(moment.target), "match": moment.match}
     return {"track": track, "moment": row, "life": asdict(life(moments[: index + 1]))}
-
-
-def _fail(text: str, code: int = 1) -> NoReturn:
-    typer.echo(f"error: {text}", err=True)
-    raise typer.Exit(code)

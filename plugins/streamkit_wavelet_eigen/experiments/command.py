@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from streamkit import exit_with_error
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -60,11 +62,9 @@ def experiments(
         if plots:
             draw_figure_3(results, output / "paper-figure-3.svg")
     except (MissingData, OSError) as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(1) from error
+        exit_with_error(str(error))
     except ImportError as error:
-        typer.echo(f"error: {error}; install the extra: pip install 'streamkit[experiments]'", err=True)
-        raise typer.Exit(1) from error
+        exit_with_error(f"{error}; install the extra: pip install 'streamkit[experiments]'")
     typer.echo(f"{output / 'paper-tables.md'}, .json{' and figure 3' if plots else ''} written")
 
 
