@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 import typer
 
 from streamkit import exit_with_error, write_remedy
+from streamkit.output.pipe import until_reader_leaves
 
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
@@ -87,11 +88,9 @@ def subscribe(
         exit_with_error(str(error))
     code, message = 0, ""
     try:
-        with printer_for(form.value, subscriber, gaps, age, count is not None) as printer:
+        opened = printer_for(form.value, subscriber, gaps, age, count is not None)
+        with until_reader_leaves(), opened as printer:
             code, message = _print_all(subscriber, printer, count, timeout, lambda: bool(stopped))
-    except BrokenPipeError:
-        # The reader of the pipe is gone. Python would report an error when it flushes stdout at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         code, message = 1, f"a record was not printed: {error.strerror}{write_remedy(error)}"
     finally:
