@@ -223,7 +223,7 @@ class Pad:
             onward[0].send_event(onward[1])
 
     def apply_event(self, event: Event) -> None:
-        """Stores the caps or segment of the frames that follow, or begins or ends a flush."""
+        """Stores caps, segment or that EOS was sent, for the frames that follow; begins or ends a flush."""
         if isinstance(event, CapsEvent):
             self.caps = event.caps
         elif isinstance(event, SegmentEvent):

@@ -53,7 +53,7 @@ class OutputFile(io.FileIO):
         is_whole: bool = False,
         reader_wait: ReaderWait = ReaderWait(),  # noqa: B008 - frozen; the event of the default is never set
     ) -> None:
-        self.path, self._patience = path, reader_wait
+        self.path, self._reader_wait = path, reader_wait
         self._target = path.resolve()
         self._unpublished: Path | None = None
         if not is_special(path):
@@ -88,7 +88,7 @@ class OutputFile(io.FileIO):
             while rest:
                 piece = rest
                 if self._waits_for_reader:
-                    wait_writable(self.fileno(), self._patience)
+                    wait_writable(self.fileno(), self._reader_wait)
                     piece = rest[: select.PIPE_BUF]
                 rest = rest[super().write(piece) or 0 :]
         except OSError as error:

@@ -39,7 +39,7 @@ def test_an_entry_describes_its_origin(tmp_path: Path) -> None:
 
 
 def test_no_package_replaces_an_element_silently(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Streamkit's own is used, with a note that names both packages; between two others nobody chooses."""
+    """Streamkit's own is used, with a note that names both packages; none wins between two others."""
     for package in ("abc-plugin", "xyz-plugin"):
         folder = tmp_path / f"{package.replace('-', '_')}-1.5.dist-info"
         folder.mkdir()

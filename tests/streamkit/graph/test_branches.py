@@ -342,7 +342,7 @@ def test_a_branch_that_is_added_after_the_end_of_the_stream_ends_at_once(branch:
 
 
 def test_the_failure_of_a_branch_that_ends_at_once_is_reported(register: Register) -> None:
-    """Nobody waits for the thread that sends EOS to it."""
+    """The thread that sends EOS to it is not waited for."""
     failing = threading.Event()
 
     class Fails(Sink):
