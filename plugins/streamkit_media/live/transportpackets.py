@@ -35,14 +35,14 @@ class TransportPackets:
         """The transport packets in a datagram; empty where it has none that are new."""
         start = rtp_payload_start(datagram)
         if start:
-            found = datagram[start:] if self._is_next(datagram) else b""
+            found = datagram[start:] if self._accepts_number(datagram) else b""
         else:
-            found = datagram if self._is_transport_stream(datagram) else b""
+            found = datagram if self._finds_packets(datagram) else b""
         self._counts["refused"] += not found
         return found
 
-    def _is_next(self, datagram: bytes) -> bool:
-        """Whether an RTP packet is neither late nor repeated; counts those missing before it."""
+    def _accepts_number(self, datagram: bytes) -> bool:
+        """Takes the number of an RTP packet, and counts those missing; False if it is late or repeated."""
         number, source = int.from_bytes(datagram[2:4]), datagram[8:12]
         gap = (number - self._next_number) % NUMBERS if source == self._source else 0
         if gap >= NUMBERS - MAX_LATE:
@@ -51,8 +51,8 @@ class TransportPackets:
         self._source, self._next_number = source, (number + 1) % NUMBERS
         return True
 
-    def _is_transport_stream(self, datagram: bytes) -> bool:
-        """Whether sync bytes are where the datagram before, a beginning, or any phase would have them."""
+    def _finds_packets(self, datagram: bytes) -> bool:
+        """Finds sync bytes where the last datagram, a beginning, or any phase has them; keeps the phase."""
         for phase in (self._phase, *range(PACKET_BYTES)):
             marks = datagram[phase::PACKET_BYTES]
             is_expected = phase == self._phase or (phase == 0 and len(marks) > 0)
