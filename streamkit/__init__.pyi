@@ -61,7 +61,6 @@ from streamkit.flow.metadata import Features as Features
 from streamkit.flow.metadata import FeatureSpace as FeatureSpace
 from streamkit.flow.metadata import GroundReference as GroundReference
 from streamkit.flow.metadata import HiddenPixels as HiddenPixels
-from streamkit.flow.metadata import Pose as Pose
 from streamkit.flow.metadata import Provenance as Provenance
 from streamkit.flow.metadata import Registration as Registration
 from streamkit.flow.metadata import Track as Track
@@ -84,6 +83,7 @@ from streamkit.flow.scaled_metadata import scale_metadata as scale_metadata
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
 from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps
+from streamkit.geometry.pose import Pose as Pose
 from streamkit.geometry.registration_status import RegistrationStatus as RegistrationStatus
 from streamkit.graph.pipeline import Pipeline as Pipeline
 from streamkit.graph.variables import variable_names as variable_names

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.camera import ground_coordinates
 from streamkit.geometry.homography import FloatArray, centre
-from streamkit.geometry.posed_camera import (
-    POSITION_STD_M,
-    CameraPose,
-    has_heading,
-    lean,
-    place_std_m,
-    posed_camera,
-)
+from streamkit.geometry.pose import Pose
+from streamkit.geometry.posed_camera import POSITION_STD_M, has_heading, lean, place_std_m, posed_camera
 from streamkit_stitcher.mosaic.georeference import GroundView
 
 _SENT_STD_M: Final = 5.0
@@ -24,21 +18,8 @@ _SENT_STD_M: Final = 5.0
 _NADIR: Final = math.radians(15.0)
 
 
-class _Pose(CameraPose, Protocol):
-    """The fields of `streamkit.Pose` that are used."""
-
-    # fmt: off
-    @property
-    def is_stale(self) -> bool: ...
-    @property
-    def frame_centre(self) -> tuple[float, float, float | None] | None: ...
-    @property
-    def corners(self) -> tuple[tuple[float, float], ...]: ...
-    # fmt: on
-
-
 def ground_view(
-    pose: _Pose | None,
+    pose: Pose | None,
     shape: tuple[int, int],
     ground_altitude: float | None,
     field_of_view: float,
@@ -71,7 +52,7 @@ def ground_view(
 
 
 def _ground_places(
-    pose: _Pose, shape: tuple[int, int], ground_altitude: float | None, field_of_view: float
+    pose: Pose, shape: tuple[int, int], ground_altitude: float | None, field_of_view: float
 ) -> tuple[FloatArray, float] | str:
     """Latitude and longitude of centre and corners, float64[1 or 5, 2], and their standard deviation, m."""
     if pose.frame_centre is not None:
@@ -100,7 +81,7 @@ def _points(shape: tuple[int, int]) -> FloatArray:
     return np.array([centre(shape), (-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)])
 
 
-def _focal_px(pose: _Pose, shape: tuple[int, int], field_of_view: float) -> float:
+def _focal_px(pose: Pose, shape: tuple[int, int], field_of_view: float) -> float:
     """Focal length of a camera that looks about straight down; 0 if it does not, or is unknown."""
     view = field_of_view if pose.field_of_view is None else pose.field_of_view[0]
     if pose.sensor_angles is None and pose.field_of_view is not None and pose.source.startswith("dji"):

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from streamkit.flow.metadata import GroundReference, Pose, Tracks
+from streamkit.flow.metadata import GroundReference, Tracks
 from streamkit.geometry.camera import FloatArray, ground_coordinates
 from streamkit.geometry.earth import metres_per_degree
 from streamkit.geometry.homography import project
+from streamkit.geometry.pose import Pose
 from streamkit.geometry.posed_camera import place_std_m, posed_camera
 
 if TYPE_CHECKING:

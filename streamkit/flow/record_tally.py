@@ -6,8 +6,9 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from streamkit.flow.ground import ground_positions
-from streamkit.flow.metadata import Detections, Pose, Tracks
+from streamkit.flow.metadata import Detections, Tracks
 from streamkit.flow.record import TRACKS_CAPS
+from streamkit.geometry.pose import Pose
 
 if TYPE_CHECKING:
     from streamkit.flow.frame import Frame

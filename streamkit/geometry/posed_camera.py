@@ -1,16 +1,15 @@
 """The camera that a pose describes, above flat ground."""
 
-# ruff: noqa: D102  (the fields are those of `streamkit.Pose`)
-
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from streamkit.geometry.camera import Camera, FloatArray, ground_coordinates
 from streamkit.geometry.earth import metres_per_degree
+from streamkit.geometry.pose import Pose
 
 # Standard deviations of a position of satellite navigation, m, and of an attitude, rad.
 POSITION_STD_M: Final = 3.0
@@ -19,35 +18,8 @@ _MIN_HEIGHT_M: Final = 1.0
 _STRAIGHT_DOWN: Final = (0.0, -math.pi / 2, 0.0)
 
 
-class CameraPose(Protocol):
-    """The fields of `streamkit.Pose` that are used."""
-
-    # fmt: off
-    @property
-    def latitude(self) -> float: ...
-    @property
-    def longitude(self) -> float: ...
-    @property
-    def altitude(self) -> float | None: ...
-    @property
-    def heading(self) -> float | None: ...
-    @property
-    def pitch(self) -> float | None: ...
-    @property
-    def roll(self) -> float | None: ...
-    @property
-    def sensor_angles(self) -> tuple[float, float, float] | None: ...
-    @property
-    def field_of_view(self) -> tuple[float, float] | None: ...
-    @property
-    def ground_altitude(self) -> float | None: ...
-    @property
-    def source(self) -> str: ...
-    # fmt: on
-
-
 def posed_camera(
-    pose: CameraPose, shape: tuple[int, int], ground_altitude: float | None = None, field_of_view: float = 0.0
+    pose: Pose, shape: tuple[int, int], ground_altitude: float | None = None, field_of_view: float = 0.0
 ) -> Camera | str:
     """The camera of a frame, or what is missing for it.
 
@@ -72,7 +44,7 @@ def posed_camera(
     return _camera(pose, shape, height, view)
 
 
-def height_above_ground(pose: CameraPose, ground_altitude: float | None) -> float | None:
+def height_above_ground(pose: Pose, ground_altitude: float | None) -> float | None:
     """Height of the camera above the ground, m; None where it is unknown or less than 1 m."""
     ground = pose.ground_altitude if ground_altitude is None else ground_altitude
     if pose.altitude is None or ground is None:
@@ -81,13 +53,13 @@ def height_above_ground(pose: CameraPose, ground_altitude: float | None) -> floa
     return height if height > _MIN_HEIGHT_M else None
 
 
-def has_heading(pose: CameraPose) -> bool:
+def has_heading(pose: Pose) -> bool:
     """Whether north is known in the frame: DJI gives the angles of the gimbal relative to north."""
     is_to_north = pose.sensor_angles is not None and pose.source.startswith("dji")
     return pose.heading is not None or is_to_north
 
 
-def lean(pose: CameraPose, shape: tuple[int, int]) -> float | None:
+def lean(pose: Pose, shape: tuple[int, int]) -> float | None:
     """Angle between the camera's axis and straight down, rad; None near the horizon."""
     camera = _camera(pose, shape, 1.0, (1.0, 1.0))
     places = ground_coordinates(camera, np.array([[(shape[1] - 1) / 2, (shape[0] - 1) / 2]]))
@@ -110,7 +82,7 @@ def _distances(camera: Camera, places: FloatArray) -> FloatArray:
     return np.asarray(np.hypot(*metres.T), dtype=np.float64)
 
 
-def _camera(pose: CameraPose, shape: tuple[int, int], height: float, view: tuple[float, float]) -> Camera:
+def _camera(pose: Pose, shape: tuple[int, int], height: float, view: tuple[float, float]) -> Camera:
     return Camera(
         pose.latitude,
         pose.longitude,
