@@ -92,9 +92,9 @@ from streamkit.reader import SourceChoice as SourceChoice
 from streamkit.reader import VideoReader as VideoReader
 from streamkit.reader import choose_source as choose_source
 from streamkit.reader import open as open
+from streamkit.restart_delay import RestartDelay as RestartDelay
 from streamkit.service.endpoint import MetricsEndpoint as MetricsEndpoint
 from streamkit.service.monitor import Monitor as Monitor
-from streamkit.service.restart_delay import RestartDelay as RestartDelay
 from streamkit.service.supervisor import STREAMKIT_COMMAND as STREAMKIT_COMMAND
 
 __all__: list[str]

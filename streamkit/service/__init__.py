@@ -1,1 +1,1 @@
-"""What a service needs around a pipeline: health, systemd notifications, metrics, restarts."""
+"""What a service needs around a pipeline: health, systemd notifications, metrics, supervision."""

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from types import FrameType
 
-from streamkit.service.restart_delay import FIRST_DELAY_S, RestartDelay
+from streamkit.restart_delay import FIRST_DELAY_S, RestartDelay
 
 RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # number of restarts before this one
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right

@@ -18,6 +18,7 @@ PLUGINS = ROOT / "plugins"
 ALLOWED = {
     "masking": set(),
     "settings": set(),
+    "restart_delay": set(),
     "output": set(),
     "geometry": set(),
     "errors": {"masking"},
@@ -26,14 +27,14 @@ ALLOWED = {
     "crossing": {"masking", "errors", "flow"},
     "element": {"masking", "errors", "flow", "handoff", "settings", "output"},
     "elements": {"masking", "errors", "flow", "element", "handoff"},
-    "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output"},
+    "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output", "restart_delay"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "reader": {"masking", "errors", "flow", "element", "graph", "output"},
-    "service": {"masking", "errors", "flow", "graph"},
+    "service": {"masking", "errors", "flow", "graph", "restart_delay"},
     "__main__": {"cli"},
     "cli": {"masking", "errors", "flow", "element", "graph", "service", "handoff", "output"},
 }
-MODULES = {"masking", "errors", "settings", "reader", "__main__"}  # rooms of one module
+MODULES = {"masking", "errors", "settings", "restart_delay", "reader", "__main__"}  # rooms of one module
 # Rooms of the engine that are libraries: they know no frame, caps or element, and everybody may use them.
 ENGINE_LIBRARIES = (
     "streamkit.geometry",

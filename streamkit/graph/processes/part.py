@@ -23,8 +23,10 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
 from streamkit.graph.processes.orders import QUERIES, Counters, Report, Setup
 from streamkit.graph.statistics import ElementStatistics
+from streamkit.restart_delay import RestartDelay
 
 STATISTICS_LIMIT_S = 1.0
+FIRST_RESTART_S, MAX_RESTART_S = 0.1, 5.0  # delays
 
 
 class Part:
@@ -38,6 +40,7 @@ class Part:
         child: its process; the newest if it was started again; None before the start and after the end.
         has_ended: whether everything in it has come to its end.
         restarts: times (monotonic, s) at which it was started again, within the window.
+        restart_delay: before the next restart; begins anew with the first restart in a window.
         ending: the thread that waits for what others have to say before.
     """
 
@@ -60,6 +63,7 @@ class Part:
         self.has_ended = False
         self.ending: threading.Thread | None = None
         self.restarts: deque[float] = deque()
+        self.restart_delay = RestartDelay(FIRST_RESTART_S, MAX_RESTART_S)
         self.is_streaming = False
         self._counters: Counters = ([], [])
 
@@ -93,6 +97,8 @@ class Part:
             self.restarts.popleft()
         if len(self.restarts) >= self.home.restart:
             return False
+        if not self.restarts:
+            self.restart_delay.reset()
         self.restarts.append(now_s)
         return True
 

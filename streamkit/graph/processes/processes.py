@@ -43,7 +43,6 @@ POLL_S = 0.2
 STOP_LIMIT_S = 5.0
 FLUSH_LIMIT_S = 5.0  # of either half
 SEND_LIMIT_S = 1.0  # of the order to stop, to a child that reads none
-FIRST_BACK_OFF_S, MAX_BACK_OFF_S = 0.1, 5.0
 
 
 class Processes:
@@ -255,10 +254,10 @@ class Processes:
     def _restart(self, part: Part, failure: ElementFailure) -> None:
         """Starts a child in the place of one that has ended, in the old one's thread."""
         count = len(part.restarts)
-        back_off_s = min(MAX_BACK_OFF_S, FIRST_BACK_OFF_S * 2 ** (count - 1))
-        text = f"{failure}; restart {count} of {part.home.restart} in {back_off_s:g} s"
+        delay_s = part.restart_delay.after()
+        text = f"{failure}; restart {count} of {part.home.restart} in {delay_s:g} s"
         self._post(Message(MessageKind.WARNING, failure.element, text, {"code": "process-restart"}))
-        if self._stopping.wait(back_off_s):
+        if self._stopping.wait(delay_s):
             return
         try:
             child = part.spawn(self._reported, self._ended)

@@ -10,6 +10,7 @@ import pytest
 from streamkit import DescriptionError, ElementFailure, Frame, FrameFlags
 from streamkit.flow.messages import Message
 from streamkit.graph.pipeline import Pipeline
+from streamkit.graph.processes.part import Part
 
 LIMIT_S = 80.0  # a busy machine takes long to start a process
 LOST = "lost with the process that had them"
@@ -158,3 +159,13 @@ def test_what_both_processes_of_a_link_had_is_counted() -> None:
         lost = sum(row.dropped.get(LOST, 0) for row in pipeline.statistics())
     assert_accounted([frame for frame in frames if frame is not None], sent, lost, 2)
     assert lost > 8
+
+
+def test_the_delay_of_two_thousand_restarts_is_bounded() -> None:
+    """It doubles up to 5 s, and never overflows."""
+    text = "fakesrc ! ( process=true restart=2000 restart-window-s=1e9 identity ) ! fakesink"
+    graph = Pipeline.parse(text).graph
+    part = Part(graph, graph.processes[0])
+    delays = [part.restart_delay.after() for _ in range(2000) if part.may_restart()]
+    assert delays[:7] == [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0]
+    assert (len(delays), max(delays), part.may_restart()) == (2000, 5.0, False)
