@@ -23,7 +23,7 @@ from __future__ import annotations
 import errno
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from streamkit.masking import presentable, star_secrets
 
@@ -133,6 +133,10 @@ class DescriptionError(StreamkitError, ValueError):
     def at(self, place: Place) -> DescriptionError:
         """The same error at another place."""
         return DescriptionError(self.code, self.message, place, self.hint)
+
+    def facts(self) -> dict[str, object]:
+        """What programs read: code, message, line, column, length, hint."""
+        return {"code": self.code, "message": self.message, **asdict(self.place), "hint": self.hint}
 
     def pointed(self, text: str, origin: str = "description") -> str:
         """The error with its line of the text and carets under the place; secrets are masked."""

@@ -16,7 +16,7 @@ import typer
 from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
-from streamkit.cli.description import USAGE_EXIT, fail_json
+from streamkit.cli.description import USAGE_EXIT, Description, fail_description
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place
 from streamkit.flow.caps import Caps, Structure, read_value
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
@@ -112,6 +112,22 @@ FIRST = Operation(Caps, 0, operator.and_)
 SYNONYMS = {"normalise": "normalize", "merge": "union", "fixed": "is-fixed"}
 
 
+def find_operation(operation: str, mode: str, count: int) -> Operation:
+    """The operation of a name, for so many texts; raises `DescriptionError` with the code `usage`."""
+    name = operation.replace("_", "-")
+    found = OPERATIONS.get(SYNONYMS.get(name, name))
+    if mode not in ("zigzag", "first"):
+        raise DescriptionError("usage", f"--mode takes zigzag or first, got {mode!r}")
+    if found is None:
+        hint = f"operations are {', '.join(OPERATIONS)}"
+        raise DescriptionError("usage", f"no operation {operation!r}", hint=hint)
+    if mode == "first" and name == "intersect":
+        found = FIRST
+    if count != found.count and (found.count or count < 2):
+        raise DescriptionError("usage", f"{name} takes {found.count or '2 or more'} texts, got {count}")
+    return found
+
+
 @parsed_by(CapsCommand)
 def caps(
     operation: Annotated[str, typer.Argument(metavar="OP", help=f"One of {', '.join(OPERATIONS)}.")],
@@ -136,26 +152,27 @@ def caps(
     line with a mark, else {"error": {"code", "message", "line", "column",
     "length", "hint"}}.
     """
-    fail = functools.partial(_fail, as_json=as_json)
-    name = operation.replace("_", "-")
-    found = OPERATIONS.get(SYNONYMS.get(name, name))
-    if mode not in ("zigzag", "first"):
-        fail("usage", f"--mode takes zigzag or first, got {mode!r}")
-    if found is None:
-        fail("usage", f"no operation {operation!r}", hint=f"operations are {', '.join(OPERATIONS)}")
-    if mode == "first" and name == "intersect":
-        found = FIRST
-    if len(texts) != found.count and (found.count or len(texts) < 2):
-        fail("usage", f"{name} takes {found.count or '2 or more'} texts, got {len(texts)}")
     try:
-        result = found.result(texts)
+        result = find_operation(operation, mode, len(texts)).result(texts)
     except CapsSyntax as error:
         text = next((text for text in texts if repr(text)[:-1] in str(error)), texts[0])
-        fail("syntax", error.rule, text, place=place_in(text, error), hint=error.hint)
+        _fail(
+            DescriptionError("syntax", error.rule, place_in(text, error), error.hint), text, as_json=as_json
+        )
     except CapsTooLarge as error:
-        fail("too-large", str(error))
+        _fail(DescriptionError("too-large", str(error)), as_json=as_json)
+    except DescriptionError as error:
+        _fail(error, as_json=as_json)
     is_text = sys.stdout.isatty() and not as_json
     typer.echo(as_text(result) if is_text else json.dumps(result, indent=2))
+
+
+def _fail(error: DescriptionError, text: str | None = None, *, as_json: bool) -> NoReturn:
+    """Exits because of a bad text or usage: with lines for people on a terminal, else a JSON object."""
+    if as_json or not sys.stderr.isatty():
+        fail_description(error, Description("", "caps", {}), as_json=True)
+    typer.echo(f"error: {error}" if text is None else error.pointed(text, "caps"), err=True)
+    raise typer.Exit(USAGE_EXIT)
 
 
 def as_text(found: dict[str, Any]) -> str:
@@ -166,17 +183,6 @@ def as_text(found: dict[str, Any]) -> str:
     if "result" in found:
         return words.get(found["result"], str(found["result"]))
     return "\n".join(f"{name.replace('_', ' ')}: {words[answer]}" for name, answer in found.items())
-
-
-def _fail(
-    code: str, message: str, text: str = "", *, as_json: bool, place: Place | None = None, hint: str = ""
-) -> NoReturn:
-    """Exits because of a bad text or usage: with lines for people on a terminal, else a JSON object."""
-    if as_json or not sys.stderr.isatty():
-        fail_json(code, message, place, hint)
-    error = DescriptionError(code, message, place, hint)
-    typer.echo(error.pointed(text, "caps") if place is not None else f"error: {error}", err=True)
-    raise typer.Exit(USAGE_EXIT)
 
 
 def place_in(text: str, error: CapsSyntax) -> Place:

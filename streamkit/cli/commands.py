@@ -17,7 +17,7 @@ from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
-from streamkit.errors import PluginBroken
+from streamkit.errors import DescriptionError, PluginBroken, StreamkitError
 from streamkit.masking import presentable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -55,6 +55,15 @@ class CommandGroup(TyperGroup):
             self.list_commands(ctx)  # for the suggestion
             return super().resolve_command(ctx, args)
         return name, load_command(entry), args[1:]
+
+    def invoke(self, ctx: Any) -> Any:
+        """Runs a command; an error of streamkit's own ends it, with code 2 for what the user wrote."""
+        try:
+            return super().invoke(ctx)
+        except StreamkitError as error:
+            from streamkit.cli.description import USAGE_EXIT, exit_with_error
+
+            exit_with_error(str(error), USAGE_EXIT if isinstance(error, DescriptionError) else 1)
 
 
 def _listed(entry: PluginEntry) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
 import os
@@ -16,7 +15,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from streamkit.cli.log_line import print_line, prints_json
-from streamkit.errors import DescriptionError, Place
+from streamkit.errors import DescriptionError
 from streamkit.graph.variables import variable_names
 from streamkit.output.colour import coloured
 
@@ -130,24 +129,10 @@ def fail_usage(message: str) -> NoReturn:
 def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:
     """Exits because of an invalid description; points into the text, or names the place in a JSON object."""
     if as_json:
-        fail_json(error.code, error.message, error.place, error.hint)
-    if prints_json():
-        print_line(
-            f"error: {error.message}", error=_facts(error.code, error.message, error.place, error.hint)
-        )
+        typer.echo(json.dumps({"error": error.facts()}), err=True)
+    elif prints_json():
+        print_line(f"error: {error.message}", error=error.facts())
     else:
         typer.echo(coloured(error.pointed(description.text, description.name)), err=True)
     sys.stderr.flush()
     raise typer.Exit(USAGE_EXIT)
-
-
-def fail_json(code: str, message: str, place: Place | None = None, hint: str = "") -> NoReturn:
-    """Exits with an error as a JSON object on stderr."""
-    typer.echo(json.dumps({"error": _facts(code, message, place, hint)}), err=True)
-    sys.stderr.flush()
-    raise typer.Exit(USAGE_EXIT)
-
-
-def _facts(code: str, message: str, place: Place | None, hint: str) -> dict[str, object]:
-    """What programs read of an error."""
-    return {"code": code, "message": message, **dataclasses.asdict(place or Place()), "hint": hint}

@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import time
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import typer
@@ -66,6 +67,11 @@ class Display:
     def print_line(self, line: str) -> None:
         """Prints a line on stderr, above the display."""
         typer.echo(coloured(presentable(line)), err=True)
+
+    def print_each(self, level: str, texts: Iterable[str]) -> None:
+        """Prints a line "level: text" for each text."""
+        for text in texts:
+            self.print_line(f"{level}: {text}")
 
     def end(self, whole: RunStatistics) -> None:
         """Draws the final state, with the statistics of the whole run."""

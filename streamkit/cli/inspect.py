@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from streamkit.cli.completion import complete_element
-from streamkit.cli.description import exit_with_error, fail_usage
-from streamkit.errors import DescriptionError, PluginBroken
 from streamkit.output.colour import coloured
 
 if TYPE_CHECKING:
@@ -43,12 +41,7 @@ def inspect(
     if element is None:
         _list_all(as_json=as_json)
         return
-    try:
-        facts = describe_element(element)
-    except DescriptionError as error:
-        fail_usage(str(error))
-    except PluginBroken as error:
-        exit_with_error(str(error))
+    facts = describe_element(element)
     if as_json:
         typer.echo(json.dumps(facts, indent=2))
     else:

@@ -164,8 +164,8 @@ def launch(
         share_cores(len(pipeline.graph.processes) + 1)
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, log_format, quiet=quiet)
-    for note in () if quiet else (*source.unused_variables(), *_application_notes(pipeline)):
-        display.print_line(f"note: {note}")
+    if not quiet:
+        display.print_each("note", (*source.unused_variables(), *_application_notes(pipeline)))
     monitor = Monitor(pipeline)
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
     with serve_metrics(monitor, metrics):
@@ -174,8 +174,8 @@ def launch(
     statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
     if strict and run.shortfalls:
         code = code or 1
-        for text in run.shortfalls if quiet else ():  # else printed as warnings
-            display.print_line(f"error: {text}")
+        if quiet:  # else they were printed as warnings
+            display.print_each("error", run.shortfalls)
     if stats == "json":
         typer.echo(to_json(statistics))
     made = summarise(statistics)

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from streamkit.cli.description import Description, exit_with_error
-from streamkit.errors import ElementFailure
+from streamkit.cli.description import Description
 from streamkit.graph.parse import ElementNode, parse
 from streamkit.graph.processes.balance import balanced_cuts
 from streamkit.handoff.library_threads import available_cores
@@ -27,11 +26,8 @@ RAW_VIDEO = "video/x-raw"  # side data of packets does not cross
 
 
 def choose_processes(source: Description, pipeline: Pipeline) -> Description:
-    """Measures a pipeline, and prints the description that uses the cores best; exits with 1 if it fails."""
-    try:
-        found = with_processes(source, pipeline)
-    except ElementFailure as error:
-        exit_with_error(str(error))
+    """Measures a pipeline, and prints the description that uses the cores best; raises `ElementFailure`."""
+    found = with_processes(source, pipeline)
     text = "one process is best" if found is source else mask_secrets(found.text.strip())
     typer.echo(presentable(f"note: --processes auto: {text}"), err=True)
     return found

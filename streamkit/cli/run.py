@@ -77,8 +77,7 @@ class Run:
         """Plays to the end and stops; returns the exit code."""
         code = 0
         if not self.quiet:
-            for _, text in self.pipeline.graph.warnings:
-                self.display.print_line(f"note: {text}")
+            self.display.print_each("note", (text for _, text in self.pipeline.graph.warnings))
         report = CrashReport(self.pipeline.graph.elements)
         try:
             with self._signals(report):
