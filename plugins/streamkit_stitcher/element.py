@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, fields, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -114,12 +114,9 @@ class Stitch(Transform):
         1.0, min=0.0, unit="s", doc="Least time between two frames of the pad `mosaic`."
     )
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        super().__init__(name, **properties)
-        self.begin_run()
-
     def begin_run(self) -> None:
         """Drops the state of the pad `mosaic` from an earlier run."""
+        super().begin_run()
         self._mosaic_pad = MosaicPad(
             lambda: linked_pad(self), lambda: self.count_drop("mosaic: a newer frame came")
         )

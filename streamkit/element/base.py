@@ -75,7 +75,7 @@ class Element(PadOwner, PropertyOwner):
         self._state_changed = self.changed  # a class of an author may use that name
         self._woken = threading.Event()  # ends waits for a time of the clock
         self.is_flushing = False
-        self.flushes = self.waited_ns = 0
+        self.flushes = 0
         self.clock: Clock = SystemClock()
         self.timing = Timing(lambda: self.clock)
         self.host: Host | None = None
@@ -86,7 +86,8 @@ class Element(PadOwner, PropertyOwner):
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
         self.pipeline_error: Callable[[], Exception | None] = lambda: None
-        self.is_waiting = self.has_failed = False
+        self.is_waiting = False
+        self.begin_run()
         for key, value in properties.items():
             self.set_property(key, value)
 
@@ -201,6 +202,14 @@ class Element(PadOwner, PropertyOwner):
 
     # Called by the engine.
 
+    def begin_run(self) -> None:
+        """Resets the state of an earlier run; called when the element is made, and before each run."""
+        for pad in self.pads.values():
+            pad.reset()
+        for counts in (self.drops, self.results, self.outcomes):
+            counts.clear()
+        self.has_failed, self.waited_ns = False, 0
+
     def enter(self, call: str, now_ns: int, frame: Frame | None = None) -> None:
         """Records the start of a call by the engine: its name, time (perf_counter, ns) and frame."""
         self.activity = (call, now_ns, frame)
@@ -298,19 +307,14 @@ class Element(PadOwner, PropertyOwner):
 
     def query_live(self) -> bool:
         """Whether the element's output comes from a live source; asks upstream."""
-        return any(pad.peer.element.query_live() for pad in self.sink_pads() if pad.peer is not None)
+        return any(element.query_live() for element in self.upstream())
 
     def query_caps(self, pad: Pad) -> Caps:
         """Caps that `pad` can carry given the caps on the other side; its template still bounds them."""
         return ANY
 
-    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
-        """Takes an event; returns the pad and event to continue with if only forwarding is left."""
-        self.receive_event(pad, event)
-        return None
-
-    def receive_event(self, pad: Pad, event: Event) -> None:
-        """Handles an event that arrived at a sink pad."""
+    def receive_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+        """Handles an event of a sink pad; returns the src pad and event to go on with, if any are left."""
         raise StateError(f"{pad.path}: {type(self).__name__} takes no events")
 
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:

@@ -55,11 +55,6 @@ class Combine(Element):
         if pad.segment != self.src_pad.segment:
             self.src_pad.send_event(SegmentEvent(pad.segment))
 
-    @property
-    def src_pad(self) -> Pad:
-        """The src pad."""
-        return next(self.src_pads())
-
     def query_caps(self, pad: Pad) -> Caps:
         """Inputs can carry what the output can; the output what any input can."""
         if not pad.is_src:

@@ -194,7 +194,7 @@ class Pad:
                 return
             src.peer.apply_event(event)
             try:
-                onward = src.peer.element.pass_event(src.peer, event)
+                onward = src.peer.element.receive_event(src.peer, event)
             except Exception as error:
                 if isinstance(event, CapsEvent):
                     src.caps = src.peer.caps = None  # the peer is not configured: its next frame fails, too
@@ -218,7 +218,7 @@ class Pad:
     def receive_event(self, event: Event) -> None:
         """Takes an event from upstream."""
         self.apply_event(event)
-        onward = self.element.pass_event(self, event)
+        onward = self.element.receive_event(self, event)
         if onward is not None:
             onward[0].send_event(onward[1])
 

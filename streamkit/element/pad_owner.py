@@ -52,6 +52,19 @@ class PadOwner:
         return (pad for pad in tuple(self.pads.values()) if pad.is_src)
 
     @property
+    def src_pad(self) -> Pad:
+        """The first src pad: `src`, if there is one."""
+        return next(self.src_pads())
+
+    def upstream(self) -> list[Element]:
+        """The elements linked to the sink pads."""
+        return [pad.peer.element for pad in self.sink_pads() if pad.peer is not None]
+
+    def downstream(self) -> list[Element]:
+        """The elements linked to the src pads."""
+        return [pad.peer.element for pad in self.src_pads() if pad.peer is not None]
+
+    @property
     def sink_caps(self) -> Caps:
         """Current caps of the pad `sink`; ANY before negotiation."""
         return self._caps_of("sink")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+
+from typing_extensions import override
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
@@ -52,12 +53,9 @@ class Sink(Element):
         OnError.END, doc="Behind a tee: whether a failure ends the pipeline or only this branch."
     )
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self.begin_run()
-        super().__init__(name, **properties)
-
+    @override
     def begin_run(self) -> None:
-        """Resets the state of an earlier run."""
+        super().begin_run()
         self._has_prerolled = False
         self._last_end_ns = self._next_ns = 0
         self.position_ns: int | None = None

@@ -39,12 +39,12 @@ class Source(Element):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.over = threading.Event()
-        self._segment = Segment()
-        self.begin_run()
         super().__init__(name, **properties)
 
+    @override
     def begin_run(self) -> None:
-        """Resets the state of an earlier run."""
+        super().begin_run()
+        self._segment = Segment()
         self._renegotiates = False
         self.over.clear()
         self._epochs: dict[str, int] = {}
@@ -67,11 +67,6 @@ class Source(Element):
         raise NotImplementedError(f"{type(self).__name__} does not define frames")
 
     # Called by the engine.
-
-    @property
-    def src_pad(self) -> Pad:
-        """The first src pad."""
-        return next(self.src_pads())
 
     @override
     def query_live(self) -> bool:

@@ -65,11 +65,6 @@ class Transform(Element):
         self.keeps_caps = str(cls.sink) == str(cls.src) and cls.transform_caps is Transform.transform_caps
         self._sink_caps: Caps | None = None
 
-    @property
-    def src_pad(self) -> Pad:
-        """The src pad."""
-        return self.pads["src"]
-
     @override
     def query_caps(self, pad: Pad) -> Caps:
         if pad.is_src and pad is not self.src_pad:
@@ -78,14 +73,8 @@ class Transform(Element):
         beyond = other.peer_caps() & other.template.caps
         return self.transform_caps(beyond, str(other.template.direction))
 
-    def receive_event(self, pad: Pad, event: Event) -> None:
-        """Handles an event, and forwards it in order."""
-        onward = Transform.pass_event(self, pad, event)
-        if onward is not None:
-            onward[0].send_event(onward[1])
-
     @override
-    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+    def receive_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         with self.guarded():
             if isinstance(event, CapsEvent):
                 src_caps = self._negotiate(event.caps)

@@ -36,12 +36,12 @@ class CapsFilter(Transform):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._filter = ANY
-        self._previous: list[Caps] = []
         super().__init__(name, **properties)
 
     @override
-    def start(self) -> None:
-        self._previous = []
+    def begin_run(self) -> None:
+        super().begin_run()
+        self._previous: list[Caps] = []
 
     def property_changed(self, name: str) -> None:
         """Makes upstream renegotiate after a change of caps."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from typing_extensions import override
 
@@ -36,12 +35,9 @@ class Concat(Combine):
     active_pad: str | None = Property(None, read=lambda c: c._active_name(), doc="Name of the current input.")
     adjust_base: bool = Property(True, live=True, doc="Start each input where the previous one ended.")
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._end_ns = 0
-        super().__init__(name, **properties)
-
     @override
-    def start(self) -> None:
+    def begin_run(self) -> None:
+        super().begin_run()
         self._end_ns = 0
 
     @override

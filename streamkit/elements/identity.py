@@ -69,7 +69,6 @@ class Identity(Transform):
         self.on_handoff = Callbacks()
         self._flags = 0
         self._drops_delta_units = False
-        self.start()
         super().__init__(name, **properties)
 
     @override
@@ -86,7 +85,8 @@ class Identity(Transform):
         self._drops_delta_units = DELTA_UNIT in words
 
     @override
-    def start(self) -> None:
+    def begin_run(self) -> None:
+        super().begin_run()
         self._random = random.Random(self.seed)
         self._count = self._bytes = 0
         self._end_ns: int | None = None
@@ -162,10 +162,10 @@ class Identity(Transform):
             self.post_message("imperfect-offset", expected=self._number + 1, seq=frame.seq)
         self._number = frame.seq
 
-    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+    def receive_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         """Forwards events; replaces segments with `single-segment`."""
         if self.single_segment and isinstance(event, SegmentEvent):
             event = SegmentEvent(Segment())
         if self.single_segment and isinstance(event, GapEvent) and event.pts is not None:
             event = GapEvent(pad.segment.running_time_ns(event.pts), event.duration)
-        return super().pass_event(pad, event)
+        return super().receive_event(pad, event)

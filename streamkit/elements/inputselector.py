@@ -51,15 +51,14 @@ class InputSelector(Combine):
     n_pads: int = Property(0, read=lambda s: sum(1 for _ in s.sink_pads()), doc="Number of inputs.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
-        self._time_ns: int | None = None
         self._made = 0
-        self._cached: dict[str, deque[Frame]] = {}
         super().__init__(name, **properties)
 
     @override
-    def start(self) -> None:
-        self._time_ns = None
-        self._cached = {}
+    def begin_run(self) -> None:
+        super().begin_run()
+        self._time_ns: int | None = None
+        self._cached: dict[str, deque[Frame]] = {}
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         """Adds an input; inputs are numbered in order, whatever number is requested."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from typing_extensions import override
 
@@ -40,10 +39,11 @@ class OutputSelector(Split):
     )
     resend_latest: bool = Property(False, live=True, doc="Send the newest frame again after a switch.")
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
+    @override
+    def begin_run(self) -> None:
+        super().begin_run()
         self._latest: Frame | None = None
         self._switched = False
-        super().__init__(name, **properties)
 
     def _active(self) -> Pad | None:
         return self.pads.get(self.active_pad or "") or next(self.src_pads(), None)
@@ -97,4 +97,3 @@ class OutputSelector(Split):
     @override
     def stop(self) -> None:
         self._latest = None
-        self._switched = False

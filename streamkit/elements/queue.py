@@ -204,8 +204,9 @@ class Queue(Element):
 
     # Called in the queue's thread.
 
+    @override
     def begin_run(self) -> None:
-        """Resets the state of an earlier run."""
+        super().begin_run()
         with self.lock:
             self.pending.reset()
             self._refusal = None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from typing_extensions import override
 
 from streamkit.element.pad import Pad
@@ -36,15 +34,11 @@ class Valve(Transform):
     drop: bool = Property(False, live=True, doc="Drop all frames.")
     drop_mode: DropMode = Property(DropMode.DROP_ALL, doc="Drop events too, only frames, or send gaps.")
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
+    @override
+    def begin_run(self) -> None:
+        super().begin_run()
         self._was_closed = False
         self._held: dict[type, Event] = {}
-        super().__init__(name, **properties)
-
-    @override
-    def start(self) -> None:
-        self._was_closed = False
-        self._held = {}
 
     def transform(self, frame: Frame) -> Frame | None:
         """Returns the frame while open, after sending the events held back."""
@@ -58,11 +52,11 @@ class Valve(Transform):
             self._was_closed = False
             for kind in (CapsEvent, SegmentEvent):
                 if kind in self._held:
-                    super().receive_event(self.pads["sink"], self._held.pop(kind))
+                    self.pads["sink"].receive_event(self._held.pop(kind))
             return frame.replace(caps=self.src_caps, flags=frame.flags | FrameFlags.DISCONTINUITY)
         return frame
 
-    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+    def receive_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         """Forwards events; with `drop-all` a closed valve drops all but the latest caps and segment."""
         is_flush = isinstance(event, FlushStart | FlushStop)
         if self.drop and self.drop_mode is DropMode.DROP_ALL and not is_flush:
@@ -70,4 +64,4 @@ class Valve(Transform):
             if isinstance(event, CapsEvent | SegmentEvent):
                 self._held[type(event)] = event
             return None
-        return super().pass_event(pad, event)
+        return super().receive_event(pad, event)

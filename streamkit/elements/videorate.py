@@ -56,7 +56,6 @@ class VideoRate(Transform):
         self._rate_in = self._rate_out = VARIABLE
         self._may_estimate = False
         self._caps: Caps | None = None
-        self.start()
         super().__init__(name, **properties)
 
     def _forget(self) -> None:
@@ -70,7 +69,8 @@ class VideoRate(Transform):
         self._average_ns = 0
 
     @override
-    def start(self) -> None:
+    def begin_run(self) -> None:
+        super().begin_run()
         self._in = self._out = self._dropped = self._repeated = 0
         self._start_ns = 0
         self._forget()
@@ -294,8 +294,8 @@ class VideoRate(Transform):
             self._forget()
             self._start_ns = self.pads["sink"].segment.start_ns
 
-    def pass_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
+    def receive_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         """Sends the held frame before a new segment or epoch."""
         if isinstance(event, SegmentEvent | DiscontinuityEvent):
             self._push_unused()
-        return super().pass_event(pad, event)
+        return super().receive_event(pad, event)

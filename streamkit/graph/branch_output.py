@@ -17,7 +17,7 @@ from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, Flushin
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
-from streamkit.graph.graph import Graph, downstream, upstream, walk
+from streamkit.graph.graph import Graph, walk
 from streamkit.graph.stream_end import StreamEnd
 
 Survives = Callable[[Pad, Exception], bool]
@@ -197,7 +197,7 @@ class BranchOutputs:
 def sinks_behind(src: Pad) -> list[Sink]:
     """Every sink downstream of a src pad."""
     first = [] if src.peer is None else [src.peer.element]
-    return [element for element in walk(first, downstream) if isinstance(element, Sink)]
+    return [element for element in walk(first, Element.downstream) if isinstance(element, Sink)]
 
 
 def is_expendable(src: Pad) -> bool:
@@ -210,5 +210,5 @@ def is_expendable(src: Pad) -> bool:
 
 def expendable_branch_of(element: Element) -> Pad | None:
     """The nearest src pad upstream of an element whose branch may be dropped, or None."""
-    peers = (sink.peer for nearest in walk([element], upstream) for sink in nearest.sink_pads())
+    peers = (sink.peer for nearest in walk([element], Element.upstream) for sink in nearest.sink_pads())
     return next((src for src in peers if src is not None and is_expendable(src)), None)

@@ -25,7 +25,7 @@ from streamkit.graph.assignments import (
 )
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph, auto_name, downstream, walk
+from streamkit.graph.graph import Graph, auto_name, walk
 from streamkit.graph.linking import LinkEnd, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
@@ -110,7 +110,8 @@ class GraphBuilder:
         """Notes elements downstream of one that uses their metadata."""
         for element in self.graph.elements:
             wanted = element.wants_upstream()
-            for other in walk(downstream(element), downstream) if wanted else ():
+            behind = walk(element.downstream(), Element.downstream) if wanted else ()
+            for other in behind:
                 if other.factory in wanted:
                     what = f"{element.name} does not get what {other.name} measures"
                     self.graph.warnings.append(("order", f"{what}: put {other.name} before it"))

@@ -248,9 +248,6 @@ class Streaming(Protocol):
     def stream(self) -> None:
         """Body of the thread; returns after EOS, raises if streaming ends otherwise."""
 
-    def begin_run(self) -> None:
-        """Resets the state of an earlier run."""
-
 
 class StreamingThread(threading.Thread):
     """A thread that streams into an element or out of it.

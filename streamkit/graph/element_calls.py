@@ -267,5 +267,4 @@ def _is_stuck(element: Element) -> bool:
     """Whether an element is inside its own code, not downstream of it, and does not wait."""
     if element.is_waiting or isinstance(element, Source):
         return False
-    behind = [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
-    return not any(other.activity is not None for other in behind)
+    return not any(other.activity is not None for other in element.downstream())

@@ -92,7 +92,7 @@ class Graph:
 
     def from_sinks(self) -> list[Element]:
         """The elements in reverse topological order: sinks first, sources last; raises `CycleError`."""
-        return list(TopologicalSorter({e: downstream(e) for e in reversed(self.elements)}).static_order())
+        return list(TopologicalSorter({e: e.downstream() for e in reversed(self.elements)}).static_order())
 
     def has_loop(self) -> bool:
         """Whether the links form a loop."""
@@ -126,16 +126,6 @@ def free_name(factory: str, taken: Container[str]) -> str:
     """The first automatic name of an element type, such as "queue0", that is not taken."""
     names = (auto_name(factory, number) for number in itertools.count())
     return next(name for name in names if name not in taken)
-
-
-def downstream(element: Element) -> list[Element]:
-    """The elements linked to the src pads of an element."""
-    return [pad.peer.element for pad in element.src_pads() if pad.peer is not None]
-
-
-def upstream(element: Element) -> list[Element]:
-    """The elements linked to the sink pads of an element."""
-    return [pad.peer.element for pad in element.sink_pads() if pad.peer is not None]
 
 
 def walk(start: Iterable[Element], neighbours: Callable[[Element], Iterable[Element]]) -> Iterator[Element]:

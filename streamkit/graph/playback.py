@@ -19,7 +19,7 @@ from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
 from streamkit.graph.delayed_link import report_missing_pads
 from streamkit.graph.element_calls import Watchdog
-from streamkit.graph.graph import Graph, downstream, upstream, walk
+from streamkit.graph.graph import Graph, walk
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import ElementStatistics, RetiredChains, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
@@ -73,12 +73,7 @@ class Playback:
         graph = self._graph
         local = graph.local()
         for element in graph.elements:
-            for pad in element.pads.values():
-                pad.reset()
-            element.drops.clear()
-            element.has_failed, element.waited_ns = False, 0
-            element.outcomes.clear()
-            element.results.clear()
+            element.begin_run()
             element.is_playing = True
         self.end.expect_end(self._sinks())
         self._expect_preroll()
@@ -102,14 +97,11 @@ class Playback:
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
         """Makes threads, not started yet, for the sources and queues among the elements."""
-        made = []
-        for element in elements:
-            if isinstance(element, Sink):
-                element.begin_run()
-            elif isinstance(element, Streaming):
-                element.begin_run()
-                made.append(self._add_thread(element, element.stream))
-        return made
+        return [
+            self._add_thread(element, element.stream)
+            for element in elements
+            if isinstance(element, Streaming)
+        ]
 
     def _add_thread(self, element: Element, stream: Callable[[], None]) -> StreamingThread:
         thread = StreamingThread(element, stream, self.fail, self._thread_ended)
@@ -174,7 +166,7 @@ class Playback:
         """Begins to drop all frames in flight, or lets sources continue with their next frame."""
         roots = self._graph.roots()
         if begins:  # upstream first: a thread that the flush unwinds finds that it has begun there, too
-            reached = set(walk(roots, downstream))
+            reached = set(walk(roots, Element.downstream))
             for element in filter(self._graph.is_local, reversed(self._graph.from_sinks())):
                 if element in reached:
                     element.flush(begins=True)
@@ -196,7 +188,7 @@ class Playback:
         """Makes the sources upstream of an element renegotiate before their next frame."""
         with self._lock:
             remember_caps(self._graph)
-        for source in walk([element], upstream):
+        for source in walk([element], Element.upstream):
             if isinstance(source, Source):
                 source.renegotiate()
 
@@ -248,8 +240,7 @@ class Playback:
             if not self._timing.running.is_set() and not self.is_live:
                 self.end.expect_preroll(sinks)
             for element in elements:
-                for pad in element.pads.values():
-                    pad.reset()
+                element.begin_run()
             compose_chains(elements, self.chains)
             threads = self.add_threads(elements)
             chain = Chain(src)

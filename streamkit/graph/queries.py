@@ -58,7 +58,7 @@ def graph_latency(graph: Graph) -> Latency:
         return Latency(False)
     known: dict[Element, Latency] = {}
     for element in reversed(graph.from_sinks()):
-        upstream = _joined([known[pad.peer.element] for pad in element.sink_pads() if pad.peer is not None])
+        upstream = _joined([known[before] for before in element.upstream()])
         minimum_ns, maximum_ns = element.latency()
         is_live = upstream.is_live or (isinstance(element, Source) and bool(element.is_live))
         known[element] = Latency(

@@ -99,6 +99,7 @@ class Harness:
         self._open = True
         try:
             self.element.start()
+            self.element.begin_run()
         except BaseException:
             self.close()
             raise

@@ -10,7 +10,7 @@ from streamkit.element.pad import Pad
 from streamkit.element.source import Source
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.bins import Bin, containers
-from streamkit.graph.graph import Graph, free_name, upstream, walk
+from streamkit.graph.graph import Graph, free_name, walk
 from streamkit.graph.processes.process_link import ProcessLink
 
 FOR_PROCESSES = ("restart", "restart-window-s", "watchdog-s", "memory-mb", "sandbox", "shm-frames")
@@ -73,9 +73,9 @@ def _assign(graph: Graph) -> None:
                 if not isinstance(child, Bin):
                     graph.homes[child] = home
     for converter in graph.inserted:
-        source = next((pad.peer.element for pad in converter.sink_pads() if pad.peer is not None), None)
-        if source is not None and source in graph.homes:
-            graph.homes[converter] = graph.homes[source]
+        for source in converter.upstream():
+            if source in graph.homes:
+                graph.homes[converter] = graph.homes[source]
 
 
 def _insert(graph: Graph, src: Pad, sink: Pad) -> ProcessLink:
@@ -92,6 +92,6 @@ def _before(graph: Graph, src: Pad, home: Bin | None) -> Iterator[Element]:
     """The elements of a process from which frames come to a src pad of it."""
 
     def in_process(element: Element) -> list[Element]:
-        return [other for other in upstream(element) if graph.homes.get(other) is home]
+        return [other for other in element.upstream() if graph.homes.get(other) is home]
 
     return walk([src.element], in_process)

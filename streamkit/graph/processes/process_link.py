@@ -54,10 +54,10 @@ class ProcessLink(Element):
         self._newest: Connection | None = None  # guarded by `changed`
         self._channels: list[Channel] = []  # the newest one last; those before are shut down
         super().__init__(name, **properties)
-        self.begin_run()
 
     def begin_run(self) -> None:
         """Resets the state of an earlier run; the connection stays."""
+        super().begin_run()
         self.last_frame[0] = -1
         self.link_wait_ns = 0
         self._writer, self._reader = LinkWriter(self), LinkReader(self)
