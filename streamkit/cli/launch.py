@@ -181,7 +181,7 @@ def launch(
     made = summarise(statistics)
     if summary == "json":
         typer.echo(to_json(made))
-    if stats_file is not None and not _is_written(stats_file, statistics, display):
+    if stats_file is not None and not _write_counters(stats_file, statistics, display):
         code = code or 1
     if summary == "text" or (run.has_played and not quiet):
         display.print_line(as_text(made, written_files(statistics)))
@@ -280,8 +280,8 @@ def choose_display(pipeline: Pipeline, stats: Form | None, log_format: Form, *, 
     return (for_terminal if sys.stderr.isatty() else for_file)(pipeline)
 
 
-def _is_written(file: Path, statistics: RunStatistics, display: Display) -> bool:
-    """Writes the counters into a file; prints why that failed."""
+def _write_counters(file: Path, statistics: RunStatistics, display: Display) -> bool:
+    """Writes the counters into a file; prints an error and returns False if that fails."""
     from streamkit.output.file import write_whole
 
     try:

@@ -152,12 +152,9 @@ class Element(PadOwner, PropertyOwner):
     def wait_while_paused(self, flushes: int | None = None) -> bool:
         """Waits until the pipeline plays; False if it stops, flushes, or has begun to since `flushes`."""
         flushes = self.flushes if flushes is None else flushes
-        with self._state_changed, self.waiting():
-            while not self.must_give_up(flushes):
-                if self.timing.running.is_set():
-                    return True
-                self._state_changed.wait(POLL_S)
-        return False
+        with self.waiting():
+            self.wait_for_state(lambda: self.timing.running.is_set() or self.must_give_up(flushes))
+        return not self.must_give_up(flushes)
 
     def wait_for(self, condition: Callable[[], bool], poll_s: float = POLL_S) -> None:
         """Waits on `changed`, with its lock held, until a condition holds; checks it at least every `poll_s`.
@@ -284,11 +281,15 @@ class Element(PadOwner, PropertyOwner):
         Raises:
             Flushing: the pipeline stops.
         """
-        with self._state_changed:
-            while self.is_flushing and not self.stopping.is_set():
-                self._state_changed.wait(POLL_S)
+        self.wait_for_state(lambda: not self.is_flushing or self.stopping.is_set())
         if self.stopping.is_set():
             raise Flushing(self.name)
+
+    def wait_for_state(self, condition: Callable[[], bool]) -> None:
+        """Waits until a condition of the pipeline's state holds, whatever else ends waits."""
+        with self._state_changed:
+            while not condition():
+                self._state_changed.wait(POLL_S)
 
     def pads_changed(self) -> None:
         """Pads were added or removed, or push differently, while the graph streams."""

@@ -120,9 +120,10 @@ class Combine(Element):
         sinks = list(self.sink_pads())
         if self.src_pad.is_eos or not sinks or not all(sink.is_eos for sink in sinks):
             return
-        with self.guarded():
-            for frame in () if self.has_failed else self.drain():
-                self.push_output(frame)
+        if not self.has_failed:
+            with self.guarded():
+                for frame in self.drain():
+                    self.push_output(frame)
         self.src_pad.send_event(EOS)
 
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:

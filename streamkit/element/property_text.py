@@ -126,7 +126,9 @@ def flag_word(member: enum.Flag) -> str:
 def _flags(kind: type[enum.Flag], text: str) -> enum.Flag:
     by_word = {flag_word(member): member for member in kind}
     found = kind(0)
-    for part in text.split("+") if text else ():
+    if not text:
+        return found
+    for part in text.split("+"):
         if part in by_word:
             found |= by_word[part]
             continue

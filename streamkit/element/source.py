@@ -23,7 +23,6 @@ from streamkit.flow.events import (
 )
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
-from streamkit.handoff.bounded_queue import POLL_S
 
 
 class Source(Element):
@@ -191,10 +190,8 @@ class Source(Element):
 
     def _must_end(self) -> bool:
         """Whether the stream ends before the next frame; waits while a live source is paused."""
-        if self.is_live and self._is_paused():
-            with self._state_changed:
-                while self._is_paused():
-                    self._state_changed.wait(POLL_S)
+        if self.is_live:
+            self.wait_for_state(lambda: not self._is_paused())
         if self.stopping.is_set():
             raise Flushing(self.name)
         if self._renegotiates:

@@ -80,7 +80,8 @@ class Transform(Element):
                 src_caps = self._negotiate(event.caps)
                 return None if src_caps is None else (self.src_pad, CapsEvent(src_caps))
             if isinstance(event, EosEvent):
-                self._drain()
+                if not self.has_failed:
+                    self._drain()
             else:
                 self.event(event)
         for side_pad in self.side_pads():
@@ -90,7 +91,7 @@ class Transform(Element):
     def _drain(self) -> None:
         # If downstream wants no more of them, EOS follows all the same: other threads behind wait for it.
         with self.calling("drain"), contextlib.suppress(EndOfStream):
-            for item in () if self.has_failed else self.drain():
+            for item in self.drain():
                 if isinstance(item, tuple):
                     self.push_to_side_pad(*item)
                 else:

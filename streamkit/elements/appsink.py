@@ -102,15 +102,15 @@ class AppSink(PlainSink):
             self.check_open()
             if self.clip(frame, self.pads["sink"]):
                 return
-            self.wait_for(self._has_room)
+            self.wait_for(self._make_room)
             self.note(frame)
             self.pending.append(frame)
             self.changed.notify_all()
         if self.emit_signals:
             self.on_new_sample.emit(self)
 
-    def _has_room(self) -> bool:
-        """Whether the queue takes a frame; drops the oldest with `drop`."""
+    def _make_room(self) -> bool:
+        """Drops the oldest frames with `drop`; whether there is room for another."""
         while self.drop and self.pending.is_full() and self.pending.drop_oldest():
             self.count_drop("appsink full, oldest dropped")
         return not self.pending.is_full()

@@ -114,7 +114,7 @@ class Identity(Transform):
             self._check_number(frame)
         if self._count == self.error_after:
             raise StreamError(f"error-after={self.error_after}: the frame at which to fail has come")
-        if self._is_dropped(frame):
+        if self._drop(frame):
             return None
         if 0 < self.eos_after <= self._count:  # upstream may have more, as a decoder has at the end
             raise EndOfStream(self.name)
@@ -126,7 +126,8 @@ class Identity(Transform):
             self.stopping.wait(self.sleep_time / 1e6)
         return frame
 
-    def _is_dropped(self, frame: Frame) -> bool:
+    def _drop(self, frame: Frame) -> bool:
+        """Drops and counts a frame if the properties say so; whether it did."""
         is_delta_unit = not frame.flags & FrameFlags.KEYFRAME
         if frame.flags & self._flags or (self._drops_delta_units and is_delta_unit):
             self.count_drop("drop-buffer-flags")

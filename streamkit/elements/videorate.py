@@ -213,7 +213,7 @@ class VideoRate(Transform):
 
     def _decimated(self, frame: Frame, time_ns: int) -> Iterable[Frame] | None:
         """The frame, unless it is too soon after the previous output."""
-        if not self._takes_tick(time_ns):
+        if not self._take_tick(time_ns):
             self._drop("above the rate")
             return None
         self._last_ns = time_ns
@@ -223,10 +223,10 @@ class VideoRate(Transform):
         duration = int(SECOND_NS / self._rate_out) if self._rate_out else frame.duration
         return [self._numbered(frame, time_ns, duration)]
 
-    def _takes_tick(self, time_ns: int) -> bool:
+    def _take_tick(self, time_ns: int) -> bool:
         """Takes the next tick for a frame; False if the frame comes too soon for it."""
         if self.average_period and self.max_rate < INT:
-            return self._updates_average(time_ns)
+            return self._update_average(time_ns)
         if self._rate_out == 0:
             return True
         half_ns = int(SECOND_NS / self._rate_in / 2) if self._rate_in > self._rate_out else 0
@@ -236,7 +236,7 @@ class VideoRate(Transform):
             self._ticks += 1
         return True
 
-    def _updates_average(self, time_ns: int) -> bool:
+    def _update_average(self, time_ns: int) -> bool:
         """Adds a frame to the average output interval; False if that fell below the one of `max-rate`."""
         if self._last_ns is None:
             return True

@@ -197,7 +197,9 @@ def pieces_without(span: Value, removed: Sequence[Value]) -> list[Value]:
     or that may have very many parts, leaves the range unchanged.
     """
     pieces = [span]
-    for item in removed if len(removed) <= PIECE_LIMIT else ():
+    if len(removed) > PIECE_LIMIT:
+        return pieces
+    for item in removed:
         if isinstance(item, ValueList):
             pieces = [rest for piece in pieces for rest in pieces_without(piece, item.items)]
         else:

@@ -92,8 +92,9 @@ class LinkWriter:
         connection = link.connection()
         if self._used is not None and self._used is not connection:
             self._encoder, self._has_gap = StreamEncoder(), True
-            for event in (CapsEvent(pad.caps), SegmentEvent(pad.segment)) if pad.caps is not None else ():
-                connection.channel.send(self._encoder.event(event), (), link.stopping.is_set)
+            if pad.caps is not None:
+                for event in (CapsEvent(pad.caps), SegmentEvent(pad.segment)):
+                    connection.channel.send(self._encoder.event(event), (), link.stopping.is_set)
         self._used = connection
         return connection
 

@@ -90,8 +90,8 @@ class Part:
         self.child.start()
         return self.child
 
-    def may_restart(self) -> bool:
-        """Whether the limit of restarts is not reached; if so, counts one."""
+    def count_restart(self) -> bool:
+        """Counts a restart; False if the limit is reached."""
         now_s = time.monotonic()
         while self.restarts and now_s - self.restarts[0] > self.home.restart_window_s:
             self.restarts.popleft()

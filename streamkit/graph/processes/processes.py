@@ -246,7 +246,7 @@ class Processes:
         failure = part.failure(child.death(), last_received)
         if part.has_ended or part.ending is not None:
             self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
-        elif not part.may_restart():
+        elif not part.count_restart():
             self._fail(part, failure)
         else:
             self._restart(part, failure)
