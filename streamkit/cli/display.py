@@ -15,7 +15,7 @@ from typing_extensions import override
 from streamkit.cli.log_line import as_json
 from streamkit.cli.summary import summarise
 from streamkit.cli.table import age_text, as_line, as_tables
-from streamkit.graph.statistics import RunStatistics
+from streamkit.flow.statistics import RunStatistics
 from streamkit.masking import presentable
 from streamkit.output.colour import coloured
 

@@ -45,7 +45,7 @@ def read_counters(built: Graph, file: Path | None) -> Counters:
         return Counters()
     import msgspec
 
-    from streamkit.graph.statistics import RunStatistics
+    from streamkit.flow.statistics import RunStatistics
 
     try:
         if file.stat().st_size > SIZE_LIMIT:

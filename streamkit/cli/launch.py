@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from msgspec import Struct
 
     from streamkit.cli.display import Display
+    from streamkit.flow.statistics import RunStatistics
     from streamkit.graph.pipeline import Pipeline
-    from streamkit.graph.statistics import RunStatistics
     from streamkit.service.monitor import Monitor
 
 

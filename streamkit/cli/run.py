@@ -19,8 +19,8 @@ from streamkit.service.monitor import Monitor
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
+    from streamkit.flow.statistics import RunStatistics
     from streamkit.graph.pipeline import Pipeline
-    from streamkit.graph.statistics import RunStatistics
 
 POLL_S = 0.2
 EOS_LIMIT_S = 10.0

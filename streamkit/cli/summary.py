@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 if TYPE_CHECKING:
-    from streamkit.graph.statistics import RunStatistics
+    from streamkit.flow.statistics import RunStatistics
 
 LABELS = {"tracks": "confirmed tracks"}
 

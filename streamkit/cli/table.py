@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Group
     from rich.table import Table
 
-    from streamkit.graph.statistics import ElementStatistics, QueueLevels, RunStatistics
+    from streamkit.flow.statistics import ElementStatistics, QueueLevels, RunStatistics
 
 COLUMNS = ("element", "in", "out", "rate", "dropped", "errors", "busy", "queue", "age")
 PROCESS_COLUMNS = ("process", "cpu", "load", "memory", "frames", "crossings", "waited")

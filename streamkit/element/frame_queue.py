@@ -7,6 +7,7 @@ from typing import Any
 
 from streamkit.flow.events import Event, SegmentEvent
 from streamkit.flow.frame import Frame
+from streamkit.flow.statistics import QueueLevels
 
 BYTES_LIKE = (bytes, bytearray, str)  # faster than a union made for each frame
 
@@ -54,6 +55,18 @@ class FrameQueue:
     def time_ns(self) -> int:
         """Running time from the end of the last frame taken to the end of the newest one, ns."""
         return max(0, self._in_ns - self._out_ns) if self.buffers else 0
+
+    def levels(self) -> QueueLevels:
+        """The current and the maximum levels."""
+        return QueueLevels(
+            self.buffers,
+            self.bytes,
+            self.time_ns,
+            self.highest_buffers,
+            self.highest_bytes,
+            self.highest_time_ns,
+            self.limits[0],
+        )
 
     def is_full(self) -> bool:
         """Whether any level has reached its limit."""

@@ -2,36 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.element.pad import Pad
-
-
-class ElementCounters(Protocol):
-    """What elements see of the counters of an element: the start of `Pipeline.statistics`."""
-
-    @property
-    def element(self) -> str:
-        """Its name."""
-
-    @property
-    def parent(self) -> str:
-        """Name of the enclosing bin, or ""."""
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """Frames not delivered, by reason."""
-
-    @property
-    def busy_ns(self) -> int:
-        """Working time, ns."""
-
-    @property
-    def queue(self) -> object | None:
-        """Levels of an element that holds frames; None of another."""
+    from streamkit.flow.statistics import ElementStatistics
 
 
 class Host(Protocol):
@@ -40,7 +17,7 @@ class Host(Protocol):
     def elements(self) -> Sequence[Element]:
         """All elements of the graph, in textual order."""
 
-    def statistics(self, now_ns: int) -> Sequence[ElementCounters]:
+    def statistics(self, now_ns: int) -> Sequence[ElementStatistics]:
         """Counters of the elements, in textual order; those in other processes have none."""
 
     def pad_added(self, pad: Pad) -> None:

@@ -12,6 +12,7 @@ from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 from streamkit.graph import queries
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
@@ -22,7 +23,6 @@ from streamkit.graph.playback import Playback
 from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
 from streamkit.graph.queries import Latency, State, StateChange
-from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0

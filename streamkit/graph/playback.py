@@ -14,6 +14,7 @@ from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
+from streamkit.flow.statistics import ElementStatistics
 from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
@@ -21,7 +22,7 @@ from streamkit.graph.delayed_link import report_missing_pads
 from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.graph import Graph, walk
 from streamkit.graph.negotiate import remember_caps
-from streamkit.graph.statistics import ElementStatistics, RetiredChains, collect_statistics
+from streamkit.graph.statistics import RetiredChains, collect_statistics
 from streamkit.graph.stream_end import StreamEnd
 
 log = logging.getLogger("streamkit")

@@ -13,7 +13,7 @@ from prometheus_client.core import (
     Metric,
 )
 
-from streamkit.graph.statistics import ElementStatistics
+from streamkit.flow.statistics import ElementStatistics
 from streamkit.service.monitor import AGE_BOUNDS_S, Monitor
 
 ELEMENT = ("element", "factory")

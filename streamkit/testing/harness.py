@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any, Self
 
 from streamkit.element.base import Element
-from streamkit.element.host import ElementCounters
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.registry import make_element
 from streamkit.element.sink import Sink
@@ -25,6 +24,7 @@ from streamkit.flow.events import (
 )
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.statistics import ElementStatistics
 from streamkit.graph.chain import Chain
 
 
@@ -167,7 +167,7 @@ class Harness:
         """The element alone."""
         return (self.element,)
 
-    def statistics(self, now_ns: int) -> Sequence[ElementCounters]:
+    def statistics(self, now_ns: int) -> Sequence[ElementStatistics]:
         """Nothing: only pipelines count."""
         return ()
 

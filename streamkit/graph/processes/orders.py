@@ -11,7 +11,7 @@ from streamkit import errors
 from streamkit.crossing.values import ValueDecoder, encode_mapping
 from streamkit.errors import ElementFailure, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
+from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 
 Counters = tuple[list[ElementStatistics], list[ProcessStatistics]]
 QUERIES = ("latency", "duration_ns", "renegotiate")  # methods of elements that other processes may call

@@ -18,11 +18,11 @@ from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
 from streamkit.element.base import AT_WORK, Element
 from streamkit.element.sink import Sink
 from streamkit.errors import ElementFailure, ProcessDied, StreamkitError
+from streamkit.flow.statistics import ElementStatistics
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
 from streamkit.graph.processes.orders import QUERIES, Counters, Report, Setup
-from streamkit.graph.statistics import ElementStatistics
 from streamkit.restart_delay import RestartDelay
 
 STATISTICS_LIMIT_S = 1.0

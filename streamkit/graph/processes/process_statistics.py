@@ -10,10 +10,10 @@ from pathlib import Path
 from msgspec import structs
 
 from streamkit.element.base import Element
+from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.process_link import LOST, ProcessLink
-from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 MAIN = "main"
 

@@ -26,6 +26,7 @@ from streamkit.errors import (
     StreamkitError,
 )
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
@@ -34,7 +35,6 @@ from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_mes
 from streamkit.graph.processes.part import Part
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.process_statistics import merge_statistics
-from streamkit.graph.statistics import ElementStatistics, ProcessStatistics
 
 if TYPE_CHECKING:
     from streamkit.graph.playback import Playback

@@ -10,7 +10,7 @@ from typer.testing import CliRunner, Result
 from streamkit import Pipeline
 from streamkit.cli.launch import to_json
 from streamkit.cli.main import make_app
-from streamkit.graph.statistics import RunStatistics
+from streamkit.flow.statistics import RunStatistics
 
 TEXT = "fakesrc num-buffers=40 ! queue name=q ! identity name=half drop-probability=1 ! fakesink"
 

@@ -9,7 +9,7 @@ import pytest
 
 from streamkit import ElementFailure, Frame, Pipeline, Property, Sink, Source, Transform
 from streamkit.flow.caps import ANY
-from streamkit.graph.statistics import PadStatistics, QueueLevels
+from streamkit.flow.statistics import PadStatistics, QueueLevels
 from streamkit.testing import ManualClock
 
 Register = Callable[..., None]
