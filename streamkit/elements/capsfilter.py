@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from typing_extensions import override
 
 from streamkit.element.property import Property
@@ -34,9 +32,7 @@ class CapsFilter(Transform):
         CapsChangeMode.IMMEDIATE, live=True, doc="Whether previous caps are accepted until new ones arrive."
     )
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._filter = ANY
-        super().__init__(name, **properties)
+    _filter: Caps = ANY
 
     @override
     def begin_run(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 from typing_extensions import override
 
@@ -50,9 +49,7 @@ class InputSelector(Combine):
     drop_backwards: bool = Property(False, live=True, doc="After a switch, drop frames older than the last.")
     n_pads: int = Property(0, read=lambda s: sum(1 for _ in s.sink_pads()), doc="Number of inputs.")
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._made = 0
-        super().__init__(name, **properties)
+    _made = 0  # inputs so far
 
     @override
     def begin_run(self) -> None:

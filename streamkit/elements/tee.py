@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from typing_extensions import override
 
@@ -33,9 +32,7 @@ class Tee(Split):
     silent: bool = Property(True, live=True, doc="Keep no text in last-message.")
     last_message: str | None = Property(None, readonly=True, doc="The last action.")
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._branches: tuple[Pad, ...] = ()
-        super().__init__(name, **properties)
+    _branches: tuple[Pad, ...] = ()
 
     @override
     def pads_changed(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 from typing_extensions import override
 
@@ -52,11 +51,9 @@ class VideoRate(Transform):
     drop: int = Property(0, read=lambda v: v._dropped, doc="Frames dropped.")
     duplicate: int = Property(0, read=lambda v: v._repeated, doc="Frames duplicated.")
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._rate_in = self._rate_out = VARIABLE
-        self._may_estimate = False
-        self._caps: Caps | None = None
-        super().__init__(name, **properties)
+    _rate_in = _rate_out = VARIABLE
+    _may_estimate = False
+    _caps: Caps | None = None
 
     def _forget(self) -> None:
         """Starts again with the next frame."""
