@@ -18,7 +18,6 @@ from typing_extensions import override
 
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.errors import DescriptionError, PluginBroken, StreamkitError
-from streamkit.masking import presentable
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
@@ -80,11 +79,10 @@ def load_command(entry: PluginEntry) -> Any:
         if not callable(found):
             raise PluginBroken(f"{entry.where} must be a function, got {found!r}; tell its author")
     except PluginBroken as error:
-        text = f"error: {presentable(str(error))}"
+        reason = str(error)
 
         def refuse() -> None:
-            typer.echo(text, err=True)
-            raise typer.Exit(1)
+            raise PluginBroken(reason)
 
         free = {"allow_extra_args": True, "ignore_unknown_options": True}
         cause = f"(cannot be loaded: {type(error.__cause__).__name__})"

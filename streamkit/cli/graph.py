@@ -18,6 +18,7 @@ from streamkit.cli.description import (
     read_description,
 )
 from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, as_text, link_caps, read_counters
+from streamkit.cli.log_line import print_line
 from streamkit.errors import DescriptionError
 from streamkit.masking import mask_secrets, presentable_value
 
@@ -53,7 +54,7 @@ def graph(
     except DescriptionError as error:
         fail_description(error, source, as_json=form == "json")
     for note in source.unused_variables():
-        typer.echo(f"note: {note}", err=True)
+        print_line(f"note: {note}")
     draw = {"dot": as_dot, "mermaid": as_mermaid, "svg": as_svg, "text": as_text}
     with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):
         if form == "json":

@@ -8,6 +8,7 @@ import time
 
 import typer
 
+from streamkit.cli.log_line import print_line
 from streamkit.element.entries import PluginEntry, installed_entries
 
 GROUP = "streamkit.preparations"
@@ -33,8 +34,8 @@ def prepare() -> None:
             if process.returncode:
                 failures += 1
                 reason = stderr.strip().rpartition("\n")[2] or f"it ended with {process.returncode}"
-                text = f"{entry.name} ({entry.target}) cannot be prepared: {reason}; {entry.remedy}"
-                typer.echo(f"error: {text}", err=True)
+                what = f"{entry.name} ({entry.target})"
+                print_line(f"error: {what} cannot be prepared: {reason}; {entry.remedy}")
             else:
                 typer.echo(f"{entry.name} is ready after {time.monotonic() - began:.1f} s")
     finally:

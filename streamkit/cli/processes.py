@@ -6,13 +6,12 @@ import dataclasses
 from bisect import bisect_right
 from typing import TYPE_CHECKING
 
-import typer
-
 from streamkit.cli.description import Description
+from streamkit.cli.log_line import print_line
 from streamkit.graph.parse import ElementNode, parse
 from streamkit.graph.processes.balance import balanced_cuts
 from streamkit.handoff.library_threads import available_cores
-from streamkit.masking import mask_secrets, presentable
+from streamkit.masking import mask_secrets
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -29,7 +28,7 @@ def choose_processes(source: Description, pipeline: Pipeline) -> Description:
     """Measures a pipeline, and prints the description that uses the cores best; raises `ElementFailure`."""
     found = with_processes(source, pipeline)
     text = "one process is best" if found is source else mask_secrets(found.text.strip())
-    typer.echo(presentable(f"note: --processes auto: {text}"), err=True)
+    print_line(f"note: --processes auto: {text}")
     return found
 
 

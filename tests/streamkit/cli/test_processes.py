@@ -1,5 +1,6 @@
 """`launch --processes auto`: measures, then runs the description with bins in processes."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -73,3 +74,10 @@ def test_no_element_writes_while_measuring(tmp_path: Path) -> None:
     graph = build(f"{VIDEO} ! stitch name=s location={tmp_path / 'mosaic.png'} ! fakesink", {})
     processes.leave_out_sinks(graph)
     assert graph.element("s").location is None
+
+
+def test_what_is_chosen_is_a_line_of_the_log(launch: Callable[..., Result]) -> None:
+    """With --log-format json every line on stderr is a JSON object."""
+    done = launch("--log-format", "json", "--processes", "auto", f"{VIDEO} ! {WORK} ! fakesink")
+    lines = [json.loads(line) for line in done.stderr.splitlines()]
+    assert {"level": "note", "message": "--processes auto: one process is best"}.items() <= lines[0].items()
