@@ -1,8 +1,8 @@
 """The public names and their homes; `__init__.py` reads them from here, so that each is written once."""
 
-from streamkit.cli.description import exit_with_error as exit_with_error
 from streamkit.cli.display import JsonDisplay as JsonDisplay
 from streamkit.cli.run import Run as Run
+from streamkit.cli.stderr import exit_with_error as exit_with_error
 from streamkit.element.base import Element as Element
 from streamkit.element.branching import Combine as Combine
 from streamkit.element.branching import Split as Split

@@ -16,7 +16,8 @@ import typer
 from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
-from streamkit.cli.description import USAGE_EXIT, Description, fail_description
+from streamkit.cli.description import Description, fail_description
+from streamkit.cli.stderr import USAGE_EXIT
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place
 from streamkit.flow.caps import Caps, Structure, read_value
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal

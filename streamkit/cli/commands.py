@@ -16,6 +16,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
+from streamkit.cli.stderr import USAGE_EXIT, exit_with_error, fail_usage
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.errors import DescriptionError, PluginBroken, StreamkitError
 
@@ -46,8 +47,6 @@ class CommandGroup(TyperGroup):
         name = args[0]
         entry = CORE.get(name) or installed_commands().get(name)
         if entry is None:
-            from streamkit.cli.description import fail_usage
-
             if "!" in " ".join(args) or name.endswith(".pipe"):
                 words = ["-f", *args] if name.endswith(".pipe") else args
                 fail_usage(f"{name!r} is no command; did you mean: streamkit launch {shlex.join(words)}")
@@ -60,8 +59,6 @@ class CommandGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except StreamkitError as error:
-            from streamkit.cli.description import USAGE_EXIT, exit_with_error
-
             exit_with_error(str(error), USAGE_EXIT if isinstance(error, DescriptionError) else 1)
 
 

@@ -14,12 +14,11 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from streamkit.cli.log_line import print_line, prints_json
+from streamkit.cli.stderr import USAGE_EXIT, fail_usage, print_line, prints_json
 from streamkit.errors import DescriptionError
 from streamkit.graph.variables import variable_names
 from streamkit.output.colour import coloured
 
-USAGE_EXIT = 2
 STANDARD_INPUT = "-"
 SIZE_LIMIT = 1_000_000
 BLANK_OR_QUOTED = re.compile(r'"(?:(?<=\\)"|[^"])*"?| ')  # in quotes an escaped one does not close
@@ -113,17 +112,6 @@ def read_description(
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
         fail_usage(f"cannot read the description {file}: {reason}")
-
-
-def exit_with_error(text: str, code: int = 1) -> NoReturn:
-    """Prints an error on stderr, and ends the command with an exit code."""
-    print_line(f"error: {text}")
-    raise typer.Exit(code)
-
-
-def fail_usage(message: str) -> NoReturn:
-    """Ends the command with a usage error."""
-    exit_with_error(message, USAGE_EXIT)
 
 
 def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 from typing_extensions import override
 
-from streamkit.cli.log_line import as_json
+from streamkit.cli.stderr import as_json
 from streamkit.cli.summary import summarise
 from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.flow.statistics import RunStatistics

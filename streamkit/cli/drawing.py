@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from streamkit.cli.description import fail_usage
+from streamkit.cli.stderr import fail_usage
 from streamkit.cli.table import Row, facts, measure_rows
 
 if TYPE_CHECKING:
@@ -28,9 +28,9 @@ DRAWN_FORMATS = 3  # in the label of a link; the file sources alone have two doz
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """Counters of a run, in a drawing: of the elements by `id`, and the length of the run, s."""
+    """Counters of a run, in a drawing: of the elements, and the length of the run, s."""
 
-    rows: dict[int, Row] = field(default_factory=dict)
+    rows: dict[Element, Row] = field(default_factory=dict)
     elapsed_s: float = 0.0
 
 
@@ -56,28 +56,28 @@ def read_counters(built: Graph, file: Path | None) -> Counters:
     except msgspec.DecodeError as error:
         fail_usage(f"{file}: no statistics as launch --stats-file writes them: {error}")
     by_name = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
-    names = {id(element): (element.parent, element.name) for element in built.elements}
-    rows = {key: by_name[name] for key, name in names.items() if name in by_name}
+    names = {element: (element.parent, element.name) for element in built.elements}
+    rows = {element: by_name[name] for element, name in names.items() if name in by_name}
     if not rows:
         fail_usage(f"{file}: none of its elements is in this description; give the one that was run")
     return Counters(rows, statistics.elapsed_s)
 
 
-def _ids(built: Graph) -> dict[int, str]:
+def _ids(built: Graph) -> dict[Element, str]:
     """Names of elements in a drawing, numbered if bins share one."""
     taken: Counter[str] = Counter()
     found = {}
     for element in built.elements:
         taken[element.name] += 1
         number = taken[element.name]
-        found[id(element)] = element.name if number == 1 else f"{element.name} ({number})"
+        found[element] = element.name if number == 1 else f"{element.name} ({number})"
     return found
 
 
 def _label(element: Element, counters: Counters) -> str:
     """Name, settings and counters of an element, a line each; drops stand at its first link."""
     lines = [element.name, *(f"{name}={value}" for name, value in element.properties_set().items())]
-    if (row := counters.rows.get(id(element))) is not None:
+    if (row := counters.rows.get(element)) is not None:
         found = facts(row)
         names = ("queue", "busy", "errors", "age") + (() if any(element.sink_pads()) else ("dropped",))
         lines += [f"{name} {found[name]}" for name in names if name in found]
@@ -98,7 +98,7 @@ def _link_label(src: Pad, sink: Pad, counters: Counters) -> str:
 
 def _link_counts(sink: Pad, counters: Counters) -> list[str]:
     lines = []
-    if (row := counters.rows.get(id(sink.element))) is not None:
+    if (row := counters.rows.get(sink.element)) is not None:
         count = next((pad.frames for pad in row.counters.pads if pad.pad == sink.name), 0)
         rate = f", {count / counters.elapsed_s:.1f}/s" if counters.elapsed_s > 0 else ""
         lines.append(f"{count} frames{rate}")
@@ -107,13 +107,13 @@ def _link_counts(sink: Pad, counters: Counters) -> list[str]:
     return lines
 
 
-def _colours(built: Graph, counters: Counters) -> dict[int, str]:
-    """Colours of elements by `id`, from white, idle, to orange, fully busy; a queue is never busy."""
+def _colours(built: Graph, counters: Counters) -> dict[Element, str]:
+    """Colours of elements, from white, idle, to orange, fully busy; a queue is never busy."""
     found = {}
     for element in built.elements:
-        if (row := counters.rows.get(id(element))) is not None:
+        if (row := counters.rows.get(element)) is not None:
             busy = 0.0 if row.counters.queue is not None else row.busy
-            found[id(element)] = f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
+            found[element] = f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
     return found
 
 
@@ -126,27 +126,29 @@ def as_dot(built: Graph, counters: Counters) -> str:
     ids, colours = _ids(built), _colours(built, counters)
     lines = ["digraph pipeline {", "  rankdir=LR;", "  node [shape=box, fontname=sans];"]
     for element in built.elements:
-        colour = f', style=filled, fillcolor="{colours[id(element)]}"' if id(element) in colours else ""
-        lines.append(f"  {quoted(ids[id(element)])} [label={quoted(_label(element, counters))}{colour}];")
+        colour = f', style=filled, fillcolor="{colours[element]}"' if element in colours else ""
+        lines.append(f"  {quoted(ids[element])} [label={quoted(_label(element, counters))}{colour}];")
     for src, sink in built.links():
-        ends = f"{quoted(ids[id(src.element)])} -> {quoted(ids[id(sink.element)])}"
+        ends = f"{quoted(ids[src.element])} -> {quoted(ids[sink.element])}"
         lines.append(f"  {ends} [label={quoted(_link_label(src, sink, counters))}];")
     return "\n".join([*lines, "}"])
 
 
 def as_mermaid(built: Graph, counters: Counters) -> str:
     """The graph in Mermaid's language."""
-    ids = {id(element): f"n{index}" for index, element in enumerate(built.elements)}
+    ids = {element: f"n{index}" for index, element in enumerate(built.elements)}
 
     def text(words: str) -> str:
         return words.replace('"', "#quot;").replace("\n", "<br>")
 
     lines = ["flowchart LR"]
-    lines += [f'  {ids[id(element)]}["{text(_label(element, counters))}"]' for element in built.elements]
+    lines += [f'  {ids[element]}["{text(_label(element, counters))}"]' for element in built.elements]
     for src, sink in built.links():
         label = text(_link_label(src, sink, counters))
-        lines.append(f'  {ids[id(src.element)]} -- "{label}" --> {ids[id(sink.element)]}')
-    lines += [f"  style {ids[key]} fill:{colour}" for key, colour in _colours(built, counters).items()]
+        lines.append(f'  {ids[src.element]} -- "{label}" --> {ids[sink.element]}')
+    lines += [
+        f"  style {ids[element]} fill:{colour}" for element, colour in _colours(built, counters).items()
+    ]
     return "\n".join(lines)
 
 
@@ -157,11 +159,11 @@ def as_text(built: Graph, counters: Counters) -> str:
     for element in built.elements:
         _, *more = _label(element, counters).splitlines()
         kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
-        lines.append("  ".join([ids[id(element)] + kind, *more]))
+        lines.append("  ".join([ids[element] + kind, *more]))
         for src, sink in built.links():
             if src.element is element:
                 caps = link_caps(src, sink)
-                head = f"  {src.name} -> {ids[id(sink.element)]}.{sink.name}  "
+                head = f"  {src.name} -> {ids[sink.element]}.{sink.name}  "
                 end = "".join(f", {text}" for text in _link_counts(sink, counters))
                 if columns is not None:
                     room = max(columns - len(head) - len(end), MIN_CAPS_COLUMNS)

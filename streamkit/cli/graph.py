@@ -18,7 +18,7 @@ from streamkit.cli.description import (
     read_description,
 )
 from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, as_text, link_caps, read_counters
-from streamkit.cli.log_line import print_line
+from streamkit.cli.stderr import print_line
 from streamkit.errors import DescriptionError
 from streamkit.masking import mask_secrets, presentable_value
 
@@ -69,10 +69,9 @@ def as_json(built: Graph) -> dict[str, Any]:
 
     If there are any, a bin has `ghost_pads`, and the object `delayed_links`, which wait for their pad.
     """
-    inserted = {id(element) for element in built.inserted}
     found: dict[str, Any] = {
         "elements": [
-            *(_described(element) for element in built.elements if id(element) not in inserted),
+            *(_described(element) for element in built.elements if element not in built.inserted),
             *(
                 {**_described(group), **({"ghost_pads": group.ghost_pads} if group.ghost_pads else {})}
                 for group in built.bins

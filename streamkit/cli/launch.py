@@ -19,16 +19,14 @@ from typer.core import TyperCommand
 from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
     STANDARD_INPUT,
-    USAGE_EXIT,
     Description,
     DescriptionArgument,
     FileOption,
     SettingsOption,
     fail_description,
-    fail_usage,
     read_description,
 )
-from streamkit.cli.log_line import as_json, lines_in, print_line
+from streamkit.cli.stderr import USAGE_EXIT, as_json, fail_usage, lines_in, print_line
 from streamkit.errors import DescriptionError
 from streamkit.handoff.library_threads import share_cores
 from streamkit.masking import mask_secrets, presentable, presentable_value

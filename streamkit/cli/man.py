@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from streamkit.cli.commands import SUMMARY, application
-from streamkit.cli.description import exit_with_error
+from streamkit.cli.stderr import exit_with_error
 from streamkit.masking import presentable
 
 DEFAULT = Path("~/.local/share/man/man1")

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from streamkit.cli.description import fail_usage
+from streamkit.cli.stderr import fail_usage
 
 TEMPLATES = Path(__file__).with_name("plugin_template")
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")

@@ -8,7 +8,7 @@ import time
 
 import typer
 
-from streamkit.cli.log_line import print_line
+from streamkit.cli.stderr import print_line
 from streamkit.element.entries import PluginEntry, installed_entries
 
 GROUP = "streamkit.preparations"

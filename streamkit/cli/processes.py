@@ -7,7 +7,7 @@ from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 from streamkit.cli.description import Description
-from streamkit.cli.log_line import print_line
+from streamkit.cli.stderr import print_line
 from streamkit.graph.parse import ElementNode, parse
 from streamkit.graph.processes.balance import balanced_cuts
 from streamkit.handoff.library_threads import available_cores

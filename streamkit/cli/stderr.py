@@ -1,4 +1,4 @@
-"""Lines on stderr: text, or JSON objects for programs that collect logs (`--log-format json`)."""
+"""Lines on stderr, and errors that end a command: text, or JSON objects for programs that collect logs."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ import json
 from collections.abc import Container, Iterator
 from contextvars import ContextVar
 from datetime import UTC, datetime
+from typing import NoReturn
 
 import typer
 
 from streamkit.masking import presentable
 from streamkit.output.colour import coloured
 
+USAGE_EXIT = 2
 _IS_JSON = ContextVar("is_json", default=False)
 
 
@@ -29,6 +31,17 @@ def lines_in(*, is_json: bool) -> Iterator[None]:
 def print_line(line: str, **facts: object) -> None:
     """Prints a line on stderr; as a JSON object it has the facts, too."""
     typer.echo(coloured(presentable(as_json(line, (), **facts) if _IS_JSON.get() else line)), err=True)
+
+
+def exit_with_error(text: str, code: int = 1) -> NoReturn:
+    """Prints an error on stderr, and ends the command with an exit code."""
+    print_line(f"error: {text}")
+    raise typer.Exit(code)
+
+
+def fail_usage(message: str) -> NoReturn:
+    """Ends the command with a usage error."""
+    exit_with_error(message, USAGE_EXIT)
 
 
 def prints_json() -> bool:
