@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import os
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 
@@ -13,23 +13,10 @@ from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import ArrayPlace, NewSlot, SlotReader, SlotWriter
 from streamkit.crossing.values import CannotCross, ValueDecoder, ValueEncoder, type_path
 from streamkit.flow.caps import Caps
-from streamkit.flow.events import (
-    CapsEvent,
-    DiscontinuityEvent,
-    EosEvent,
-    Event,
-    FlushStart,
-    FlushStop,
-    GapEvent,
-    Segment,
-    SegmentEvent,
-)
+from streamkit.flow.events import CapsEvent, Event, Segment, SegmentEvent
 from streamkit.flow.frame import NO_METADATA, Capture, Frame
 
-EVENTS: dict[str, type[Event]] = {
-    kind.__name__: kind
-    for kind in (CapsEvent, SegmentEvent, GapEvent, DiscontinuityEvent, EosEvent, FlushStart, FlushStop)
-}
+EVENTS: dict[str, type[Event]] = {kind.__name__: kind for kind in get_args(Event)}
 
 
 class LinkMessage(enum.IntEnum):

@@ -21,8 +21,8 @@ from streamkit.flow.events import (
     EosEvent,
     Event,
     FlowStop,
+    FlushEvent,
     FlushStart,
-    FlushStop,
     GapEvent,
     NotLinked,
     SegmentEvent,
@@ -95,7 +95,7 @@ class Combine(Element):
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Forwards EOS and the end of a flush after the last input's, the rest in order or at once."""
-        if isinstance(event, FlushStart | FlushStop):
+        if isinstance(event, FlushEvent):
             if isinstance(event, FlushStart) or not self.is_flushing:
                 self.src_pad.send_event(event)
             return

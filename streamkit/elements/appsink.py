@@ -16,7 +16,7 @@ from streamkit.elements.frame_report import Callbacks, wait_for_change
 from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.events import EosEvent, Event, FlushStart, FlushStop
+from streamkit.flow.events import EosEvent, Event, FlushEvent
 from streamkit.flow.frame import Frame
 
 
@@ -117,7 +117,7 @@ class AppSink(PlainSink):
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Queues events between the frames, for `pull_object`."""
-        if not isinstance(event, EosEvent | FlushStart | FlushStop):
+        if not isinstance(event, EosEvent | FlushEvent):
             with self.changed:
                 self.pending.append(event)
                 self.changed.notify_all()

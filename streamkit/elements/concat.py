@@ -10,15 +10,7 @@ from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
-from streamkit.flow.events import (
-    CapsEvent,
-    EndOfStream,
-    Event,
-    FlushStart,
-    FlushStop,
-    Segment,
-    SegmentEvent,
-)
+from streamkit.flow.events import CapsEvent, EndOfStream, Event, FlushEvent, Segment, SegmentEvent
 from streamkit.flow.frame import Frame
 
 
@@ -82,7 +74,7 @@ class Concat(Combine):
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Makes events wait for their turn; EOS of the current input starts the next one."""
-        if not (pad.is_eos or isinstance(event, CapsEvent | SegmentEvent | FlushStart | FlushStop)):
+        if not (pad.is_eos or isinstance(event, CapsEvent | SegmentEvent | FlushEvent)):
             self._wait_for_turn(pad)
         super().receive_event(pad, event)
         self.wake()

@@ -20,6 +20,7 @@ from streamkit.flow.events import (
     EosEvent,
     Event,
     FlowStop,
+    FlushEvent,
     Flushing,
     FlushStart,
     FlushStop,
@@ -174,7 +175,7 @@ class Queue(Element):
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Queues an event; a flush overtakes the frames."""
-        if isinstance(event, FlushStart | FlushStop):
+        if isinstance(event, FlushEvent):
             self.pads["src"].send_event(event)
         with self.lock:
             if isinstance(event, FlushStop):

@@ -8,7 +8,7 @@ from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
 from streamkit.element.transform import Transform
-from streamkit.flow.events import CapsEvent, Event, FlushStart, FlushStop, GapEvent, SegmentEvent
+from streamkit.flow.events import CapsEvent, Event, FlushEvent, GapEvent, SegmentEvent
 from streamkit.flow.frame import Frame, FrameFlags
 
 
@@ -58,7 +58,7 @@ class Valve(Transform):
 
     def receive_event(self, pad: Pad, event: Event) -> tuple[Pad, Event] | None:
         """Forwards events; with `drop-all` a closed valve drops all but the latest caps and segment."""
-        is_flush = isinstance(event, FlushStart | FlushStop)
+        is_flush = isinstance(event, FlushEvent)
         if self.drop and self.drop_mode is DropMode.DROP_ALL and not is_flush:
             self._was_closed = True
             if isinstance(event, CapsEvent | SegmentEvent):

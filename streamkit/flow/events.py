@@ -87,7 +87,8 @@ class FlushStop:
     """Frames are accepted again; nothing from before the flush remains."""
 
 
-Event = CapsEvent | SegmentEvent | GapEvent | DiscontinuityEvent | EosEvent | FlushStart | FlushStop
+FlushEvent = FlushStart | FlushStop
+Event = CapsEvent | SegmentEvent | GapEvent | DiscontinuityEvent | EosEvent | FlushEvent
 EOS = EosEvent()
 FLUSH_START = FlushStart()
 FLUSH_STOP = FlushStop()

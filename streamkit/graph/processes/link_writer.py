@@ -16,9 +16,8 @@ from streamkit.flow.events import (
     EosEvent,
     Event,
     FlowStop,
+    FlushEvent,
     Flushing,
-    FlushStart,
-    FlushStop,
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
@@ -44,7 +43,7 @@ class LinkWriter:
 
     def send_event(self, event: Event) -> None:
         """Sends an event in order with the frames, but no flush: each process begins its own."""
-        if isinstance(event, FlushStart | FlushStop):
+        if isinstance(event, FlushEvent):
             return
         # Set before: a reader that connects between the sending and this would never get it.
         self._has_sent_eos = isinstance(event, EosEvent)
