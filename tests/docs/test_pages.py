@@ -100,7 +100,7 @@ def test_every_example_of_an_element_can_be_built() -> None:
 
 def test_the_statistics_page_names_every_field() -> None:
     """The tables are those of the types."""
-    from streamkit.graph import statistics
+    from streamkit.flow import statistics
 
     text = (DOCS / "statistics.md").read_text(encoding="utf-8")
     for kind in ("RunStatistics", "ElementStatistics", "ProcessStatistics", "QueueLevels", "PadStatistics"):

@@ -102,7 +102,7 @@ def _table(paths: list[TargetPath], crops: Mapping[int, bytes]) -> str:
 
 
 class ElementCost(msgspec.Struct, frozen=True):
-    """Counters of an element; see `streamkit.graph.statistics`."""
+    """Counters of an element; see `streamkit.flow.statistics`."""
 
     element: str
     frames_in: int
