@@ -9,7 +9,6 @@ from typing import Any
 
 from streamkit.element.base import Element
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
-from streamkit.element.gstreamer_names import gstreamer_hint
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
 GROUP = "streamkit.elements"
@@ -31,6 +30,8 @@ def element_class(name: str) -> type[Element]:
     """
     entry = installed_elements().get(name)
     if entry is None:
+        from streamkit.element.gstreamer_names import gstreamer_hint
+
         raise DescriptionError(
             "no-such-element",
             f'no element "{name}"',

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from streamkit.element.base import Element
-from streamkit.element.gstreamer_names import property_hint
 from streamkit.element.property import PropertyDeclaration
 from streamkit.errors import DescriptionError, StreamkitError, did_you_mean
 from streamkit.flow.caps_text import unquote_string
@@ -55,6 +54,8 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
         rule = "the parent of an element is the bin that contains it"
         raise DescriptionError("could-not-set-property", rule, item.place)
     if declaration is None:
+        from streamkit.element.gstreamer_names import property_hint
+
         known = ["name", *(known.spelling for known in element.properties.values())]
         hint = property_hint(element.factory, item.name) or did_you_mean(item.name, known)
         raise DescriptionError(
