@@ -210,11 +210,6 @@ def _decode_array(dtype: str, shape: list[int], order: str, is_writable: bool, d
     return flat.reshape(shape, order="F" if order == "F" else "C")
 
 
-def packages_of(kinds: Iterable[type]) -> set[str]:
-    """The top-level packages of some classes."""
-    return {kind.__module__.partition(".")[0] for kind in kinds}
-
-
 def encode_mapping(values: Mapping[str, Any]) -> dict[str, Any]:
     """The plain structures of named values, such as the fields of a message; text for what has no form."""
     encoder = ValueEncoder()

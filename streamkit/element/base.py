@@ -43,6 +43,7 @@ class Element(PadOwner, PropertyOwner):
 
     Attributes:
         name, factory: unique in its bin; element type.
+        bin: the enclosing bin, or None.
         stopping: set while the pipeline stops; every wait of an element checks it.
         clock: the pipeline's clock.
         timing: the pipeline's running time.
@@ -68,7 +69,7 @@ class Element(PadOwner, PropertyOwner):
         super().__init__()
         self.factory = type(self).__name__.lower()
         self.name = name or self.factory
-        self.parent = ""
+        self.bin: Element | None = None
         self.stopping = threading.Event()
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
@@ -93,6 +94,11 @@ class Element(PadOwner, PropertyOwner):
 
     def __repr__(self) -> str:
         return f"<{self.factory} {self.name!r}>"
+
+    @property
+    def parent(self) -> str:
+        """Name of the enclosing bin, or ""."""
+        return self.bin.name if self.bin is not None else ""
 
     # Overridden by authors.
 

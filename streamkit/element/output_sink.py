@@ -62,7 +62,6 @@ class OutputFileSink(Sink):
     file: OutputFile | None = None
     written_paths: tuple[str, ...] = ()
     _written_before: tuple[str, ...] = ()
-    _has_played = False
 
     # Overridden by authors.
 
@@ -161,7 +160,7 @@ class OutputFileSink(Sink):
         self._writing = threading.Lock()
         self.file = None
         self.written_paths = self._written_before = ()
-        self.has_begun = self._is_over = self._has_played = False
+        self.has_begun = self._is_over = False
         self.number = 0
         if not self.location:
             raise ResourceError(f"location must be set; write for example location={self.example}")
@@ -221,14 +220,9 @@ class OutputFileSink(Sink):
         self._warn_of_no_frame()
         self._complete()
 
-    def interrupt(self) -> None:
-        """Notes whether frames could have come: in `stop` the element plays no longer."""
-        super().interrupt()
-        self._has_played = self.is_playing and self.timing.running.is_set()
-
     def stop(self) -> None:
         """Completes the file where EOS did not."""
-        if self._has_played:
+        if self.is_playing and self.timing.running.is_set():  # else no frame could have come
             self._warn_of_no_frame()
         self._complete()
 

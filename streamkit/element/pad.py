@@ -15,9 +15,9 @@ from streamkit.flow.events import (
     CapsEvent,
     EosEvent,
     Event,
+    FlushEvent,
     Flushing,
     FlushStart,
-    FlushStop,
     NotLinked,
     Segment,
     SegmentEvent,
@@ -150,7 +150,7 @@ class Pad:
             NotNegotiated: downstream does not.
         """
         accepted = self.peer_caps()
-        if (accepted & caps).is_empty:
+        if not accepted.can_intersect(caps):
             raise self.refusal(caps, accepted)
 
     def announce_caps(self, frame: Frame) -> Frame:
@@ -184,7 +184,7 @@ class Pad:
 
         Elements that only forward it are visited in a loop, so that chains may have any length.
         """
-        if self.awaits_first_frame and not isinstance(event, EosEvent | FlushStart | FlushStop):
+        if self.awaits_first_frame and not isinstance(event, EosEvent | FlushEvent):
             return
         onward: tuple[Pad, Event] | None = (self, event)
         while onward is not None:
@@ -230,7 +230,7 @@ class Pad:
             self.segment = event.segment
         elif isinstance(event, EosEvent) and self.is_src:  # of a sink pad, the element sets it
             self.is_eos = True
-        elif isinstance(event, FlushStart | FlushStop) and not self.is_src:
+        elif isinstance(event, FlushEvent) and not self.is_src:
             self.is_flushing = isinstance(event, FlushStart)
             self.is_eos = self.is_eos and self.has_upstream_ended
             if self.is_flushing or not any(pad.is_flushing for pad in self.element.sink_pads()):

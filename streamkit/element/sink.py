@@ -158,7 +158,7 @@ class Sink(Element):
         with self.guarded():
             if isinstance(event, CapsEvent):
                 accepted = pad.template.caps & self.query_caps(pad)
-                if (event.caps & accepted).is_empty and pad.peer is not None:
+                if not event.caps.can_intersect(accepted) and pad.peer is not None:
                     raise pad.peer.refusal(event.caps, accepted)
                 self.configure(event.caps)
             elif isinstance(event, GapEvent):

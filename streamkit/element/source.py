@@ -205,7 +205,7 @@ class Source(Element):
         if pad is None or pad.caps is None or pad.caps.is_any:
             self._negotiate_first()
             return
-        if (pad.caps & pad.peer_caps()).is_empty:
+        if not pad.caps.can_intersect(pad.peer_caps()):
             caps = self.negotiate(pad.allowed_caps(ANY))
             if caps is not None and not caps.is_any:
                 pad.caps = caps

@@ -14,6 +14,7 @@ from streamkit.errors import StateError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EndOfStream, EosEvent, Event
 from streamkit.flow.frame import Frame
+from streamkit.flow.video import check_layout
 
 Result = Frame | Iterable[Frame | tuple[str, Frame]] | None
 
@@ -92,25 +93,27 @@ class Transform(Element):
         # If downstream wants no more of them, EOS follows all the same: other threads behind wait for it.
         with self.calling("drain"), contextlib.suppress(EndOfStream):
             for item in self.drain():
-                if isinstance(item, tuple):
-                    self.push_to_side_pad(*item)
-                else:
-                    self.src_pad.push(self.announce_src_caps(item))
+                self.push_output(*(item if isinstance(item, tuple) else ("src", item)))
 
     def side_pads(self) -> list[Pad]:
         """Linked src pads other than `src`."""
         main = self.src_pad
         return [pad for pad in self.src_pads() if pad is not main and pad.peer is not None]
 
-    def push_to_side_pad(self, name: str, frame: Frame) -> None:
-        """Sends a frame through another src pad, after its caps if they are new.
+    def push_output(self, name: str, frame: Frame) -> None:
+        """Sends a frame through the src pad of a name, after its caps if they are new.
 
-        The frame is lost if the pad is not linked or its branch has ended.
+        A frame for another pad than `src` is lost if that is not linked or its branch has ended.
 
         Raises:
             StateError: the element declares no such pad.
+            ValueError: the frame is not what its caps say.
         """
+        check_layout(frame)
         pad = self.pads.get(name)
+        if pad is self.src_pad:
+            pad.push(self.announce_src_caps(frame))
+            return
         if pad is None or pad.peer is None:
             declared = [
                 template for template in self.pad_templates.values() if template.direction is Direction.SRC
@@ -128,7 +131,7 @@ class Transform(Element):
     def _negotiate(self, sink_caps: Caps) -> Caps | None:
         """Configures the element; returns the output caps, or None if only a frame can tell."""
         sink, src = self.pads["sink"], self.src_pad
-        if (sink_caps & sink.template.caps).is_empty and sink.peer is not None:
+        if not sink_caps.can_intersect(sink.template.caps) and sink.peer is not None:
             raise sink.peer.refusal(sink_caps, sink.template.caps)
         possible = self.transform_caps(sink_caps, "sink")
         if possible.is_empty and sink.peer is not None:

@@ -61,7 +61,7 @@ class CapsFilter(Transform):
 
     def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
         """Forgets previous caps once upstream meets the newest filter."""
-        if not (self._filter & sink_caps).is_empty:
+        if self._filter.can_intersect(sink_caps):
             self._previous = []
 
     def is_passthrough(self) -> bool:

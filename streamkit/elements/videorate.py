@@ -15,7 +15,7 @@ from streamkit.elements.framerate_caps import VARIABLE, estimated_rate, rate_bou
 from streamkit.errors import NotNegotiated, StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.clock import SECOND_NS
-from streamkit.flow.events import CapsEvent, DiscontinuityEvent, Event, FlushStart, FlushStop, SegmentEvent
+from streamkit.flow.events import CapsEvent, DiscontinuityEvent, Event, FlushEvent, SegmentEvent
 from streamkit.flow.frame import Frame
 
 KINDS = "video/x-raw(ANY); video/x-bayer(ANY); image/jpeg(ANY); image/png(ANY)"
@@ -124,7 +124,7 @@ class VideoRate(Transform):
         if interval_ns <= 0 or self._caps is None:
             return
         caps = self._caps.with_fields(framerate=estimated_rate(interval_ns))
-        if (pad.peer_caps() & caps).is_empty:
+        if not caps.can_intersect(pad.peer_caps()):
             return
         self._configure(self.sink_caps, caps)
         pad.send_event(CapsEvent(caps))
@@ -287,7 +287,7 @@ class VideoRate(Transform):
 
     def event(self, event: Event) -> None:
         """Starts again at a new segment or epoch, or a flush."""
-        if isinstance(event, SegmentEvent | DiscontinuityEvent | FlushStart | FlushStop):
+        if isinstance(event, SegmentEvent | DiscontinuityEvent | FlushEvent):
             self._forget()
             self._start_ns = self.pads["sink"].segment.start_ns
 

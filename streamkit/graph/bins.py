@@ -17,8 +17,6 @@ class Bin(Element):
     """A group of elements in brackets; frames do not pass through it.
 
     Attributes:
-        parent: name of the enclosing bin, or "".
-        container: that bin, or None.
         children: elements and bins, in textual order.
         ghost_pads: paths of inner pads that are linked from outside, by ghost pad name.
         ignored: properties without effect.
@@ -40,11 +38,9 @@ class Bin(Element):
     async_handling: bool = Property(False, doc="Accepted for gst-launch's sake, without effect.")
     message_forward: bool = Property(False, doc="Accepted for gst-launch's sake, without effect.")
 
-    def __init__(self, name: str = "bin", factory: str = "bin", parent: str = "") -> None:
+    def __init__(self, name: str = "bin", factory: str = "bin") -> None:
         super().__init__(name)
         self.factory = factory
-        self.parent = parent
-        self.container: Bin | None = None
         self.children: list[Element] = []
         self.ghost_pads: dict[str, str] = {}
 
@@ -77,11 +73,16 @@ def search(children: Sequence[Element], name: str) -> Element | None:
     return None
 
 
-def containers(container: Bin | None) -> Iterator[Bin]:
-    """A bin and all enclosing bins, from the inside out."""
-    while container is not None:
-        yield container
-        container = container.container
+def bin_of(element: Element) -> Bin | None:
+    """The bin around an element or bin, or None."""
+    return element.bin if isinstance(element.bin, Bin) else None
+
+
+def enclosing_bins(element: Element) -> Iterator[Bin]:
+    """The bins around an element or bin, from the inside out."""
+    while (group := bin_of(element)) is not None:
+        yield group
+        element = group
 
 
 class BinTree:
@@ -93,7 +94,6 @@ class BinTree:
 
     def __init__(self) -> None:
         self.root: list[Element] = []
-        self._containers: dict[Element, Bin | None] = {}
         self._by_name: defaultdict[str, list[Element]] = defaultdict(list)
         self._names: defaultdict[Bin | None, set[str]] = defaultdict(set)
         self._duplicates: dict[Element, DescriptionError] = {}
@@ -108,22 +108,15 @@ class BinTree:
             return
         names.add(element.name)
         self._by_name[element.name].append(element)
-        self._containers[element] = container
+        element.bin = container
         (self.root if container is None else container.children).append(element)
-        element.parent = "" if container is None else container.name
-        if isinstance(element, Bin):
-            element.container = container
 
     def remove(self, element: Element) -> None:
         """Undoes `add` for the element added last."""
-        container = self._containers.pop(element)
+        container = bin_of(element)
         self._names[container].discard(element.name)
         self._by_name[element.name].remove(element)
         (self.root if container is None else container.children).remove(element)
-
-    def container_of(self, element: Element) -> Bin | None:
-        """The bin of an element, or None."""
-        return self._containers.get(element)
 
     def find(self, name: str) -> Element | None:
         """The element or bin of a reference, or None."""
@@ -147,8 +140,7 @@ class BinTree:
         """Adds a ghost pad to every bin whose border a link crosses, numbered in the order of the links."""
         numbers = itertools.count()
         for src, sink in links:
-            outer = list(containers(self.container_of(src.element)))
-            inner = list(containers(self.container_of(sink.element)))
+            outer, inner = list(enclosing_bins(src.element)), list(enclosing_bins(sink.element))
             for pad, chain, others in ((src, outer, inner), (sink, inner, outer)):
                 reached = pad.path
                 for group in chain:

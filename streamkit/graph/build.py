@@ -251,8 +251,6 @@ class GraphBuilder:
         group = BIN_CLASSES[node.factory](self._auto_name(node.factory), node.factory)
         self._add_to_bin(inside, group)
         self._pending_properties += set_on_bin(group, node.assignments, self.graph.warnings)
-        for child in inside:
-            child.parent = group.name
         self._places[group] = node.place
         self.graph.bins.append(group)
         members.append(group)

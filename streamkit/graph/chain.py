@@ -177,18 +177,14 @@ class Chain:
         element, kind = stage.element, type(results).__name__
         element.enter("frame", time.perf_counter_ns())
         for item in _timed(results if isinstance(results, Iterable) else (results,), stage):
-            name, frame = item if isinstance(item, tuple) and len(item) == 2 else ("", item)
+            name, frame = item if isinstance(item, tuple) and len(item) == 2 else ("src", item)
             if not isinstance(frame, Frame):
                 of = "" if frame is results else f" of {type(frame).__name__}"
                 raise TypeError(
                     f"transform returns a Frame, several, or None, got {kind}{of}: "
                     "put data into a frame with frame.replace(data=...)"
                 )
-            check_layout(frame)
-            if name in ("", "src"):
-                element.src_pad.push(element.announce_src_caps(frame))
-            else:
-                element.push_to_side_pad(name, frame)
+            element.push_output(name, frame)
             element.enter("frame", time.perf_counter_ns(), frame)
 
 

@@ -144,7 +144,6 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
     stuck = []
     while elements:
         element = elements.pop()
-        element.is_playing = False
         try:
             if _overrides(element, "stop"):
                 call = ElementCall(element, "stop", limits)
@@ -156,6 +155,7 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
         except Exception as cause:
             failure = element.failure(cause)
             limits.post(Message(MessageKind.WARNING, element.name, f"stop failed: {failure}"))
+        element.is_playing = False
         for pad in list(element.pads.values()):
             pad.known_caps = None
     return stuck

@@ -50,6 +50,11 @@ class Graph:
         """The bins that run in a process of their own."""
         return list(dict.fromkeys(self.homes.values()))
 
+    @property
+    def packages(self) -> set[str]:
+        """The top-level packages of the elements, whose metadata may come from other processes."""
+        return {type(element).__module__.partition(".")[0] for element in self.elements}
+
     def run_only(self, home: Bin | None) -> None:
         """Chooses the part of the graph that this process runs."""
         self.here = home

@@ -89,10 +89,12 @@ def _pair(
         ((src, sink) for src in srcs for sink in sinks),
         key=lambda pair: (not isinstance(pair[0], Pad), not isinstance(pair[1], Pad)),
     )
-    for fits in (_intersect,) if strict else (_intersect, are_convertible):
+    for fits in (Caps.can_intersect, are_convertible):
         for src, sink in pairs:
             if fits(_caps(src), _caps(sink)):
                 return src, sink
+        if strict:
+            break
     left, right = f"{request.source.name}.{srcs[0].name}", f"{request.sink.name}.{sinks[0].name}"
     raise caps_conflict(left, _caps(srcs[0]), right, _caps(sinks[0]), request.place, request.sink)
 
@@ -117,7 +119,7 @@ def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:
     if is_raw is None or _is_raw(accepted) is not (not is_raw):
         return ""
     made = [template.caps for template in sink.pad_templates.values() if template.direction is Direction.SRC]
-    if any(not caps.is_any and _intersect(offered, caps) for caps in made):
+    if any(not caps.is_any and offered.can_intersect(caps) for caps in made):
         done = "decoded" if is_raw else "encoded"
         return f"the video is {done} before {sink.name}: leave {sink.name} out"
     return f"put {'encode' if is_raw else 'decode'} between"
@@ -180,13 +182,10 @@ def _pad(element: Element, choice: Choice, made: list[Pad]) -> Pad:
     return made[-1]
 
 
-def _intersect(offered: Caps, accepted: Caps) -> bool:
-    return not (offered & accepted).is_empty
-
-
 def are_convertible(offered: Caps, accepted: Caps) -> bool:
     """Whether caps conflict in the format of raw video only, so that negotiation inserts a converter."""
-    return _intersect(offered.without_fields("format") & RAW_VIDEO, accepted.without_fields("format"))
+    raw = offered.without_fields("format") & RAW_VIDEO
+    return raw.can_intersect(accepted.without_fields("format"))
 
 
 def _named(element: Element, direction: Direction, name: str, place: Place, made: list[Pad]) -> Pad:

@@ -12,7 +12,7 @@ from streamkit.element.registry import located, make_element
 from streamkit.errors import DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.flow.video import misspelt_fields
-from streamkit.graph.bins import BinTree
+from streamkit.graph.bins import BinTree, bin_of
 from streamkit.graph.delayed_link import DelayedLink
 from streamkit.graph.graph import Graph
 from streamkit.graph.link import LinkRequest, awaits_pads, choose_pads
@@ -106,7 +106,7 @@ class Linker:
         if request.caps is None:
             return [self._link(*choose_pads(request, strict=strict), request.place)]
         capsfilter = self._make_filter(request.caps, request.place)
-        self._bins.add(capsfilter, self._bins.container_of(request.source), request.place)
+        self._bins.add(capsfilter, bin_of(request.source), request.place)
         self._bins.check_unique(capsfilter)
         made: list[tuple[Pad, Pad]] = []
         try:

@@ -36,14 +36,14 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
             offered, accepted = src.query_caps(), sink.query_caps()
             src.known_caps, sink.known_caps = offered, accepted
             # Empty caps are due to a conflict at another link.
-            if offered.is_empty or accepted.is_empty or not (accepted & offered).is_empty:
+            if offered.is_empty or accepted.is_empty or accepted.can_intersect(offered):
                 continue
             if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
                 raise _conflict(src, sink, places)
             has_changed = True
     with remembered_caps(graph):
         for src, sink in graph.links():
-            if (sink.query_caps() & src.query_caps()).is_empty:
+            if not sink.query_caps().can_intersect(src.query_caps()):
                 raise _conflict(src, sink, places)
 
 
@@ -101,12 +101,12 @@ def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, p
     src.unlink()
     src.link(entry)
     leave.link(sink)
-    if (entry.query_caps() & offered).is_empty or (accepted & leave.query_caps()).is_empty:
+    if not (entry.query_caps().can_intersect(offered) and accepted.can_intersect(leave.query_caps())):
         src.unlink()
         leave.unlink()
         src.link(sink)
         return False
-    converter.parent = src.element.parent
+    converter.bin = src.element.bin
     graph.elements.insert(graph.elements.index(src.element) + 1, converter)
     graph.inserted.append(converter)
     text = f"{converter.name} was inserted between {src.path} and {sink.path}: {offered} is not {accepted}"

@@ -200,8 +200,8 @@ class Harness:
             self._open = False
             self.element.stopping.set()
             self.element.interrupt()
-            self.element.is_playing = False
             self.element.stop()
+            self.element.is_playing = False
 
     def __enter__(self) -> Self:
         return self

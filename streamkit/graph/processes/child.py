@@ -18,7 +18,7 @@ from typing import Any
 
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.crossing.shared_memory import LIBC, map_numbers
-from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
+from streamkit.crossing.values import ValueDecoder, ValueEncoder
 from streamkit.errors import StateError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.build import build
@@ -53,7 +53,7 @@ class Child:
         self._control = control
         self._in_order = ThreadPoolExecutor(1, "streamkit:orders")
         graph = build(setup.text, setup.variables)
-        self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
+        self._values = ValueDecoder(graph.packages)
         graph.run_only(graph.processes[setup.number])
         self._pipeline = Pipeline(graph, watchdog_s=setup.watchdog_s)
         for element, properties in zip(graph.elements, setup.properties, strict=True):

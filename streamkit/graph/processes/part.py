@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from streamkit.crossing.shared_memory import make_numbers
-from streamkit.crossing.values import ValueDecoder, ValueEncoder, packages_of
+from streamkit.crossing.values import ValueDecoder, ValueEncoder
 from streamkit.element.base import AT_WORK, Element
 from streamkit.element.sink import Sink
 from streamkit.errors import ElementFailure, ProcessDied, StreamkitError
@@ -35,6 +35,7 @@ class Part:
     Attributes:
         elements: those of the graph, as the children number them.
         sinks: those in the process.
+        values: decodes what comes from it.
         limit_s: of a call of an element in the process, and of its silence; 0 is none.
         is_streaming: whether the process has been ordered to.
         child: its process; the newest if it was started again; None before the start and after the end.
@@ -48,7 +49,7 @@ class Part:
         self.home = home
         self.elements = list(graph.elements)
         self._graph = graph
-        self._values = ValueDecoder(packages_of(type(element) for element in self.elements))
+        self.values = ValueDecoder(graph.packages)
         members = [element for element, found in graph.homes.items() if found is home]
         self.sinks = [element for element in members if isinstance(element, Sink)]
         self.child: ChildProcess | None = None
@@ -180,7 +181,7 @@ class Part:
 
         def ask(method: str) -> Any:
             with contextlib.suppress(ProcessDied):
-                return self._values.decode(self.ask("query", number, method))
+                return self.values.decode(self.ask("query", number, method))
             return getattr(type(element), method)(element)
 
         vars(element)["property_changed"] = forward

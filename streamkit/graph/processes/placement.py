@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from streamkit.crossing.values import packages_of
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.element.source import Source
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.bins import Bin, containers
+from streamkit.graph.bins import Bin, enclosing_bins
 from streamkit.graph.graph import Graph, free_name, walk
 from streamkit.graph.processes.process_link import ProcessLink
 
@@ -42,12 +41,11 @@ def cut(graph: Graph, places: dict[Element, Place]) -> None:
             raise DescriptionError(
                 "link", what, delayed.request.place, "put both elements into one bin, with what follows them"
             )
-    packages = packages_of(type(element) for element in graph.elements)
     for src, sink in list(graph.links()):
         writer, reader = graph.homes.get(src.element), graph.homes.get(sink.element)
         if writer is not reader:
             link = _insert(graph, src, sink)
-            link.packages = packages
+            link.packages = graph.packages
             link.capacity = min(home.shm_frames for home in (writer, reader) if home is not None)
             link.renumbers = any(isinstance(element, Source) for element in _before(graph, src, writer))
             graph.process_links[link] = (writer, reader)
@@ -63,7 +61,7 @@ def cut(graph: Graph, places: dict[Element, Place]) -> None:
 def _assign(graph: Graph) -> None:
     """Finds the innermost bin with a process for each element; a converter is in that of its source."""
     for group in graph.bins:
-        home = next((outer for outer in containers(group) if outer.process), None)
+        home = next((outer for outer in (group, *enclosing_bins(group)) if outer.process), None)
         unused = [] if group.process else [name for name in group.set_in_text if name in FOR_PROCESSES]
         if unused:
             text = f"{group.name}: {', '.join(unused)} has no effect without process=true"

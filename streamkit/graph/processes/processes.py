@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
-from streamkit.crossing.values import ValueDecoder, packages_of
 from streamkit.element.base import Element
 from streamkit.element.timing import Timing
 from streamkit.errors import (
@@ -63,7 +62,6 @@ class Processes:
         self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
         self._links = list(graph.process_links)
         self._connecting = threading.Lock()
-        self._values = ValueDecoder(packages_of(type(element) for element in graph.elements))
         self._playback, self._timing = playback, timing
         self._stopping = threading.Event()
         self._watchdog_s = 0.0
@@ -208,7 +206,7 @@ class Processes:
         if isinstance(report, Dropped):
             part.elements[report.number].count_drop(report.reason, report.count)
         elif isinstance(report, Posted):
-            message = decode_message(report, self._values)
+            message = decode_message(report, part.values)
             if message.kind is MessageKind.EOS:
                 part.ending = threading.Thread(
                     target=self._end_part, args=(part,), name=f"{part.home.name}:end"

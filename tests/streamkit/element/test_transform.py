@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from streamkit import (
@@ -349,3 +350,16 @@ def test_eos_follows_frames_that_downstream_refuses(register: Register) -> None:
     with Pipeline.parse(text) as pipeline:
         pipeline.run(timeout_s=20)
         assert pipeline["out"].pads["sink"].is_eos
+
+
+def test_frames_of_drain_are_checked_as_those_of_transform() -> None:
+    """An array that is not what the caps say fails the element, not the one behind it."""
+
+    class Late(Passing):
+        def drain(self) -> Iterable[Frame]:
+            return (Frame(np.zeros((4, 2), np.uint8), RAW),)
+
+    with Harness(Late("late")) as harness:
+        harness.push(frame())
+        with pytest.raises(ElementFailure, match=r"^late: ValueError: GRAY8 of 4 x 2 px is uint8\[2, 4\]"):
+            harness.drain()
