@@ -30,6 +30,7 @@ from streamkit.cli.stderr import USAGE_EXIT, as_json, fail_usage, lines_in, prin
 from streamkit.errors import DescriptionError
 from streamkit.handoff.library_threads import share_cores
 from streamkit.masking import mask_secrets, presentable, presentable_value
+from streamkit.service.signals import handling_signals
 
 if TYPE_CHECKING:
     from msgspec import Struct
@@ -203,8 +204,6 @@ def usage_errors(*, is_json: bool) -> Iterator[None]:
 @contextlib.contextmanager
 def exit_on_interrupt(*, quiet: bool) -> Iterator[None]:
     """Context in which Ctrl-C, SIGTERM and SIGHUP end the command at once, while the pipeline is built."""
-    from streamkit.cli.run import handling_signals
-
     try:
         with handling_signals(signal.default_int_handler):
             yield

@@ -6,16 +6,15 @@ import contextlib
 import gc
 import math
 import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from streamkit.cli.crash_report import CrashReport
 from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.service.monitor import Monitor
+from streamkit.service.signals import handling_signals
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
@@ -249,21 +248,3 @@ class Run:
             text += f" ({error.place})"
         self.display.print_line(f"error: {text}")
         return 1
-
-
-@contextlib.contextmanager
-def handling_signals(handler: Callable[[int, Any], object]) -> Iterator[None]:
-    """Context in which a function handles the signals that end a pipeline; `nohup` leaves out SIGHUP.
-
-    Only a main thread can; in others it does nothing.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    kept = [] if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else [signal.SIGHUP]
-    before = {number: signal.signal(number, handler) for number in (signal.SIGINT, signal.SIGTERM, *kept)}
-    try:
-        yield
-    finally:
-        for number, earlier in before.items():
-            signal.signal(number, earlier)

@@ -10,16 +10,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from types import FrameType
 
 from streamkit.restart_delay import FIRST_DELAY_S, RestartDelay
+from streamkit.service.signals import handling_signals
 
 RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # number of restarts before this one
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
 PR_SET_PDEATHSIG = 1
 # The command line, in a process of its own.
 STREAMKIT_COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
-FORWARDED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Supervisor:
@@ -45,8 +44,7 @@ class Supervisor:
 
     def run(self) -> int:
         """Runs until the command ends cleanly or a signal stops it; returns its exit code."""
-        earlier = {number: signal.signal(number, self._pass_on) for number in FORWARDED}
-        try:
+        with handling_signals(self._pass_on):
             while True:
                 began_s = time.monotonic()
                 code = self._run_once()
@@ -58,9 +56,6 @@ class Supervisor:
                 self._report(f"warning: the pipeline {how}; restart {self.restarts} in {delay_s:g} s")
                 if self._stopping.wait(delay_s):
                     return 0
-        finally:
-            for number, handler in earlier.items():
-                signal.signal(number, handler)
 
     def _run_once(self) -> int:
         """Runs the child to its end; its code, negative for a signal."""
@@ -83,7 +78,7 @@ class Supervisor:
             child.terminate()
         return child.wait()
 
-    def _pass_on(self, number: int, _: FrameType | None) -> None:
+    def _pass_on(self, number: int, _: object) -> None:
         self._stopping.set()
         if self._child is not None and self._child.poll() is None:
             self._child.send_signal(number)

@@ -54,3 +54,14 @@ def test_launch_passes_a_signal_to_its_child() -> None:
         rest = process.stderr.read()
         assert process.wait(patience(20)) == 0, rest
     assert '"message": "ending the stream' in rest
+
+
+def test_a_hang_up_that_nohup_ignores_ends_no_supervision() -> None:
+    """What fails after it is started again."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        hang_up = "import signal; os.kill(os.getppid(), signal.SIGHUP); sys.exit(n == 0)"
+        code, reports = run(hang_up)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert (code, len(reports)) == (0, 1)
