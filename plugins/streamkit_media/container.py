@@ -20,9 +20,9 @@ from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit.output.names import is_network, local_path
+from streamkit.output.pipe import STANDARD_INPUT
 
 LOCAL_LIMIT_S = 8.0
-STANDARD_INPUT = "-"
 MAX_PIXELS = 8192 * 8192
 # Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
 MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)

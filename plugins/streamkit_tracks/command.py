@@ -26,7 +26,7 @@ from streamkit import (
     read_tracks,
 )
 from streamkit.output.file import write_whole
-from streamkit.output.pipe import STANDARD_OUTPUT, until_reader_leaves
+from streamkit.output.pipe import STANDARD_INPUT, STANDARD_OUTPUT, until_reader_leaves
 from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.record_sink import require_library
@@ -34,7 +34,6 @@ from streamkit_tracks.record_sink import require_library
 Form = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
 FORMS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
 ENDINGS = ", ".join(FORMS)
-STANDARD_INPUT = "-"
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]

@@ -18,8 +18,8 @@ from streamkit.cli.stderr import USAGE_EXIT, fail_usage, print_line, prints_json
 from streamkit.errors import DescriptionError
 from streamkit.graph.variables import variable_names
 from streamkit.output.colour import coloured
+from streamkit.output.pipe import STANDARD_INPUT
 
-STANDARD_INPUT = "-"
 SIZE_LIMIT = 1_000_000
 BLANK_OR_QUOTED = re.compile(r'"(?:(?<=\\)"|[^"])*"?| ')  # in quotes an escaped one does not close
 

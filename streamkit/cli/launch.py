@@ -18,7 +18,6 @@ from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
-    STANDARD_INPUT,
     Description,
     DescriptionArgument,
     FileOption,
@@ -30,6 +29,7 @@ from streamkit.cli.stderr import USAGE_EXIT, as_json, fail_usage, lines_in, prin
 from streamkit.errors import DescriptionError
 from streamkit.handoff.library_threads import share_cores
 from streamkit.masking import mask_secrets, presentable, presentable_value
+from streamkit.output.pipe import STANDARD_INPUT
 from streamkit.service.signals import handling_signals
 
 if TYPE_CHECKING:

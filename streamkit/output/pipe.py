@@ -1,4 +1,4 @@
-"""Pipes as outputs: the standard output, and waits for its reader, each with a limit."""
+"""Pipes: the standard output, and waits for its reader, each with a limit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
-STANDARD_OUTPUT = "-"
+STANDARD_INPUT = STANDARD_OUTPUT = "-"  # as a location
 POLL_S = 0.05
 STOP_LIMIT_S = 1.0
 
