@@ -56,11 +56,14 @@ class PadTemplate:
 
     def matches(self, pad_name: str) -> bool:
         """Whether the template can make a pad of this name."""
-        head, mark, tail = self.name.partition("%u")
-        if not mark:
-            return pad_name == self.name
-        number = pad_name[len(head) : len(pad_name) - len(tail)]
-        return pad_name.startswith(head) and pad_name.endswith(tail) and number.isdecimal()
+        return pad_name == self.name if "%u" not in self.name else self.number(pad_name) is not None
+
+    def number(self, pad_name: str) -> int | None:
+        """The number in the name of a pad that the template can make; None for other names."""
+        head, _, tail = self.name.partition("%u")
+        digits = pad_name[len(head) : len(pad_name) - len(tail)]
+        is_of_template = pad_name.startswith(head) and pad_name.endswith(tail) and digits.isdecimal()
+        return int(digits) if is_of_template else None
 
 
 class Pad:

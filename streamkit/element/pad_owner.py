@@ -91,14 +91,13 @@ class PadOwner:
 
     def _next_name(self, template: PadTemplate, number: int | None) -> str:
         """The template's name with a number, else with the one after the highest number in use."""
-        head, mark, tail = template.name.partition("%u")
-        if not mark:
+        if "%u" not in template.name:
             return template.name
         if number is None:
-            taken = [name[len(head) : len(name) - len(tail)] for name in self.pads if template.matches(name)]
-            number = max(map(int, taken), default=-1) + 1
+            taken = map(template.number, self.pads)
+            number = max((known for known in taken if known is not None), default=-1) + 1
         self._next_numbers[template.name] = number + 1
-        return f"{head}{number}{tail}"
+        return template.name.replace("%u", str(number))
 
     def release_pad(self, pad: Pad) -> None:
         """Unlinks and removes a request pad."""
