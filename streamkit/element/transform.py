@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, ClassVar
 
 from typing_extensions import override
 
@@ -25,7 +25,12 @@ class Transform(Element):
     Frames leave through the pad `src`. For further src pads, declared in `templates`, `transform` yields
     pairs of pad name and frame; their caps are sent before the first frame that has them. Every other event
     reaches every src pad.
+
+    Attributes:
+        keeps_caps: whether its output has the caps of its input.
     """
+
+    keeps_caps: ClassVar[bool] = False
 
     # Overridden by authors.
 
@@ -60,11 +65,9 @@ class Transform(Element):
 
     # Called by the engine.
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        super().__init__(name, **properties)
-        cls = type(self)
-        self.keeps_caps = str(cls.sink) == str(cls.src) and cls.transform_caps is Transform.transform_caps
-        self._sink_caps: Caps | None = None
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.keeps_caps = str(cls.sink) == str(cls.src) and cls.transform_caps is Transform.transform_caps
 
     @override
     def query_caps(self, pad: Pad) -> Caps:
@@ -138,7 +141,6 @@ class Transform(Element):
             raise sink.peer.refusal(sink_caps, sink.query_caps())
         allowed = src.allowed_caps(possible)
         src_caps = self.fixate(sink_caps, allowed)
-        self._sink_caps = sink_caps
         if src_caps is None:
             src.caps = None
             return None
@@ -161,6 +163,6 @@ class Transform(Element):
         if pad.caps is not None and (caps is self.pads["sink"].caps or caps == pad.caps):
             return frame.replace(caps=pad.caps)
         pad.check_accepted(caps)
-        self._configure(self._sink_caps or caps, caps)
+        self._configure(self.pads["sink"].caps or caps, caps)
         pad.send_event(CapsEvent(caps))
         return frame
