@@ -16,9 +16,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typing_extensions import override
 
-from streamkit.cli.stderr import USAGE_EXIT, exit_with_error, fail_usage
+from streamkit.cli.stderr import fail, fail_usage
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
-from streamkit.errors import DescriptionError, PluginBroken, StreamkitError
+from streamkit.errors import PluginBroken, StreamkitError
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
@@ -59,7 +59,7 @@ class CommandGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except StreamkitError as error:
-            exit_with_error(str(error), USAGE_EXIT if isinstance(error, DescriptionError) else 1)
+            fail(error)
 
 
 def _listed(entry: PluginEntry) -> Any:

@@ -25,10 +25,10 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.stderr import USAGE_EXIT, as_json, fail_usage, lines_in, print_line
-from streamkit.errors import DescriptionError
+from streamkit.cli.stderr import fail, fail_usage, lines_in, print_line
+from streamkit.errors import DescriptionError, StreamkitError
 from streamkit.handoff.library_threads import share_cores
-from streamkit.masking import mask_secrets, presentable, presentable_value
+from streamkit.masking import mask_secrets, presentable_value
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit.service.signals import handling_signals
 
@@ -190,15 +190,18 @@ def launch(
 @contextlib.contextmanager
 def usage_errors(*, is_json: bool) -> Iterator[None]:
     """Context that prints lines as JSON objects if asked to, and usage errors, which else typer prints."""
-    try:
-        with lines_in(is_json=is_json):
+    with lines_in(is_json=is_json):
+        try:
             yield
-    except Exception as error:
-        message = getattr(error, "format_message", None)  # typer exports no base class of its usage errors
-        if not is_json or message is None:
-            raise
-        typer.echo(as_json(presentable(f"error: {message()}")), err=True)
-        raise typer.Exit(USAGE_EXIT) from None
+        except StreamkitError as error:
+            fail(error)
+        except Exception as error:
+            message = getattr(
+                error, "format_message", None
+            )  # typer exports no base class of its usage errors
+            if not is_json or message is None:
+                raise
+            fail_usage(message())
 
 
 @contextlib.contextmanager

@@ -11,6 +11,7 @@ from typing import NoReturn
 
 import typer
 
+from streamkit.errors import DescriptionError, StreamkitError
 from streamkit.masking import presentable
 from streamkit.output.colour import coloured
 
@@ -42,6 +43,11 @@ def exit_with_error(text: str, code: int = 1) -> NoReturn:
 def fail_usage(message: str) -> NoReturn:
     """Ends the command with a usage error."""
     exit_with_error(message, USAGE_EXIT)
+
+
+def fail(error: StreamkitError) -> NoReturn:
+    """Ends the command with an error of streamkit's own: code 2 if it is in what the user wrote."""
+    exit_with_error(str(error), USAGE_EXIT if isinstance(error, DescriptionError) else 1)
 
 
 def prints_json() -> bool:

@@ -36,7 +36,7 @@ class Element(PadOwner, PropertyOwner):
 
     Authors subclass `Source`, `Transform`, `Sink`, `Combine` or `Split`. They declare pads as caps in `sink`
     and `src` (always pads) or as `PadTemplate`s in `templates`, and properties with `Property(...)`, and
-    override `start` and `stop` to acquire and release resources.
+    override `start` and `stop` to acquire and release resources, and `begin_run` to reset the state of a run.
 
     Further class attributes: `presets` (property values by preset name), `uri_schemes` that `location`
     accepts in descriptions that contain only a URI, and the `rank` among elements with the same scheme.

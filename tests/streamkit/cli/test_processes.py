@@ -81,3 +81,12 @@ def test_what_is_chosen_is_a_line_of_the_log(launch: Callable[..., Result]) -> N
     done = launch("--log-format", "json", "--processes", "auto", f"{VIDEO} ! {WORK} ! fakesink")
     lines = [json.loads(line) for line in done.stderr.splitlines()]
     assert {"level": "note", "message": "--processes auto: one process is best"}.items() <= lines[0].items()
+
+
+def test_a_failure_while_measuring_is_a_line_of_the_log(launch: Callable[..., Result]) -> None:
+    """The command ends with code 1."""
+    done = launch(
+        "--log-format", "json", "--processes", "auto", f"{VIDEO} ! identity error-after=3 ! fakesink"
+    )
+    assert done.exit_code == 1
+    assert json.loads(done.stderr)["level"] == "error"
