@@ -108,7 +108,7 @@ class Run:
             self.monitor.begin()
             return self._watch()
         except StreamkitError as error:
-            if isinstance(error, ElementFailure) and self._reports_interrupt(error):
+            if isinstance(error, ElementFailure) and self._report_interrupt(error):
                 return 0
             return self._fail(str(error), error)
         finally:
@@ -117,7 +117,7 @@ class Run:
             self.statistics = self.display.measure()
             gc.unfreeze()
 
-    def _reports_interrupt(self, error: ElementFailure) -> bool:
+    def _report_interrupt(self, error: ElementFailure) -> bool:
         """Prints that an interrupt made the start fail; False if it did not."""
         self.abandons_start = bool(self.interrupts) and isinstance(error.cause, HangDetected)
         if self.abandons_start:

@@ -110,12 +110,12 @@ class Source(Element):
             pad.caps = caps
 
     def _push_all(self) -> None:
-        if self._must_end():  # a live source starts only when the pipeline plays
+        if not self._await_next():  # a live source starts only when the pipeline plays
             return
         frames = iter(self.frames())
         main = next(self.src_pads(), None)  # None: the stream brings the pads
         try:
-            while not self._must_end():
+            while self._await_next():
                 try:
                     self.at_work[0] = AT_WORK
                     item = next(frames, None)
@@ -188,16 +188,20 @@ class Source(Element):
     def _is_paused(self) -> bool:
         return not (self.timing.running.is_set() or self.over.is_set())
 
-    def _must_end(self) -> bool:
-        """Whether the stream ends before the next frame; waits while a live source is paused."""
-        if self.is_live:
+    def _await_next(self) -> bool:
+        """Waits while a live source is paused, and renegotiates if asked to; False if the stream ends.
+
+        Raises:
+            Flushing: the pipeline stops.
+        """
+        if self.is_live and self._is_paused():
             self.wait_for_state(lambda: not self._is_paused())
         if self.stopping.is_set():
             raise Flushing(self.name)
         if self._renegotiates:
             self._renegotiates = False
             self._renegotiate()
-        return self.over.is_set()
+        return not self.over.is_set()
 
     def _renegotiate(self) -> None:
         """Sends the caps again if downstream still accepts them, else chooses others."""

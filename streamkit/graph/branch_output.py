@@ -157,7 +157,7 @@ class BranchOutputs:
         for output in self._outputs.values():
             output.relink()
 
-    def drops(self, error: Exception) -> bool:
+    def drop_branch_of(self, error: Exception) -> bool:
         """Drops the branch of a failed element; False if the pipeline fails."""
         if not isinstance(error, ElementFailure):
             return False

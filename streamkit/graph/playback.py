@@ -268,7 +268,7 @@ class Playback:
 
     def fail(self, error: Exception) -> None:
         """Handles a failure: drops the branch if that is allowed, else ends the run."""
-        if not (self.is_streaming and self.branches.drops(error)):
+        if not (self.is_streaming and self.branches.drop_branch_of(error)):
             self.end.fail(error)
 
     def _thread_ended(self) -> None:
