@@ -196,9 +196,8 @@ def usage_errors(*, is_json: bool) -> Iterator[None]:
         except StreamkitError as error:
             fail(error)
         except Exception as error:
-            message = getattr(
-                error, "format_message", None
-            )  # typer exports no base class of its usage errors
+            # Typer exports no base class of its usage errors.
+            message = getattr(error, "format_message", None)
             if not is_json or message is None:
                 raise
             fail_usage(message())
