@@ -49,14 +49,14 @@ def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad
     source, sink, place = request.source, request.sink, request.place
     if source is sink:
         raise DescriptionError("link", f"{source.name} cannot be linked to itself", place)
-    made: list[Pad] = []
+    before = {*source.pads.values(), *sink.pads.values()}
     try:
-        srcs = _choices(source, Direction.SRC, request.src_name, request.src_place or place, made)
-        sinks = _choices(sink, Direction.SINK, request.sink_name, request.sink_place or place, made)
+        srcs = _choices(source, Direction.SRC, request.src_name, request.src_place or place)
+        sinks = _choices(sink, Direction.SINK, request.sink_name, request.sink_place or place)
         src_choice, sink_choice = _pair(request, list(srcs), list(sinks), strict)
-        return _pad(source, src_choice, made), _pad(sink, sink_choice, made)
+        return _pad(source, src_choice), _pad(sink, sink_choice)
     except StreamkitError as error:
-        for pad in made:
+        for pad in {*source.pads.values(), *sink.pads.values()} - before:
             pad.element.release_pad(pad)
         if isinstance(error, DescriptionError):
             raise
@@ -69,8 +69,8 @@ def find_pad(element: Element, direction: Direction, name: str, place: Place) ->
     Raises:
         DescriptionError: there is none, or it is linked already.
     """
-    for choice in _choices(element, direction, name, place, []):
-        return _pad(element, choice, [])
+    for choice in _choices(element, direction, name, place):
+        return _pad(element, choice)
     raise _nothing_free(element, direction, place)
 
 
@@ -149,12 +149,10 @@ def awaits_pads(element: Element) -> bool:
     )
 
 
-def _choices(
-    element: Element, direction: Direction, name: str, place: Place, made: list[Pad]
-) -> Iterator[Choice]:
+def _choices(element: Element, direction: Direction, name: str, place: Place) -> Iterator[Choice]:
     """The pad of a name, else free pads, then templates of request pads."""
     if name:
-        yield _named(element, direction, name, place, made)
+        yield _named(element, direction, name, place)
         return
     for pad in list(element.pads.values()):
         if pad.template.direction is direction and pad.peer is None:
@@ -174,12 +172,9 @@ def _caps(choice: Choice) -> Caps:
     return choice.template.caps
 
 
-def _pad(element: Element, choice: Choice, made: list[Pad]) -> Pad:
-    """A chosen pad; a requested one is appended to `made`."""
-    if isinstance(choice, Pad):
-        return choice
-    made.append(element.request_pad(choice))
-    return made[-1]
+def _pad(element: Element, choice: Choice) -> Pad:
+    """A chosen pad, which is made of a template."""
+    return choice if isinstance(choice, Pad) else element.request_pad(choice)
 
 
 def are_convertible(offered: Caps, accepted: Caps) -> bool:
@@ -188,8 +183,8 @@ def are_convertible(offered: Caps, accepted: Caps) -> bool:
     return raw.can_intersect(accepted.without_fields("format"))
 
 
-def _named(element: Element, direction: Direction, name: str, place: Place, made: list[Pad]) -> Pad:
-    """The pad of a name; a new one is appended to `made`."""
+def _named(element: Element, direction: Direction, name: str, place: Place) -> Pad:
+    """The pad of a name, which is made of a template if it is not there."""
     pad = element.pads.get(name)
     if pad is None:
         for template in element.pad_templates.values():
@@ -197,8 +192,7 @@ def _named(element: Element, direction: Direction, name: str, place: Place, made
             if template.direction is direction and template.presence is not Presence.ALWAYS and fits:
                 if template.presence is Presence.SOMETIMES and "%u" in template.name:
                     continue
-                made.append(element.request_pad(template, name))
-                return made[-1]
+                return element.request_pad(template, name)
         known = dict.fromkeys(
             [*element.pads, *(template.name for template in element.pad_templates.values())]
         )
