@@ -29,38 +29,68 @@ class St0601Tag:
     decode: Decoder  # bytes to value; None is the standard's "out of range" or "error"
 
 
-def unsigned(
-    low: float = 0.0, high: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8
-) -> Decoder:
-    """An unsigned integer, unscaled or mapped linearly onto low..high; `size` bytes, 0 for one to `most`."""
+@dataclass(frozen=True, slots=True)
+class LinearMap:
+    """Integers of `size` bytes for numbers from `low` to `high`, in the standard's unit, and back.
+
+    A signed integer maps 0 to 0, and its lowest number means "no value".
+    """
+
+    low: float
+    high: float
+    size: int
+    scale: float = 1.0  # of the standard's unit, in that of the value
+    is_signed: bool = False
+
+    def __call__(self, data: bytes) -> Value:
+        """The value of some bytes; raises `BadKlv` where they have another size."""
+        _check_size(data, self.size)
+        number = int.from_bytes(data, "big", signed=self.is_signed)
+        if number < -self._largest:
+            return None
+        return (number * (self.high - self._zero) / self._largest + self._zero) * self.scale
+
+    def encode(self, value: float) -> bytes | None:
+        """The bytes of a value; None out of the range."""
+        number = value / self.scale
+        if not self.low <= number <= self.high:
+            return None
+        share = (number - self._zero) / (self.high - self._zero)
+        return round(share * self._largest).to_bytes(self.size, "big", signed=self.is_signed)
+
+    @property
+    def _zero(self) -> float:
+        """What the integer 0 stands for."""
+        return 0.0 if self.is_signed else self.low
+
+    @property
+    def _largest(self) -> int:
+        return (1 << 8 * self.size - self.is_signed) - 1
+
+
+def unsigned(low: float, high: float, size: int, scale: float = 1.0) -> LinearMap:
+    """An unsigned integer mapped linearly onto low..high."""
+    return LinearMap(low, high, size, scale)
+
+
+def signed(bound: float, size: int, scale: float = 1.0) -> LinearMap:
+    """A signed integer mapped linearly onto -bound..bound."""
+    return LinearMap(-bound, bound, size, scale, is_signed=True)
+
+
+def integer(size: int = 0, *, scale: int = 1, most: int = 8, is_signed: bool = False) -> Decoder:
+    """An integer as it is; `size` bytes, 0 for one to `most`."""
 
     def decode(data: bytes) -> Value:
         _check_size(data, size, most)
-        number = int.from_bytes(data, "big")
-        if high is None:
-            return number if scale == 1.0 else number * scale
-        return (number * (high - low) / ((1 << 8 * len(data)) - 1) + low) * scale
-
-    return decode
-
-
-def signed(bound: float | None = None, size: int = 0, scale: float = 1.0, most: int = 8) -> Decoder:
-    """A signed integer, unscaled or mapped onto -bound..bound; the lowest number then means "no value"."""
-
-    def decode(data: bytes) -> Value:
-        _check_size(data, size, most)
-        number = int.from_bytes(data, "big", signed=True)
-        if bound is None:
-            return number if scale == 1.0 else number * scale
-        largest = (1 << 8 * len(data) - 1) - 1
-        return None if number < -largest else number * bound / largest * scale
+        return int.from_bytes(data, "big", signed=is_signed) * scale
 
     return decode
 
 
 def time(size: int = 0) -> Decoder:
     """Microseconds since 1970 as ns; times after the year 2262 do not fit into 64 bits and are refused."""
-    microseconds = unsigned(size=size)
+    microseconds = integer(size)
 
     def decode(data: bytes) -> Value:
         number = microseconds(data)
@@ -126,17 +156,17 @@ _GROUPS: tuple[tuple[str, Decoder, dict[int, str]], ...] = (
         106: "Stream Designator", 107: "Operational Base", 108: "Broadcast Source", 129: "Target ID",
         135: "Communications Method",
     }),
-    ("", unsigned(size=1), {
+    ("", integer(1), {
         34: "Icing Detected", 47: "Generic Flag Data", 61: "Weapon Fired", 63: "Sensor Field of View Name",
         65: "UAS Datalink LS Version Number", 77: "Operational Mode", 123: "Number of NAVSATs in View",
         124: "Positioning Method Source", 125: "Platform Status", 126: "Sensor Control Mode",
     }),
-    ("", unsigned(size=2), {1: "Checksum", 60: "Weapon Load", 62: "Laser PRF Code"}),
+    ("", integer(2), {1: "Checksum", 60: "Weapon Load", 62: "Laser PRF Code"}),
     ("ns", time(size=8), {2: "Precision Time Stamp", 72: "Event Start Time"}),
     ("ns", time(), {131: "Take-off Time"}),
-    ("ns", signed(scale=1000), {137: "Correction Offset"}),
-    ("s", unsigned(most=4), {110: "Time Airborne"}),
-    ("s", signed(most=4), {136: "Leap Seconds"}),
+    ("ns", integer(scale=1000, is_signed=True), {137: "Correction Offset"}),
+    ("s", integer(most=4), {110: "Time Airborne"}),
+    ("s", integer(most=4, is_signed=True), {136: "Leap Seconds"}),
     ("deg", signed(90, 4), {
         13: "Sensor Latitude", 23: "Frame Center Latitude", 40: "Target Location Latitude",
         67: "Alternate Platform Latitude",
@@ -192,7 +222,7 @@ _GROUPS: tuple[tuple[str, Decoder, dict[int, str]], ...] = (
     ("m", imapb(0, 1_500_000), {96: "Target Width Extended"}),
     ("m", unsigned(0, 4095, 2), {45: "Target Error Estimate CE90", 46: "Target Error Estimate LE90"}),
     ("m", imapb(0, 21_000, 1000, most=4), {109: "Range To Recovery Location"}),
-    ("m/s", unsigned(size=1), {
+    ("m/s", integer(1), {
         8: "Platform True Airspeed", 9: "Platform Indicated Airspeed", 56: "Platform Ground Speed",
     }),
     ("m/s", unsigned(0, 100, 1), {36: "Wind Speed"}),
@@ -201,14 +231,14 @@ _GROUPS: tuple[tuple[str, Decoder, dict[int, str]], ...] = (
     ("Pa", unsigned(0, 5000, 2, HPA), {
         37: "Static Pressure", 49: "Differential Pressure", 53: "Airfield Barometric Pressure",
     }),
-    ("deg C", signed(size=1), {39: "Outside Air Temperature"}),
-    ("px", unsigned(size=1, scale=2), {43: "Target Track Gate Width", 44: "Target Track Gate Height"}),
+    ("deg C", integer(1, is_signed=True), {39: "Outside Air Temperature"}),
+    ("px", integer(1, scale=2), {43: "Target Track Gate Width", 44: "Target Track Gate Height"}),
     ("%", unsigned(0, 100, 1), {55: "Relative Humidity"}),
     ("%", imapb(0, 100, most=4), {120: "On-board MI Storage Percent Full", 134: "Zoom Percentage"}),
     ("kg", unsigned(0, 10_000, 2), {58: "Platform Fuel Remaining"}),
-    ("1/min", unsigned(most=4), {111: "Propulsion Unit Speed"}),
+    ("1/min", integer(most=4), {111: "Propulsion Unit Speed"}),
     ("Hz", imapb(1, 99_999, 1e6, most=4), {132: "Transmission Frequency"}),
-    ("GB", unsigned(most=4), {133: "On-board MI Storage Capacity"}),
+    ("GB", integer(most=4), {133: "On-board MI Storage Capacity"}),
 )  # fmt: skip
 TAGS = {tag: St0601Tag(name, unit, decode) for unit, decode, names in _GROUPS for tag, name in names.items()}
 
