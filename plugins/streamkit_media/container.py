@@ -13,9 +13,6 @@ from urllib.parse import quote, urlsplit
 import av
 from av.container import InputContainer
 from av.error import FFmpegError, HTTPForbiddenError, HTTPServerError, HTTPUnauthorizedError, InvalidDataError
-from av.packet import Packet
-from av.stream import Stream
-from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
@@ -35,7 +32,7 @@ UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lav
 
 # Only these containers have a rotation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
-LOOK_PACKETS, LOOK_PACKETS_OF_ALL = 8, 64
+LOOK_PACKETS = 8
 
 
 def with_credentials(location: str, user: str, password: str) -> str:
@@ -216,31 +213,16 @@ def video_stream(container: InputContainer, location: str) -> VideoStream:
     return stream
 
 
-def first_packets(container: InputContainer, stream: VideoStream) -> tuple[list[Packet[Stream]], int]:
-    """The first packets of a file that may be rotated, and its rotation.
+def display_rotation(container: InputContainer, stream: VideoStream) -> int:
+    """The counter-clockwise rotation of a file's video for display: 0, 90, 180 or 270 degrees.
 
-    FFmpeg returns the rotation with a decoded frame only, so that packets are read up to the first frame.
-
-    Returns:
-        Packets of all streams, to be played first; and the counter-clockwise rotation for display of the
-        video: 0, 90, 180 or 270 degrees.
+    FFmpeg returns it with a decoded frame only, so that packets are read up to the first frame.
     """
-    packets: list[Packet[Stream]] = []
     if not ROTATING_FORMATS & set(container.format.name.split(",")):
-        return packets, 0
-    tries = LOOK_PACKETS
+        return 0
     try:
-        for packet in islice(container.demux(), LOOK_PACKETS_OF_ALL):
-            if packet.size:
-                packets.append(packet)
-            if packet.stream_index != stream.index:
-                continue
-            tries -= 1
-            for frame in stream.decode(packet):
-                if isinstance(frame, VideoFrame):
-                    return packets, round(frame.rotation / 90) * 90 % 360
-            if not tries:
-                break
+        packets = islice(container.demux(stream), LOOK_PACKETS)
+        frames = (frame for packet in packets for frame in stream.decode(packet))
+        return next((round(frame.rotation / 90) * 90 % 360 for frame in frames), 0)
     except (*MEDIA_ERRORS, OSError):
-        pass  # playing reports what is wrong
-    return packets, 0
+        return 0  # playing reports what is wrong

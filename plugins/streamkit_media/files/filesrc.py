@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from itertools import chain
 
 from av.container import InputContainer
-from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
@@ -31,7 +29,7 @@ from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import (
     MEDIA_ERRORS,
     check_file,
-    first_packets,
+    display_rotation,
     open_container,
     reason_of,
     video_stream,
@@ -99,18 +97,10 @@ class FileSrc(Source):
     _sockets: ConnectionSockets | None = None
 
     def start(self) -> None:
-        """Opens the file, so that a bad one fails before playing."""
-        self._container: InputContainer | None = None
+        """Looks into the file, so that a bad one fails before playing."""
         self._where = mask_secrets(self.location)
         self._sockets = None
-        scheme = self.location.partition("://")[0].lower()
-        if scheme in (*LIVE_SCHEMES, *RTSP_SCHEMES):
-            source = "rtspsrc location=" if scheme in RTSP_SCHEMES else "livesrc uri="
-            raise ResourceError(f"{self._where}: this is live video and no file; write {source}{self._where}")
-        if not self.location:
-            raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
-        if self.stop_s is not None and self.stop_s <= self.start_s:
-            raise ResourceError(f"stop-s= must be after start-s={self.start_s:g}, got {self.stop_s:g}")
+        self._check_properties()
         if is_network(self.location):
             try:
                 self._sockets = ConnectionSockets(port_of(self.location))
@@ -119,39 +109,42 @@ class FileSrc(Source):
         self._caps: dict[StreamKind, Caps] = {}
         self._offset = self._end = 0
         self._rotation = 0
-        self._first_packets: list[Packet[Stream]] = []
-        self._is_opening = True
-        try:
-            container = self._open()
-        finally:
-            self._is_opening = False
-        try:
-            self._kinds = kinds_of(container)
+        with self._open() as container:
+            self._kinds, self._duration = kinds_of(container), container.duration
             if self._video_is_wanted():
                 video = video_stream(container, self.location)
-                self._first_packets, self._rotation = first_packets(container, video)
-            self._duration = container.duration
-        except BaseException:
-            container.close()
-            raise
-        self._container = container
+                self._rotation = display_rotation(container, video)
+                self._packet_caps(video, StreamKind.VIDEO)
+
+    def _check_properties(self) -> None:
+        scheme = self.location.partition("://")[0].lower()
+        if scheme in (*LIVE_SCHEMES, *RTSP_SCHEMES):
+            source = "rtspsrc location=" if scheme in RTSP_SCHEMES else "livesrc uri="
+            raise ResourceError(f"{self._where}: this is live video and no file; write {source}{self._where}")
+        if not self.location:
+            raise ResourceError("location= must name a file, it is empty; write filesrc location=flight.mp4")
+        if self.stop_s is not None and self.stop_s <= self.start_s:
+            raise ResourceError(f"stop-s= must be after start-s={self.start_s:g}, got {self.stop_s:g}")
 
     def _open(self) -> InputContainer:
         """The container; for bare KLV packets FFmpeg needs the format's name."""
-        may_be_bare = False
-        if not is_network(self.location):
-            check_file(self.location)
-            may_be_bare = holds_klv(local_path(self.location))
+        self._is_opening, may_be_bare = True, False
         try:
-            container = open_container(self.location)
-        except StreamError:
-            if not may_be_bare:
-                raise
-        else:
-            if not may_be_bare or KLV_CONTAINERS & set(container.format.name.split(",")):
-                return container
-            container.close()
-        return open_container(self.location, format_name=BARE_PACKETS)
+            if not is_network(self.location):
+                check_file(self.location)
+                may_be_bare = holds_klv(local_path(self.location))
+            try:
+                container = open_container(self.location)
+            except StreamError:
+                if not may_be_bare:
+                    raise
+            else:
+                if not may_be_bare or KLV_CONTAINERS & set(container.format.name.split(",")):
+                    return container
+                container.close()
+            return open_container(self.location, format_name=BARE_PACKETS)
+        finally:
+            self._is_opening = False
 
     def duration_ns(self) -> int | None:
         """Duration of the part that is played."""
@@ -162,9 +155,7 @@ class FileSrc(Source):
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The caps of the file's video."""
-        if self._container is None or not self._video_is_wanted():
-            return None
-        return self._packet_caps(video_stream(self._container, self.location), StreamKind.VIDEO)
+        return self._caps.get(StreamKind.VIDEO)
 
     def frames(self) -> Iterator[Frame | tuple[str, Frame]]:
         """The packets in the file's order.
@@ -172,17 +163,19 @@ class FileSrc(Source):
         Raises:
             StreamError: not one packet could be read.
         """
-        # From here on only this thread uses and closes the file: FFmpeg does not allow two.
-        container, self._container = self._container, None
-        assert container is not None
         self._add_pads()
         while True:
+            try:
+                container = self._open()
+            except ResourceError:
+                if self.over.is_set():  # `interrupt` has cut the connection
+                    return
+                raise
             with container:
                 yield from self._play_once(container)
             if not self.loop or self._end <= self._offset:
                 return
             self._offset = self._end
-            container = self._open()
 
     def interrupt(self) -> None:
         """Cuts a connection that is being opened or read."""
@@ -194,12 +187,6 @@ class FileSrc(Source):
         while self._is_opening and time.monotonic() < deadline_s:  # it may just begin, or try again
             time.sleep(CUT_EVERY_S)
             self._sockets.cut()
-
-    def stop(self) -> None:
-        """Closes the file if `frames` never ran."""
-        container, self._container = self._container, None
-        if container is not None:
-            container.close()
 
     # Pads.
 
@@ -284,9 +271,7 @@ class FileSrc(Source):
         carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
         limits = {stream.index: self._limits(stream) for stream, _ in streams}
         playing, latest = set(carried), None
-        first, self._first_packets = [] if self.start_s else self._first_packets, []
-        own = (packet for packet in first if packet.stream_index in carried)
-        for packet in chain(own, read_packets(container, *(stream for stream, _ in streams))):
+        for packet in read_packets(container, *(stream for stream, _ in streams)):
             decoded = packet.dts if packet.dts is not None else packet.pts
             shown = packet.pts if packet.pts is not None else decoded
             begin, end = limits[packet.stream_index]
