@@ -271,15 +271,15 @@ class Decode(Transform):
             number = self._sequence_numbers.pop(0) if self._sequence_numbers else origin.seq
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
-            reason = self._reason_to_hide(origin) if origin.metadata else None
+            reason = self._decide_to_hide(origin) if origin.metadata else None
             if reason is None:
                 frames.append(self._frame(video_frame, origin, number, is_damaged))
             else:
                 self._drop_packet(origin, reason)
         return frames
 
-    def _reason_to_hide(self, origin: Frame) -> str | None:
-        """Why a frame is not shown, "" where that is not counted; None where it is shown."""
+    def _decide_to_hide(self, origin: Frame) -> str | None:
+        """Notes a frame's age; why it is not shown, "" where that is not counted, or None where it is."""
         hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
         # Of the packet that let the decoder give the frame out: a frame that is reordered has not waited.
         age_ns = self.clock_ns() - self._newest_arrival_ns
@@ -287,7 +287,7 @@ class Decode(Transform):
             if freshness is not None:
                 self._inherent_delay.add(age_ns)
             return hidden.reason
-        if freshness is not None and self._inherent_delay.has_waited(age_ns, freshness.slack_ns):
+        if freshness is not None and self._inherent_delay.drops(age_ns, freshness.slack_ns):
             return TOO_OLD
         return None
 

@@ -64,12 +64,12 @@ class InherentDelay:
         """Adds the age of a frame that is not shown for another reason."""
         self._ages.append(age_ns)
 
-    def has_waited(self, age_ns: int, slack_ns: int) -> bool:
-        """Adds the age of the next frame; whether to drop it, older than the delay and the slack."""
+    def drops(self, age_ns: int, slack_ns: int) -> bool:
+        """Decides on the next frame, and adds its age: one older than the delay and the slack is dropped."""
         self._ages.append(age_ns)
         if self._dropped_age_ns is None:
-            has_waited = age_ns - min(self._ages) > slack_ns
+            is_dropped = age_ns - min(self._ages) > slack_ns
         else:
-            has_waited = self._dropped_age_ns - age_ns > MIN_GAIN_NS
-        self._dropped_age_ns = age_ns if has_waited else None
-        return has_waited
+            is_dropped = self._dropped_age_ns - age_ns > MIN_GAIN_NS
+        self._dropped_age_ns = age_ns if is_dropped else None
+        return is_dropped

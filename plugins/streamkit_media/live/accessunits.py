@@ -66,7 +66,7 @@ class AccessUnits:
         self._times = None if has_decoding_times else DecodingTimes()
         self._pts: int | None = None  # of the frame under way, or of the last one
         self._pieces: list[Packet[Stream]] = []
-        self._has_slice = self._is_ended = False
+        self._is_ended = False  # whether the last piece, by its mark, has ended a frame
 
     def add(self, piece: Packet[Stream], *, is_marked: bool) -> Iterator[Packet[Stream]]:
         """Takes the next piece.
@@ -79,19 +79,21 @@ class AccessUnits:
             The frames that are complete with it.
         """
         data = bytes(piece)
-        has_start, has_slice = START_CODES.match(data) is not None, holds_slice(self._codec, data)
-        begins = has_start and (piece.pts is None or piece.pts != self._pts)
-        if begins:
+        has_start = START_CODES.match(data) is not None
+        if has_start and (piece.pts is None or piece.pts != self._pts):
             yield from self.drain()
-        elif self._is_ended and (has_slice or not has_start):
+        elif self._is_ended and (not has_start or holds_slice(self._codec, data)):
             self.trusts_marks = False
         if not self._pieces:
-            self._pts, self._has_slice, self._is_ended = piece.pts, False, False
+            self._pts = piece.pts
         self._pieces.append(piece)
-        self._has_slice |= has_slice
-        if is_marked and self.trusts_marks and self._has_slice:
-            self._is_ended = True
+        self._is_ended = is_marked and self.trusts_marks and self._holds_slice()
+        if self._is_ended:
             yield from self.drain()
+
+    def _holds_slice(self) -> bool:
+        """Whether the pieces are more than parameter sets and the like."""
+        return any(holds_slice(self._codec, bytes(piece)) for piece in self._pieces)
 
     def drain(self) -> Iterator[Packet[Stream]]:
         """What is held, with the times of its first piece."""

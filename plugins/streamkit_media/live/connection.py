@@ -69,7 +69,7 @@ class LiveConnection:
         self._timeline, self._clock, self._count_drop = timeline, clock, count_drop
         self._latency_ns = latency_ms * 1_000_000
         self._freshness = Freshness(self._latency_ns)
-        self._catches_up = False
+        self._catches_up = False  # frames are decoded without being shown
         self._shown_ns = clock.monotonic_ns()
         self._ending = threading.Event()
         # caps of the streams that are there, known before the first packet is queued
@@ -117,8 +117,9 @@ class LiveConnection:
                 self._expected[packet.kind] = packet.number + 1
                 if has_gap:
                     frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                if packet.kind is StreamKind.VIDEO and self._is_late(packet, has_jumped=has_gap):
-                    frame = frame.attach(LATE)
+                if packet.kind is StreamKind.VIDEO:
+                    self._catch_up(packet, has_jumped=has_gap)
+                    frame = frame.attach(LATE) if self._catches_up else frame
                 yield packet.kind, frame
                 # The consumer's own time is not the server's silence.
                 last = time.monotonic()
@@ -127,8 +128,8 @@ class LiveConnection:
             elif time.monotonic() - last > timeout_s + WATCHDOG_MARGIN_S:
                 raise silence(self._source.where, timeout_s)
 
-    def _is_late(self, packet: QueuedPacket, *, has_jumped: bool) -> bool:
-        """Whether newer frames go first: once one has waited too long, all but the newest are late.
+    def _catch_up(self, packet: QueuedPacket, *, has_jumped: bool) -> None:
+        """Begins to catch up once a frame has waited too long, and ends with the newest.
 
         Where decoding is slower than the stream there are always newer ones: then the first frame after a
         jump to a keyframe is shown, and in any case one per second.
@@ -141,7 +142,6 @@ class LiveConnection:
             self._catches_up = True
         if not self._catches_up:
             self._shown_ns = now
-        return self._catches_up
 
     # The thread that reads.
 
