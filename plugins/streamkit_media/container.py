@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import stat
 import time
 from collections.abc import Mapping
@@ -12,17 +11,15 @@ from urllib.parse import quote, urlsplit
 
 import av
 from av.container import InputContainer
-from av.error import FFmpegError, HTTPForbiddenError, HTTPServerError, HTTPUnauthorizedError, InvalidDataError
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit.output.names import is_network, local_path
 from streamkit.output.pipe import STANDARD_INPUT
+from streamkit_media.failures import MEDIA_ERRORS, open_failure
 
 LOCAL_LIMIT_S = 8.0
 MAX_PIXELS = 8192 * 8192
-# Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
-MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
 PIPE_REMEDY = (
     "a pipe is not read; write it to a file first, or send it, as in ... | ffmpeg -i - -c copy -f mpegts "
     "udp://127.0.0.1:5000 with livesrc uri=udp://@:5000"
@@ -48,22 +45,6 @@ class ReadsBytes(Protocol):
 
     def read(self, size: int) -> bytes:
         """At most `size` bytes; empty at the end."""
-
-
-class AccessRefused(ResourceError):
-    """The server wants other credentials; a retry does not help."""
-
-
-class UnsupportedTransport(ResourceError):
-    """The server does not send over the transport asked for."""
-
-
-class TimedOut(ResourceError):
-    """The server did not answer, or not completely, within the limit."""
-
-
-class InvalidMedia(ResourceError):
-    """The server sends something that FFmpeg cannot identify."""
 
 
 def open_container(
@@ -145,54 +126,6 @@ def check_file(location: str) -> None:
         raise ResourceError(f"{location}: a regular file is needed, this is {kind}; {PIPE_REMEDY}")
     if status.st_size == 0:
         raise StreamError(f"{location}: the file is empty (0 bytes); it may not have been written yet")
-
-
-def open_failure(location: str, error: Exception, limit_s: float | None) -> ResourceError:
-    """The error to raise for what PyAV raised on opening: where, what, remedy; never a password.
-
-    `limit_s` is the time limit where it has passed.
-    """
-    where = mask_secrets(location)
-    if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
-        return AccessRefused(
-            f"{where}: the server asks for other credentials: {reason_of(error)}; "
-            "set user-id= and user-pw=, or write both in the location"
-        )
-    if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
-        return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")
-    if limit_s is not None:
-        return TimedOut(
-            f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "
-            "check that it plays elsewhere, or allow more time"
-        )
-    if is_network(location):
-        kind = InvalidMedia if isinstance(error, InvalidDataError) else ResourceError
-        check = "the log of the server" if isinstance(error, HTTPServerError) else "address, port and path"
-        return kind(f"{where}: cannot be opened: {reason_of(error)}; check {check}")
-    return StreamError(
-        f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
-        "check that it is a whole video file"
-    )
-
-
-def reason_of(error: Exception) -> str:
-    """FFmpeg's error text without file names, which may hold passwords."""
-    text = getattr(error, "strerror", None)
-    return text if isinstance(text, str) and text else mask_secrets(str(error)) or type(error).__name__
-
-
-def first_bytes(location: str) -> str:
-    """How a file begins, where that explains why it is no media."""
-    try:
-        with local_path(location).open("rb") as file:
-            head = file.read(256)
-    except OSError:
-        return ""
-    if not head.strip(b"\0"):
-        return " (it begins with zeros)"
-    if all(byte >= 32 or byte in b"\t\r\n\f" for byte in head):
-        return f" (it begins with text: {head[:24].decode('latin-1')!r})"
-    return ""
 
 
 def video_stream(container: InputContainer, location: str) -> VideoStream:

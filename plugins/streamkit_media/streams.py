@@ -15,7 +15,7 @@ from av.video.stream import VideoStream
 
 from streamkit import SECOND_NS, Caps, Frame, FrameFlags, StreamError, Structure
 from streamkit_media.codecs import video_caps
-from streamkit_media.container import MEDIA_ERRORS, reason_of
+from streamkit_media.failures import MEDIA_ERRORS, reason_of
 
 KLV_CAPS = "meta/x-klv, parsed=(boolean)false"
 SUBTITLE_CAPS = "text/x-raw, format=utf8"

@@ -17,11 +17,11 @@ from av.video.frame import VideoFrame
 from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
 from streamkit.handoff.library_threads import available_cores
 from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, extradata_of, size_of
-from streamkit_media.container import reason_of
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
 from streamkit_media.decoding.framenumbers import FrameNumbers
 from streamkit_media.decoding.marks import PENDING_LIMIT, FrameMarks, Freshness, InherentDelay
 from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
+from streamkit_media.failures import reason_of
 from streamkit_media.nalunits import is_reference
 from streamkit_media.streams import DecodeOnly
 

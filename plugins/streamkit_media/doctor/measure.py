@@ -12,8 +12,8 @@ from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
 
 from streamkit import SECOND_NS, Frame, FrameFlags
-from streamkit_media.container import reason_of
 from streamkit_media.decoding.videodecoder import VideoDecoder
+from streamkit_media.failures import reason_of
 
 SETTLING_PACKETS = 15  # the first packets come in one go while FFmpeg looks at the stream
 MIN_TRANSITS = 15

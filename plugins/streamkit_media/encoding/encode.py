@@ -11,8 +11,8 @@ from av.stream import Stream
 
 from streamkit import SECOND_NS, Caps, Frame, FrameFlags, SettingsOf, StreamError, Transform
 from streamkit_media.codecs import MEDIA_TYPES, caps_rate, coded_caps
-from streamkit_media.container import MEDIA_ERRORS, reason_of
 from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
+from streamkit_media.failures import MEDIA_ERRORS, reason_of
 
 HELD_LIMIT = 512
 MAX_REORDERED = 16  # frames between two that are shown in the order of their packets, as in H.264

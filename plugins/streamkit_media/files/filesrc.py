@@ -26,14 +26,8 @@ from streamkit import (
 )
 from streamkit.output.names import is_network, local_path
 from streamkit_media.codecs import CODED_CAPS
-from streamkit_media.container import (
-    MEDIA_ERRORS,
-    check_file,
-    display_rotation,
-    open_container,
-    reason_of,
-    video_stream,
-)
+from streamkit_media.container import check_file, display_rotation, open_container, video_stream
+from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets

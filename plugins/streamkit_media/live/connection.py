@@ -25,7 +25,8 @@ from streamkit import (
 )
 from streamkit_media.container import video_stream
 from streamkit_media.decoding.marks import Freshness
-from streamkit_media.live.liveinput import ConnectionLost, LiveInput, silence
+from streamkit_media.failures import ConnectionLost, silence
+from streamkit_media.live.liveinput import LiveInput
 from streamkit_media.live.packetqueue import QueuedPacket, packet_queue
 from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import DecodeOnly, StreamKind, packet_frame, stream_caps, streams_of

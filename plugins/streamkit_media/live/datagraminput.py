@@ -19,8 +19,9 @@ from typing_extensions import override
 
 from streamkit import ResourceError
 from streamkit_media.container import open_container, video_stream
+from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
-from streamkit_media.live.liveinput import LIVE_OPTIONS, ConnectionLost, LiveInput, Silence
+from streamkit_media.live.liveinput import LIVE_OPTIONS, LiveInput
 from streamkit_media.live.transportpackets import TransportPackets
 from streamkit_media.streams import nanoseconds, read_packets
 from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, overflows, source_address

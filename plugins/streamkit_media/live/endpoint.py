@@ -8,6 +8,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from streamkit import Element, Property, ResourceError, RestartDelay, mask_secrets
 from streamkit_media.container import with_credentials
+from streamkit_media.failures import AccessRefused, Silence
 from streamkit_media.live.addresses import PLAIN_OF, RTSP_SCHEMES, port_of
 from streamkit_media.live.reachability import trusted_authorities
 
@@ -105,34 +106,33 @@ class Endpoint(Element):
         """The location as FFmpeg gets it."""
         return with_credentials(self.location, self.user_id, self.user_pw)
 
-    def _retry(
-        self,
-        error: ResourceError | None,
-        *,
-        has_worked: bool = True,
-        is_final: bool = False,
-        is_at_once: bool = False,
-    ) -> float:
+    def listens(self, failure: ResourceError | None) -> bool:
+        """Whether to try again at once after a failure: the next try is itself a wait for the sender."""
+        return False
+
+    def _retry(self, failure: ResourceError | None, *, has_worked: bool) -> float:
         """Counts and reports the next try; the delay before it, s.
 
         Args:
-            error: why the connection ended; None where the stream has ended regularly.
+            failure: why the connection ended; None where the stream has ended regularly.
             has_worked: whether a connection has worked before.
-            is_final: whether there is to be no other try.
-            is_at_once: whether the next try is itself a wait.
 
         Raises:
-            ResourceError: the error, where there is to be no other try, or there were enough.
+            ResourceError: the failure, where no other try helps or is wanted, or there were enough.
         """
         tries, limit = self._delay.tries, self.max_retries
+        if isinstance(failure, Silence):
+            self._post_state("stalled", reason=str(failure))
         if limit < 0 and not has_worked and self.reconnect is not Reconnect.ALWAYS:
             limit = 0
-        is_enough = 0 <= limit <= tries
-        if error is not None and (is_final or self.reconnect is Reconnect.NEVER or is_enough):
-            self._post_state("gave-up", attempt=tries, reason=str(error))
-            raise ResourceError(f"{error}; gave up after {tries} retries") if tries else error
-        reason = f"{self._where}: the stream has ended" if error is None else str(error)
-        delay_s = self._delay.after() * (not is_at_once)
+        is_last = (
+            isinstance(failure, AccessRefused) or self.reconnect is Reconnect.NEVER or 0 <= limit <= tries
+        )
+        if failure is not None and is_last:
+            self._post_state("gave-up", attempt=tries, reason=str(failure))
+            raise ResourceError(f"{failure}; gave up after {tries} retries") if tries else failure
+        reason = f"{self._where}: the stream has ended" if failure is None else str(failure)
+        delay_s = self._delay.after() * (not self.listens(failure))
         self._post_state("retrying", attempt=self._delay.tries, delay_s=round(delay_s, 3), reason=reason)
         self.post_warning(f"{reason}; retrying ({self._delay.tries}) in {delay_s:.1f} s")
         return delay_s

@@ -13,8 +13,9 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
-from streamkit import ResourceError, StreamError, mask_secrets
-from streamkit_media.container import AccessRefused, TimedOut, open_container
+from streamkit import ResourceError, mask_secrets
+from streamkit_media.container import open_container
+from streamkit_media.failures import AccessRefused, ConnectionLost
 from streamkit_media.live.addresses import port_of
 from streamkit_media.live.reachability import unreachable
 from streamkit_media.live.sockets import ConnectionSockets
@@ -25,22 +26,6 @@ LIVE_OPTIONS = {"analyzeduration": "1500000", "fpsprobesize": "0"}
 PLAYLIST = "hls"
 ONE_CLIENT = ("tcp", "rtmp")  # a simple sender takes one client: a look at the port would take its place
 MAX_PACE_S = 1.0  # a longer step of the decoding times is a jump
-
-
-class ConnectionLost(StreamError):
-    """The other side has ended the connection amid the stream, or has begun another stream."""
-
-
-class Silence(TimedOut):
-    """The server has stopped sending."""
-
-
-def silence(location: str, timeout_s: float) -> Silence:
-    """The error for a server that sends nothing."""
-    return Silence(
-        f"{mask_secrets(location)}: the server has been silent for {timeout_s:g} s (timeout-s); "
-        "check that it plays elsewhere, or allow more time"
-    )
 
 
 class LiveInput:

@@ -20,10 +20,10 @@ from streamkit import (
     StreamError,
 )
 from streamkit_media.codecs import CODED_CAPS
-from streamkit_media.container import AccessRefused
+from streamkit_media.failures import ConnectionLost
 from streamkit_media.live.connection import LiveConnection
 from streamkit_media.live.endpoint import Endpoint, Reconnect
-from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence
+from streamkit_media.live.liveinput import LiveInput
 from streamkit_media.live.timeline import Timeline
 from streamkit_media.streams import StreamKind
 
@@ -86,17 +86,12 @@ class LiveSource(Endpoint, Source):
         """The next connection, not made yet."""
         raise NotImplementedError
 
-    def falls_back(self, failure: ResourceError) -> bool:
-        """Whether to go on at once with another carrier after a connection that brought nothing."""
-        return False
+    def after_nothing(self, failure: ResourceError) -> ResourceError | None:
+        """The failure of a connection that brought nothing, with what may help.
 
-    def with_remedy(self, failure: ResourceError) -> ResourceError:
-        """The failure of a connection that brought nothing, with what may help."""
+        None goes on at once, with another carrier.
+        """
         return failure
-
-    def listens(self, failure: ResourceError | None) -> bool:
-        """Whether to try again at once after a failure: the next try is itself a wait for the sender."""
-        return False
 
     # Called by the engine.
 
@@ -128,24 +123,16 @@ class LiveSource(Endpoint, Source):
             if self.over.is_set():
                 return
             if failure is not None and self._next_seq == before:
-                if self.falls_back(failure):
+                failure = self.after_nothing(failure)
+                if failure is None:
                     continue
-                failure = self.with_remedy(failure)
-            if isinstance(failure, Silence):
-                self._post_state("stalled", reason=str(failure))
             has_ended = failure is None or (
                 self.reconnect is Reconnect.NEVER and isinstance(failure, ConnectionLost)
             )
             if has_ended and self.reconnect is not Reconnect.ALWAYS:
                 self.post_warning(f"{self._where}: the server has ended the stream")
                 return
-            delay_s = self._retry(
-                failure,
-                has_worked=self._epoch >= 0,
-                is_final=isinstance(failure, AccessRefused),
-                is_at_once=self.listens(failure),
-            )
-            self.over.wait(delay_s)
+            self.over.wait(self._retry(failure, has_worked=self._epoch >= 0))
 
     @override
     def interrupt(self) -> None:

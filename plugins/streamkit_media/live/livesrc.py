@@ -10,9 +10,10 @@ from typing_extensions import override
 
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
 from streamkit.output.names import is_network
+from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
 from streamkit_media.live.datagraminput import DatagramInput
-from streamkit_media.live.liveinput import ConnectionLost, LiveInput, Silence, UrlInput
+from streamkit_media.live.liveinput import LiveInput, UrlInput
 from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
 from streamkit_media.streams import KLV_CAPS
 from streamkit_media.udp import source_address

@@ -14,7 +14,7 @@ from streamkit import SECOND_NS, OutputFileSink, PropertyError, ResourceError, m
 from streamkit.output.file import OutputFile
 from streamkit.output.names import is_network
 from streamkit.output.pipe import STANDARD_OUTPUT, standard_output
-from streamkit_media.container import MEDIA_ERRORS
+from streamkit_media.failures import MEDIA_ERRORS
 from streamkit_media.recording.destination import Datagrams, Playlist
 from streamkit_media.recording.packetwriter import FORMATS, HLS, ContainerFormat, Output
 from streamkit_media.udp import target_address

@@ -12,6 +12,7 @@ from typing_extensions import override
 
 from streamkit import Caps, Frame, FrameFlags, Property, ResourceError, Sink, mask_secrets
 from streamkit_media.codecs import codec_of, extradata_of, is_same_format, size_of
+from streamkit_media.failures import access_refused, silence
 from streamkit_media.live.endpoint import Endpoint
 from streamkit_media.live.reachability import unreachable
 from streamkit_media.nalunits import AnnexBConverter, BadPacket
@@ -243,38 +244,29 @@ class RtspClientSink(Endpoint, Sink):
             ResourceError: there is to be none.
         """
         self._leave(LOST, 0)
-        error = self._error(failure)
-        if failure.is_silent:
-            self._post_state("stalled", reason=error)
         if self._is_connected and time.monotonic() - self._opened_s >= STEADY_S:
             self._delay.reset()
-        delay_s = self._retry(
-            ResourceError(error), has_worked=self._was_connected, is_final=failure.is_refused
-        )
+        delay_s = self._retry(self._error(failure), has_worked=self._was_connected)
         self._retry_s = time.monotonic() + delay_s
 
-    def _error(self, failure: PushFailure) -> str:
-        reason = mask_secrets(failure.reason)
+    def _error(self, failure: PushFailure) -> ResourceError:
+        """The failure with where it happened and what to do."""
+        where, reason = self._where, mask_secrets(failure.reason)
         if failure.is_refused:
-            return (
-                f"{self._where}: the server asks for other credentials: {reason}; "
-                "set user-id= and user-pw=, or write both in the location"
-            )
+            return access_refused(where, reason)
         if failure.is_silent:
-            return (
-                f"{self._where}: the server has been silent for {self.timeout_s:g} s (timeout-s); "
-                "check that it takes recordings, or allow more time"
+            return silence(where, self.timeout_s, "check that it takes recordings")
+        if self._is_connected:
+            return ResourceError(
+                f"{where}: the server has ended the connection: {reason}; check that it still runs"
             )
         # FFmpeg reports an unknown host in these words, and every failure of TLS.
-        is_vague = bool(self._tls_options) or reason == os.strerror(errno.EIO)
-        if not self._is_connected and is_vague:
+        if self._tls_options or reason == os.strerror(errno.EIO):
             remedy = "check address and port, and that the server runs"
             cause = unreachable(self.location, self._tls_options.get("ca_file"), self.timeout_s, remedy)
             if cause:
-                return f"{self._where}: {cause}"
-        if self._is_connected:
-            return f"{self._where}: the server has ended the connection: {reason}; check that it still runs"
-        return (
-            f"{self._where}: no recording there: {reason}; "
+                return ResourceError(f"{where}: {cause}")
+        return ResourceError(
+            f"{where}: no recording there: {reason}; "
             "check address, port and path, and that the server takes recordings"
         )

@@ -21,7 +21,8 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
-from streamkit_media.container import InvalidMedia, video_stream
+from streamkit_media.container import video_stream
+from streamkit_media.failures import InvalidMedia
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import UrlInput
 from streamkit_media.streams import read_packets

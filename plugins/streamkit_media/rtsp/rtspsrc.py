@@ -7,7 +7,7 @@ import enum
 from typing_extensions import override
 
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
-from streamkit_media.container import TimedOut, UnsupportedTransport
+from streamkit_media.failures import TimedOut, UnsupportedTransport
 from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
 from streamkit_media.rtsp.rtspinput import RtspInput
 from streamkit_media.streams import KLV_CAPS
@@ -66,21 +66,15 @@ class RtspSrc(LiveSource):
         return RtspInput(self._url, options, limit_s, low_latency=self.low_latency)
 
     @override
-    def falls_back(self, failure: ResourceError) -> bool:
-        if self.transport is not SourceTransport.AUTO:
-            return False
-        if self._carrier is SourceTransport.TCP:
-            if self._epoch < 0:  # neither has worked: the next try begins with UDP again
-                self._carrier = SourceTransport.UDP
-            return False
-        if not isinstance(failure, TimedOut | UnsupportedTransport):
-            return False
-        self._carrier = SourceTransport.TCP
-        self.post_warning(f"{self._where}: nothing came over UDP; continuing over TCP")
-        return True
-
-    @override
-    def with_remedy(self, failure: ResourceError) -> ResourceError:
-        if self._carrier is SourceTransport.UDP and isinstance(failure, TimedOut | UnsupportedTransport):
+    def after_nothing(self, failure: ResourceError) -> ResourceError | None:
+        is_unanswered = isinstance(failure, TimedOut | UnsupportedTransport)
+        may_help = is_unanswered and self._carrier is SourceTransport.UDP
+        if self.transport is SourceTransport.AUTO and may_help:
+            self._carrier = SourceTransport.TCP
+            self.post_warning(f"{self._where}: nothing came over UDP; continuing over TCP")
+            return None
+        if self.transport is SourceTransport.AUTO and self._epoch < 0:
+            self._carrier = SourceTransport.UDP  # neither has worked: the next try begins with UDP again
+        elif may_help:
             return type(failure)(f"{failure}; if it does over TCP, set transport=tcp or transport=auto")
         return failure

@@ -8,7 +8,8 @@ import av
 import pytest
 
 from streamkit import ResourceError, StreamError
-from streamkit_media.container import check_file, display_rotation, open_container, open_failure, video_stream
+from streamkit_media.container import check_file, display_rotation, open_container, video_stream
+from streamkit_media.failures import open_failure
 
 
 def test_a_good_file_opens(small_video: Path) -> None:

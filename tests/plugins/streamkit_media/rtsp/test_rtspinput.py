@@ -6,8 +6,8 @@ import pytest
 from streamkit import ResourceError
 from streamkit.flow.clock import SystemClock
 from streamkit.handoff.bounded_queue import BoundedQueue
+from streamkit_media.failures import silence
 from streamkit_media.live.connection import LiveConnection
-from streamkit_media.live.liveinput import silence
 from streamkit_media.live.packetqueue import QueuedPacket
 from streamkit_media.live.timeline import Timeline
 from streamkit_media.rtsp.rtspinput import RtspInput

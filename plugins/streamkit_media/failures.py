@@ -1,0 +1,98 @@
+"""How opening, reading and pushing media fail: each error says where, what happened and what to do."""
+
+from __future__ import annotations
+
+import errno
+
+from av.error import FFmpegError, HTTPForbiddenError, HTTPServerError, HTTPUnauthorizedError, InvalidDataError
+
+from streamkit import ResourceError, StreamError, mask_secrets
+from streamkit.output.names import is_network, local_path
+
+# Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
+MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
+
+
+class AccessRefused(ResourceError):
+    """The server wants other credentials; a retry does not help."""
+
+
+class UnsupportedTransport(ResourceError):
+    """The server does not send over the transport asked for."""
+
+
+class TimedOut(ResourceError):
+    """The server did not answer, or not completely, within the limit."""
+
+
+class Silence(TimedOut):
+    """The server has stopped sending."""
+
+
+class ConnectionLost(StreamError):
+    """The other side has ended the connection amid the stream, or has begun another stream."""
+
+
+class InvalidMedia(ResourceError):
+    """The server sends something that FFmpeg cannot identify."""
+
+
+def access_refused(where: str, reason: str) -> AccessRefused:
+    """The error for a server that refuses the credentials, with its reason."""
+    return AccessRefused(
+        f"{where}: the server asks for other credentials: {reason}; "
+        "set user-id= and user-pw=, or write both in the location"
+    )
+
+
+def silence(where: str, timeout_s: float, remedy: str = "check that it plays elsewhere") -> Silence:
+    """The error for a server that sends nothing."""
+    return Silence(
+        f"{mask_secrets(where)}: the server has been silent for {timeout_s:g} s (timeout-s); "
+        f"{remedy}, or allow more time"
+    )
+
+
+def open_failure(location: str, error: Exception, limit_s: float | None) -> ResourceError:
+    """The error to raise for what PyAV raised on opening: where, what, remedy; never a password.
+
+    `limit_s` is the time limit where it has passed.
+    """
+    where = mask_secrets(location)
+    if isinstance(error, HTTPUnauthorizedError | HTTPForbiddenError):
+        return access_refused(where, reason_of(error))
+    if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
+        return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")
+    if limit_s is not None:
+        return TimedOut(
+            f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "
+            "check that it plays elsewhere, or allow more time"
+        )
+    if is_network(location):
+        kind = InvalidMedia if isinstance(error, InvalidDataError) else ResourceError
+        check = "the log of the server" if isinstance(error, HTTPServerError) else "address, port and path"
+        return kind(f"{where}: cannot be opened: {reason_of(error)}; check {check}")
+    return StreamError(
+        f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
+        "check that it is a whole video file"
+    )
+
+
+def reason_of(error: Exception) -> str:
+    """FFmpeg's error text without file names, which may hold passwords."""
+    text = getattr(error, "strerror", None)
+    return text if isinstance(text, str) and text else mask_secrets(str(error)) or type(error).__name__
+
+
+def first_bytes(location: str) -> str:
+    """How a file begins, where that explains why it is no media."""
+    try:
+        with local_path(location).open("rb") as file:
+            head = file.read(256)
+    except OSError:
+        return ""
+    if not head.strip(b"\0"):
+        return " (it begins with zeros)"
+    if all(byte >= 32 or byte in b"\t\r\n\f" for byte in head):
+        return f" (it begins with text: {head[:24].decode('latin-1')!r})"
+    return ""
