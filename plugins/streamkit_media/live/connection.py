@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from collections import Counter
@@ -12,24 +11,15 @@ from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import (
-    Caps,
-    Capture,
-    Clock,
-    Frame,
-    FrameFlags,
-    ResourceError,
-    StreamError,
-    StreamkitError,
-    mask_secrets,
-)
+from streamkit import Caps, Frame, FrameFlags, ResourceError, StreamError, StreamkitError, mask_secrets
+from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.container import video_stream
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.failures import ConnectionLost, silence
 from streamkit_media.live.liveinput import LiveInput
-from streamkit_media.live.packetqueue import QueuedPacket, packet_queue
-from streamkit_media.live.timeline import Timeline
-from streamkit_media.streams import DecodeOnly, StreamKind, packet_frame, stream_caps, streams_of
+from streamkit_media.live.slowconsumer import CatchUp, DropToKeyframe, QueuedPacket
+from streamkit_media.live.timeline import PacketStamps
+from streamkit_media.streams import DecodeOnly, StreamKind, stream_caps, streams_of
 
 CUT_EVERY_S = 0.05
 WATCHDOG_MARGIN_S = 0.3
@@ -37,8 +27,6 @@ POLL_S = 0.5
 LATE = DecodeOnly("late: a newer frame had come")
 OVERRUN = "consumer too slow, older packets dropped"
 MAX_WAIT_NS = 500_000_000
-MAX_PAUSE_NS = 1_000_000_000
-PRFT = struct.Struct("=q")
 
 
 class LiveConnection:
@@ -49,9 +37,7 @@ class LiveConnection:
         kinds: streams to read; the video must be there.
         max_packets: most packets queued for a slow consumer.
         latency_ms: packets that wait longer, here or in the decoder, are decoded but not shown.
-        first_seq: number of its first packet.
-        timeline: sets the packets' times.
-        clock: of the pipeline.
+        stamps: gives packets their numbers and times.
         count_drop: called in the thread that reads, with the reason and number of dropped packets.
     """
 
@@ -61,26 +47,23 @@ class LiveConnection:
         kinds: frozenset[StreamKind],
         max_packets: int,
         latency_ms: int,
-        first_seq: int,
-        timeline: Timeline,
-        clock: Clock,
+        stamps: PacketStamps,
         count_drop: Callable[[str, int], None],
     ) -> None:
-        self._source, self._kinds = source, kinds
-        self._timeline, self._clock, self._count_drop = timeline, clock, count_drop
-        self._latency_ns = latency_ms * 1_000_000
-        self._freshness = Freshness(self._latency_ns)
-        self._catches_up = False  # frames are decoded without being shown
-        self._shown_ns = clock.monotonic_ns()
+        self._source, self._kinds, self._stamps, self._count_drop = source, kinds, stamps, count_drop
+        latency_ns = latency_ms * 1_000_000
+        self._freshness = Freshness(latency_ns)
+        self._catch_up = CatchUp(latency_ns, stamps.clock.monotonic_ns())
         self._ending = threading.Event()
         # caps of the streams that are there, known before the first packet is queued
         self.found: dict[StreamKind, Caps] = {}
-        self.next_seq = first_seq  # number of the next packet
         self._received: Counter[StreamKind] = Counter()
         # The number of the next packet of each kind; a connection that follows another begins with a gap.
-        self._expected = dict.fromkeys(kinds, -1 if first_seq else 0)
+        self._expected = dict.fromkeys(kinds, -1 if stamps.next_seq else 0)
         # packets between the thread that reads and the source's
-        self.queue = packet_queue(max_packets, max(MAX_WAIT_NS, self._latency_ns))
+        self.queue = BoundedQueue[QueuedPacket](
+            max_packets, choose_dropped=DropToKeyframe(max(MAX_WAIT_NS, latency_ns))
+        )
         # Not a daemon: it is always joined, and FFmpeg's limits bound it.
         self._thread = threading.Thread(target=self._run, name=f"reader {source.where}", daemon=False)
 
@@ -114,14 +97,7 @@ class LiveConnection:
         while not is_over.is_set():
             packet = queue.get(min(POLL_S, timeout_s), is_over)
             if packet is not None:
-                frame, has_gap = packet.frame, packet.number != self._expected[packet.kind]
-                self._expected[packet.kind] = packet.number + 1
-                if has_gap:
-                    frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                if packet.kind is StreamKind.VIDEO:
-                    self._catch_up(packet, has_jumped=has_gap)
-                    frame = frame.attach(LATE) if self._catches_up else frame
-                yield packet.kind, frame
+                yield packet.kind, self._taken(packet)
                 # The consumer's own time is not the server's silence.
                 last = time.monotonic()
             elif queue.is_over:
@@ -129,20 +105,18 @@ class LiveConnection:
             elif time.monotonic() - last > timeout_s + WATCHDOG_MARGIN_S:
                 raise silence(self._source.where, timeout_s)
 
-    def _catch_up(self, packet: QueuedPacket, *, has_jumped: bool) -> None:
-        """Begins to catch up once a frame has waited too long, and ends with the newest.
-
-        Where decoding is slower than the stream there are always newer ones: then the first frame after a
-        jump to a keyframe is shown, and in any case one per second.
-        """
-        now = self._clock.monotonic_ns()
-        is_newest = packet.number + 1 == self._received[StreamKind.VIDEO]
-        if is_newest or has_jumped or now - self._shown_ns > MAX_PAUSE_NS:
-            self._catches_up = False
-        elif now - packet.frame.arrival_ns > self._latency_ns:
-            self._catches_up = True
-        if not self._catches_up:
-            self._shown_ns = now
+    def _taken(self, packet: QueuedPacket) -> Frame:
+        """The frame of a packet, marked where packets before it are missing, and where it comes too late."""
+        frame, has_gap = packet.frame, packet.number != self._expected[packet.kind]
+        self._expected[packet.kind] = packet.number + 1
+        if has_gap:
+            frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+        if packet.kind is StreamKind.VIDEO:
+            is_newest = packet.number + 1 == self._received[StreamKind.VIDEO]
+            now_ns = self._stamps.clock.monotonic_ns()
+            if self._catch_up.hides(frame.arrival_ns, now_ns, is_wanted=is_newest or has_gap):
+                frame = frame.attach(LATE)
+        return frame
 
     # The thread that reads.
 
@@ -184,29 +158,11 @@ class LiveConnection:
             raise StreamError(f"{source.where}: {error}; check that the server still runs") from None
 
     def _arrived(self, packet: Packet[Stream], caps: Caps, kind: StreamKind) -> None:
-        """Queues a packet with its time of arrival."""
-        now = self._clock.monotonic_ns()
-        frame = packet_frame(packet, caps)
-        sent = sender_time_ns(packet)
-        capture = Capture(self._clock.utc_ns(), "arrival") if sent is None else Capture(sent, "rtcp")
-        frame = frame.replace(
-            seq=self.next_seq, arrival_ns=now, capture=capture, pts=self._timeline.place(frame.pts, now)
-        )
-        self.next_seq += 1
+        """Queues a packet with its number and times."""
+        frame = self._stamps.stamped(packet, caps)
         if kind is StreamKind.VIDEO:
             frame = frame.attach(self._freshness)
         queued = QueuedPacket(kind, self._received[kind], frame)
         self._received[kind] += 1
         if dropped := self.queue.put(queued):
             self._count_drop(OVERRUN, dropped)
-
-
-def sender_time_ns(packet: Packet[Stream]) -> int | None:
-    """UTC time at which the server captured a packet, ns; None before its first RTCP sender report.
-
-    FFmpeg computes it for each packet (AVProducerReferenceTime, wall clock in us).
-    """
-    if not packet.has_sidedata("prft"):
-        return None
-    wall_us: int = PRFT.unpack_from(bytes(packet.get_sidedata("prft")))[0]
-    return wall_us * 1000

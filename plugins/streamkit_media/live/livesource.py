@@ -24,7 +24,7 @@ from streamkit_media.failures import ConnectionLost
 from streamkit_media.live.connection import LiveConnection
 from streamkit_media.live.endpoint import Endpoint, Reconnect
 from streamkit_media.live.liveinput import LiveInput
-from streamkit_media.live.timeline import Timeline
+from streamkit_media.live.timeline import PacketStamps
 from streamkit_media.streams import StreamKind
 
 VIDEO_PAD = PadTemplate("video", Direction.SRC, Caps(CODED_CAPS), Presence.SOMETIMES)
@@ -69,9 +69,8 @@ class LiveSource(Endpoint, Source):
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
         self._abandoned: list[LiveConnection] = []
-        self._next_seq = 0
         self._epoch = -1
-        self._timeline = Timeline()
+        self._stamps = PacketStamps(self.clock)
         self._kinds = frozenset(map(StreamKind, (pad.name for pad in self.templates)))
         super().start()
 
@@ -98,8 +97,7 @@ class LiveSource(Endpoint, Source):
     @property
     def received(self) -> int:
         """Packets received since the start; each is delivered, or counted in `drops` here or downstream."""
-        connection = self._connection
-        return self._next_seq if connection is None else connection.next_seq
+        return self._stamps.next_seq
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """None: the server chooses."""
@@ -112,7 +110,7 @@ class LiveSource(Endpoint, Source):
             ResourceError: a connection failed and is not, or no longer, to be tried again.
         """
         while not self.over.is_set():
-            before, failure = self._next_seq, None
+            before, failure = self._stamps.next_seq, None
             self._post_state("connecting", attempt=self._delay.tries, transport=self.carrier)
             try:
                 yield from self._one_connection()
@@ -122,7 +120,7 @@ class LiveSource(Endpoint, Source):
                 self._disconnect(LEAVE_LIMIT_S)
             if self.over.is_set():
                 return
-            if failure is not None and self._next_seq == before:
+            if failure is not None and self._stamps.next_seq == before:
                 failure = self.after_nothing(failure)
                 if failure is None:
                     continue
@@ -155,11 +153,10 @@ class LiveSource(Endpoint, Source):
 
     def _one_connection(self) -> Iterator[Frame | tuple[str, Frame]]:
         """Its packets; the first makes it a new epoch."""
-        self._timeline.begin_connection()
+        self._stamps.timeline.begin_connection()
         connection = self._connection = LiveConnection(
-            self.make_input(), self._kinds, self.max_packets, self.latency_ms, self._next_seq,
-            self._timeline, self.clock, self.count_drop,
-        )  # fmt: skip
+            self.make_input(), self._kinds, self.max_packets, self.latency_ms, self._stamps, self.count_drop
+        )
         is_connected = False
         for kind, frame in connection.frames(self.over):
             if not is_connected:
@@ -199,7 +196,6 @@ class LiveSource(Endpoint, Source):
         ended = connection.end(limit_s)
         if left := len(connection.queue):
             self.count_drop("the connection was left", left)
-        self._next_seq = connection.next_seq
         self._abandoned = [left for left in self._abandoned if not left.end(0)]
         if not ended:
             self._abandoned.append(connection)

@@ -1,9 +1,18 @@
-"""Timeline: the timestamps of a live stream, over all its connections."""
+"""Numbers and times of a live stream's packets, over all its connections."""
 
 from __future__ import annotations
 
+import struct
+
+from av.packet import Packet
+from av.stream import Stream
+
+from streamkit import Caps, Capture, Clock, Frame
+from streamkit_media.streams import packet_frame
+
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000
+PRFT = struct.Struct("=q")
 
 
 class Timeline:
@@ -41,3 +50,36 @@ class Timeline:
         self._before = (pts, arrival_ns)
         self._highest = max(self._highest, pts + self._offset)
         return pts + self._offset
+
+
+class PacketStamps:
+    """Numbers packets as they arrive, and gives them their times.
+
+    Attributes:
+        clock: of the pipeline.
+        timeline: places the packets.
+        next_seq: number of the next packet.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock, self.timeline, self.next_seq = clock, Timeline(), 0
+
+    def stamped(self, packet: Packet[Stream], caps: Caps) -> Frame:
+        """A packet that arrives now, as a frame."""
+        now_ns, sent_ns = self.clock.monotonic_ns(), sender_time_ns(packet)
+        capture = Capture(self.clock.utc_ns(), "arrival") if sent_ns is None else Capture(sent_ns, "rtcp")
+        frame = packet_frame(packet, caps)
+        pts, seq = self.timeline.place(frame.pts, now_ns), self.next_seq
+        self.next_seq += 1
+        return frame.replace(seq=seq, arrival_ns=now_ns, capture=capture, pts=pts)
+
+
+def sender_time_ns(packet: Packet[Stream]) -> int | None:
+    """UTC time at which the server captured a packet, ns; None before its first RTCP sender report.
+
+    FFmpeg computes it for each packet (AVProducerReferenceTime, wall clock in us).
+    """
+    if not packet.has_sidedata("prft"):
+        return None
+    wall_us: int = PRFT.unpack_from(bytes(packet.get_sidedata("prft")))[0]
+    return wall_us * 1000

@@ -15,7 +15,7 @@ from streamkit.testing import ManualClock
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.live.connection import LATE, OVERRUN, LiveConnection
 from streamkit_media.live.liveinput import LiveInput
-from streamkit_media.live.timeline import Timeline
+from streamkit_media.live.timeline import PacketStamps
 from streamkit_media.streams import DecodeOnly, StreamKind
 
 Packets = list["Packet[Stream]"]
@@ -56,7 +56,7 @@ def connection_of(source: Arranged, max_packets: int, clock: ManualClock) -> tup
     drops: Counter[str] = Counter()
     kinds = frozenset({StreamKind.VIDEO, StreamKind.KLV})
     connection = Read(
-        source, kinds, max_packets, 0, 0, Timeline(), clock, lambda reason, n: drops.update({reason: n})
+        source, kinds, max_packets, 0, PacketStamps(clock), lambda reason, n: drops.update({reason: n})
     )
     connection.source = source
     return connection, drops

@@ -8,8 +8,8 @@ from streamkit.flow.clock import SystemClock
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.failures import silence
 from streamkit_media.live.connection import LiveConnection
-from streamkit_media.live.packetqueue import QueuedPacket
-from streamkit_media.live.timeline import Timeline
+from streamkit_media.live.slowconsumer import QueuedPacket
+from streamkit_media.live.timeline import PacketStamps
 from streamkit_media.rtsp.rtspinput import RtspInput
 from streamkit_media.streams import StreamKind
 
@@ -20,7 +20,7 @@ def reader_of(location: str, timeout_s: float) -> tuple[LiveConnection, BoundedQ
     """A connection over TCP and its queue."""
     source = RtspInput(location, {"rtsp_transport": "tcp"}, timeout_s)
     kinds = frozenset({StreamKind.VIDEO})
-    connection = LiveConnection(source, kinds, 8, 100, 0, Timeline(), SystemClock(), lambda *_: None)
+    connection = LiveConnection(source, kinds, 8, 100, PacketStamps(SystemClock()), lambda *_: None)
     return connection, connection.queue
 
 

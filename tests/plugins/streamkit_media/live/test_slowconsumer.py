@@ -5,10 +5,15 @@ from hypothesis import strategies as st
 
 from streamkit import ANY, Frame, FrameFlags
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.live.packetqueue import QueuedPacket, packet_queue
+from streamkit_media.live.slowconsumer import DropToKeyframe, QueuedPacket
 from streamkit_media.streams import StreamKind
 
 SECOND = 1_000_000_000
+
+
+def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[QueuedPacket]:
+    """A queue that drops up to a keyframe."""
+    return BoundedQueue(capacity, choose_dropped=DropToKeyframe(longest_wait_ns))
 
 
 def packet(number: int, is_keyframe: bool, arrival_ns: int = 0) -> QueuedPacket:

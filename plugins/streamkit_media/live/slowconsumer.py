@@ -1,4 +1,4 @@
-"""The queue of a live connection: it never waits for a slow consumer, but drops packets up to a keyframe."""
+"""How a live connection treats a slow consumer: it drops packets up to a keyframe, and hides late frames."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from streamkit import Frame, FrameFlags
-from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.streams import StreamKind
 
 # Streams with intra refresh have no keyframes: after so many refused packets the next one is accepted.
 KEYFRAME_PATIENCE = 300
+MAX_PAUSE_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,6 @@ class QueuedPacket:
     def is_keyframe(self) -> bool:
         """Whether decoding of the video can begin with it."""
         return self.kind is StreamKind.VIDEO and bool(self.frame.flags & FrameFlags.KEYFRAME)
-
-
-def packet_queue(capacity: int, longest_wait_ns: int) -> BoundedQueue[QueuedPacket]:
-    """A queue of packets that never waits for room, see `DropToKeyframe`; `capacity` is the most queued."""
-    return BoundedQueue(capacity, choose_dropped=DropToKeyframe(longest_wait_ns))
 
 
 class DropToKeyframe:
@@ -62,3 +57,29 @@ class DropToKeyframe:
             self._awaits_keyframe = any(packet.kind is StreamKind.VIDEO for packet in (*held, new))
             return range(len(held) + 1)
         return range(count)
+
+
+class CatchUp:
+    """Once a frame has waited too long, frames are decoded but not shown, up to the newest.
+
+    Where decoding is slower than the stream there are always newer ones: then the first frame after a jump to
+    a keyframe is shown, and in any case one per second.
+
+    Args:
+        latency_ns: how long a frame may wait.
+        now_ns: monotonic clock.
+    """
+
+    def __init__(self, latency_ns: int, now_ns: int) -> None:
+        self._latency_ns, self._shown_ns = latency_ns, now_ns
+        self._is_behind = False
+
+    def hides(self, arrival_ns: int, now_ns: int, *, is_wanted: bool) -> bool:
+        """Decides on the next frame; `is_wanted` is the newest, and the first after a jump."""
+        if is_wanted or now_ns - self._shown_ns > MAX_PAUSE_NS:
+            self._is_behind = False
+        elif now_ns - arrival_ns > self._latency_ns:
+            self._is_behind = True
+        if not self._is_behind:
+            self._shown_ns = now_ns
+        return self._is_behind
