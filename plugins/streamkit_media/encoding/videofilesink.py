@@ -10,10 +10,11 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import SECOND_NS, Caps, Frame, Property, StreamError
-from streamkit_media.codecs import caps_rate
+from streamkit_media.codecs import caps_rate, coded_caps
 from streamkit_media.encoding.encoder import ASSUMED_RATE, RAW_CAPS, Encoder, EncoderSettings, Preset, even
+from streamkit_media.recording.formats import FORMATS
 from streamkit_media.recording.mediaoutput import SEGMENT_NS, MediaOutput
-from streamkit_media.recording.packetwriter import FORMATS, FRAGMENTED, PacketWriter, ticks
+from streamkit_media.recording.packetwriter import PacketWriter, ticks
 from streamkit_media.streams import nanoseconds
 
 FLUSH_LIMIT_S = 1.0
@@ -26,8 +27,7 @@ HYBRID = {
     "frag_duration": "500000",
 }
 OWN_FORMATS = {
-    suffix: (name, HYBRID if options is FRAGMENTED else options)
-    for suffix, (name, options) in FORMATS.items()
+    suffix: item._replace(options=HYBRID) if item.is_mp4 else item for suffix, item in FORMATS.items()
 }
 # The encoder holds back a dozen frames; at lower rates that is more than a second.
 MIN_HOLDING_RATE = 12
@@ -107,8 +107,8 @@ class VideoFileSink(MediaOutput):
             )
             self._encoder = encoder = Encoder(settings, pixel_format, size, rate)
             output = self.open_output(count=self.max_files)
-            even_size = even(size[0]), even(size[1])
-            self._writer = PacketWriter(output, self.container(), encoder.codec, even_size, rate=rate)
+            coded = coded_caps(encoder.codec, even(size[0]), even(size[1]))
+            self._writer = PacketWriter(output, self.container(), coded, rate=rate)
         elif (pixel_format, size) != (encoder.pixel_format, encoder.size):
             raise StreamError(
                 f"{self.location}: one file holds one size and format, it began with {encoder.pixel_format} "

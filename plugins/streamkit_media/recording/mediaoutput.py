@@ -16,7 +16,8 @@ from streamkit.output.names import is_network
 from streamkit.output.pipe import STANDARD_OUTPUT, standard_output
 from streamkit_media.failures import MEDIA_ERRORS
 from streamkit_media.recording.destination import Datagrams, Playlist
-from streamkit_media.recording.packetwriter import FORMATS, HLS, ContainerFormat, Output
+from streamkit_media.recording.formats import FORMATS, PLAYLIST_FORMAT, ContainerFormat
+from streamkit_media.recording.packetwriter import Output
 from streamkit_media.udp import target_address
 
 SEGMENT_NS = 2 * SECOND_NS
@@ -88,9 +89,9 @@ class MediaOutput(OutputFileSink):
                 Datagrams(self.location, self._lose).finish()
 
     def container(self) -> ContainerFormat:
-        """FFmpeg's format of the container, and its options but for a playlist's."""
+        """The container by the location."""
         if self.is_playlist:
-            return HLS, {}
+            return PLAYLIST_FORMAT
         return self.formats.get(Path(self.location).suffix.lower(), FORMATS[".ts"])
 
     def open_output(self, segment_ns: int = 0, count: int = 0) -> Output:

@@ -25,10 +25,10 @@ from streamkit import (
 )
 from streamkit.output.file import OutputFile
 from streamkit.output.pipe import STANDARD_OUTPUT
-from streamkit_media.codecs import CODED_CAPS, codec_of, extradata_of, is_same_format, size_of
+from streamkit_media.codecs import CODED_CAPS, is_same_format
 from streamkit_media.nalunits import BadPacket
 from streamkit_media.recording.mediaoutput import MediaOutput, shown_location
-from streamkit_media.recording.packetwriter import WITH_KLV, PacketWriter
+from streamkit_media.recording.packetwriter import PacketWriter
 from streamkit_media.recording.replaysrc import arrival_line, arrivals_path
 from streamkit_media.streams import KLV_CAPS, nanoseconds
 
@@ -84,7 +84,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
                 f"{self.name}: location={mask_secrets(self.location)}: {', '.join(unknown)} must not be set: "
                 "it is for files; write for example location=flight-%05d.ts"
             )
-        if self.location and "klv" in self.pads and self.container()[0] not in WITH_KLV:
+        if self.location and "klv" in self.pads and not self.container().is_transport_stream:
             raise PropertyError(
                 f"{self.name}: location={self.location}: only .ts holds KLV telemetry; "
                 "write a name that ends in .ts"
@@ -207,14 +207,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             )
         file = self.open_output(self.max_size_time, self.max_files)
         try:
-            self._writer = PacketWriter(
-                file,
-                self.container(),
-                codec_of(caps),
-                size_of(caps),
-                extradata_of(caps),
-                with_klv="klv" in self.pads,
-            )
+            self._writer = PacketWriter(file, self.container(), caps, with_klv="klv" in self.pads)
         except BaseException:
             self.take_back()
             raise

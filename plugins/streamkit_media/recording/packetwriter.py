@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 from contextlib import suppress
 from fractions import Fraction
-from functools import cache
 from typing import TypeAlias
 
 import av
@@ -14,10 +12,12 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import SECOND_NS
+from streamkit import SECOND_NS, Caps
 from streamkit.output.file import OutputFile
+from streamkit_media.codecs import codec_of, extradata_of, size_of
 from streamkit_media.nalunits import CODECS, LOOK_BYTES, START_CODES, AnnexBConverter, BadPacket
 from streamkit_media.recording.destination import Destination, Playlist
+from streamkit_media.recording.formats import ContainerFormat, check_codec
 from streamkit_media.recording.parametersets import check_parameter_sets
 
 TIME_BASE = Fraction(1, 90_000)
@@ -27,31 +27,9 @@ MAX_TICKS = 2**31 - 1  # MP4 holds durations in 32 bits; FFmpeg writes longer on
 # Without these FFmpeg keeps up to ten seconds back to interleave with a resting stream, and 32 KB to write.
 # Times stay, so that records of the stream can be matched; FFmpeg would move the first decoding time to 0.
 ALWAYS = {"flush_packets": "1", "max_interleave_delta": "500000", "avoid_negative_ts": "disabled"}
-# The last two keep the time of a first frame that is later than 0.
-FRAGMENTED = {
-    "movflags": "frag_keyframe+empty_moov+default_base_moof+frag_discont",
-    "frag_duration": "500000",
-    "use_editlist": "0",
-}
-ContainerFormat: TypeAlias = tuple[str, dict[str, str]]
-Output: TypeAlias = OutputFile | Destination
-FORMATS: dict[str, ContainerFormat] = {
-    ".mp4": ("mp4", FRAGMENTED),
-    ".mov": ("mov", FRAGMENTED),
-    ".mkv": ("matroska", {"cluster_time_limit": "500"}),
-    ".ts": ("mpegts", {}),
-    ".mts": ("mpegts", {}),
-    ".m2ts": ("mpegts", {"mpegts_m2ts_mode": "1"}),
-}
-HLS = "hls"
-WITH_KLV = WITHOUT_HEADERS = frozenset({"mpegts", HLS})
-# FFmpeg writes any other codec to a transport stream as data that nothing plays.
-TRANSPORT_CODECS = frozenset(
-    {"h264", "hevc", "vvc", "mpeg4", "mpeg2video", "mpeg1video", "vc1", "cavs", "dirac"}
-)
-NOT_IN_MOV = frozenset({"av1", "vp8", "vp9"})  # FFmpeg refuses them with the first packet
 # Codecs whose packets, or FFmpeg's muxers, need no headers beside the packets.
 HEADERS_IN_PACKETS = CODECS | {"av1", "vp8", "vp9", "mjpeg"}
+Output: TypeAlias = OutputFile | Destination
 
 
 class PacketWriter:
@@ -60,9 +38,7 @@ class PacketWriter:
     Args:
         file: takes it; FFmpeg would leave one of its own open where the head cannot be written.
         container: FFmpeg's format and its options.
-        codec: of the video, FFmpeg's name.
-        size: width, height, px.
-        extradata: the codec's headers kept outside the packets.
+        caps: of the packets.
         rate: frames per second, for packets without a duration; None if unknown.
         with_klv: whether there is a stream of KLV telemetry too.
 
@@ -81,13 +57,12 @@ class PacketWriter:
         self,
         file: Output,
         container: ContainerFormat,
-        codec: str,
-        size: tuple[int, int],
-        extradata: bytes = b"",
+        caps: Caps,
         *,
         rate: Fraction | None = None,
         with_klv: bool = False,
     ) -> None:
+        codec, extradata = codec_of(caps), extradata_of(caps)
         self._annexb, self._codec = AnnexBConverter(codec, extradata), codec
         self.file = file
         self.failure: Exception | None = None
@@ -95,23 +70,22 @@ class PacketWriter:
         self._is_closed = self._is_after_pause = False
         self._begin: int | None = None
         self._last_dts: dict[int, int] = {}
-        name, options = container
-        self._reads_parameter_sets = name not in WITHOUT_HEADERS
-        self._is_limited = "movflags" in options
-        self._before_first = MIN_TICKS if "negative_cts_offsets" in options.get("movflags", "") else -1
-        options = {**ALWAYS, **options}
+        self._format = container
+        options = {**ALWAYS, **container.options}
         if isinstance(file, Playlist):
+            options |= file.options
             self._container: OutputContainer = av.open(
-                str(file.path), "w", format=name, container_options=options | file.options, io_open=file.open
+                str(file.path), "w", format=container.name, container_options=options, io_open=file.open
             )
         else:
-            self._container = av.open(file, "w", format=name, container_options=options)
+            self._container = av.open(file, "w", format=container.name, container_options=options)
         try:
-            check_codec(codec, name)
+            check_codec(codec, container)
             self._headers = extradata if codec not in HEADERS_IN_PACKETS else b""
             if self._headers and not START_CODES.match(extradata):  # PyAV passes none to a muxer
                 raise ValueError(f"{codec} has headers outside its packets; put decode ! encode before")
-            self._video = self._container.add_mux_stream(codec, rate, width=size[0], height=size[1])
+            width, height = size_of(caps)
+            self._video = self._container.add_mux_stream(codec, rate, width=width, height=height)
             self._klv: Stream | None = self._container.add_data_stream("klv") if with_klv else None
         except BaseException:
             self.close()
@@ -139,7 +113,7 @@ class PacketWriter:
         data = self._annexb.packet(data, is_keyframe)
         if is_keyframe and not data.startswith(self._headers[:LOOK_BYTES]):
             data = self._headers + data
-        if not self.has_begun and self._reads_parameter_sets:
+        if not self.has_begun and not self._format.is_transport_stream:
             check_parameter_sets(self._codec, data)
         packet = Packet(data)
         packet.is_keyframe = is_keyframe
@@ -158,7 +132,7 @@ class PacketWriter:
         Raises:
             ValueError: it is too long.
         """
-        if self._is_limited and pause > MAX_TICKS:
+        if self._format.is_mp4 and pause > MAX_TICKS:
             hours = 3600 * TIME_BASE.denominator
             raise ValueError(
                 f"{self.file.path.suffix} holds pauses of up to {MAX_TICKS / hours:.1f} h between two "
@@ -181,14 +155,7 @@ class PacketWriter:
             packet.duration = min(duration, MAX_TICKS)
         except OverflowError:
             raise BadPacket(f"its time of {pts / TIME_BASE.denominator:.3g} s is none") from None
-        try:
-            self._mux(packet)
-        except FFmpegError as error:
-            if not self.has_begun and not isinstance(error, InvalidDataError):
-                raise
-            refusal = BadPacket(f"it cannot be written: {error.strerror}")
-            self.failure = None if self.has_begun else refusal
-            raise refusal from None
+        self._mux(packet)
         self.has_begun = True
         self._begin = pts if self._begin is None else self._begin
         if pts - self._begin >= FRAGMENT_TICKS:
@@ -196,15 +163,24 @@ class PacketWriter:
         return packet.size
 
     def _mux(self, packet: Packet[Stream]) -> None:
-        if self.failure is None:
-            try:
-                self._order(packet)
-                self._container.mux_one(packet)
-            except Exception as error:
-                self.failure = error
-            self.failure = self.file.failure or self.failure
+        """Gives FFmpeg a packet; one that it refuses is left out, once the head is written."""
         if self.failure is not None:
             raise self.failure
+        failure: Exception | None = None
+        try:
+            self._order(packet)
+            self._container.mux_one(packet)
+        except FFmpegError as error:
+            is_refused = self.has_begun or isinstance(error, InvalidDataError)
+            failure = BadPacket(f"it cannot be written: {error.strerror}") if is_refused else error
+        except Exception as error:
+            failure = error
+        failure = self.file.failure or failure
+        if failure is None:
+            return
+        if not (self.has_begun and isinstance(failure, BadPacket)):
+            self.failure = failure
+        raise failure
 
     def _order(self, packet: Packet[Stream]) -> None:
         """Moves the decoding time above the last, and the presentation time not below it, and to 0 or more.
@@ -212,7 +188,8 @@ class PacketWriter:
         Reordered frames begin with decoding times below 0, which MP4 with negative offsets holds; moved, they
         would shorten it.
         """
-        lowest = self._last_dts.get(packet.stream_index, self._before_first) + 1
+        before_first = MIN_TICKS if self._format.takes_negative_times else -1
+        lowest = self._last_dts.get(packet.stream_index, before_first) + 1
         packet.dts = dts = max(packet.dts or 0, lowest)
         packet.pts = max(packet.pts or 0, dts, 0)
         self._last_dts[packet.stream_index] = dts
@@ -253,24 +230,3 @@ class PacketWriter:
 def ticks(ns: int) -> int:
     """A time in units of `TIME_BASE`."""
     return round(Fraction(ns, SECOND_NS) / TIME_BASE)
-
-
-@cache
-def holds(name: str, codec: str) -> bool:
-    """Whether a container holds a codec; both by FFmpeg's names, each pair asked of FFmpeg once."""
-    if name in WITHOUT_HEADERS:
-        return codec in TRANSPORT_CODECS
-    with av.open(io.BytesIO(), "w", format=name) as container:
-        return codec in container.supported_codecs and not (name == "mov" and codec in NOT_IN_MOV)
-
-
-def check_codec(codec: str, name: str) -> None:
-    """Checks that a container holds a codec.
-
-    Raises:
-        ValueError: it does not; with what does.
-    """
-    if not holds(name, codec):
-        others = [suffix for suffix, (other, _) in FORMATS.items() if holds(other, codec)]
-        remedy = f"write {' or '.join(others)}, or encode" if others else "encode"
-        raise ValueError(f"{name} holds no {codec}; {remedy} to h264, h265 or mpeg4")

@@ -10,13 +10,14 @@ from pathlib import Path
 import av
 from av.error import FFmpegError
 from streamkit.output.file import OutputFile
-from streamkit_media.recording.packetwriter import FORMATS, PacketWriter
+from streamkit_media.codecs import video_caps
+from streamkit_media.recording.formats import FORMATS
+from streamkit_media.recording.packetwriter import PacketWriter
 source, target = sys.argv[1:]
 container = av.open(source)
 stream = container.streams.video[0]
-extradata = stream.codec_context.extradata
 file = OutputFile(Path(target))
-writer = PacketWriter(file, FORMATS[file.path.suffix], "h264", (64, 48), extradata)
+writer = PacketWriter(file, FORMATS[file.path.suffix], video_caps(stream))
 for packet in container.demux(stream):
     if packet.size:
         try:
