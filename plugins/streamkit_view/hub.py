@@ -27,7 +27,7 @@ class Hub:
 
     def __init__(self, feeds: int, first_appeared: Callable[[], None] = lambda: None) -> None:
         self.history = [History(HISTORY_BYTES // max(1, feeds)) for _ in range(feeds)]
-        self._pages: dict[Viewer, asyncio.Event] = {}
+        self._pages: set[Viewer] = set()
         self._first_appeared = first_appeared
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -45,23 +45,21 @@ class Hub:
         """Queues a message for the pages of its feed; the states of all feeds go to all pages."""
         if message.kind in SHOWN:
             self.history[message.feed].note(message, time.monotonic())
-        for viewer, changed in self._pages.items():
+        for viewer in self._pages:
             is_shown = viewer.feed == message.feed and (viewer.is_live or message.kind not in PAST)
             if is_shown or message.kind not in SHOWN:
                 viewer.offer(message)
-                changed.set()
 
-    def add(self, viewer: Viewer) -> asyncio.Event:
-        """Adds a page; the event is set when there may be something to send."""
+    def add(self, viewer: Viewer) -> None:
+        """Adds a page."""
         if not self._pages:
             self._first_appeared()
-        changed = self._pages[viewer] = asyncio.Event()
+        self._pages.add(viewer)
         self.greet(viewer)
-        return changed
 
     def remove(self, viewer: Viewer) -> None:
         """The page is gone."""
-        del self._pages[viewer]
+        self._pages.remove(viewer)
 
     def select(self, viewer: Viewer, feed: int) -> None:
         """A page shows another feed, or the same one live again."""
@@ -78,4 +76,3 @@ class Hub:
         """Sends a page what a new one begins with."""
         for message in self.history[viewer.feed].latest():
             viewer.offer(message)
-        self._pages[viewer].set()

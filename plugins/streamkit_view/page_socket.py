@@ -18,7 +18,6 @@ from streamkit_view.messages import (
     CONTROL,
     HELLO,
     InvalidAnswer,
-    PageMessage,
     read_answer,
     text_message,
 )
@@ -54,7 +53,7 @@ class PageSocket:
         viewer = self._viewer
         hello = msgspec.json.encode({"control": self._may_control, "basemap": self._basemap})
         viewer.offer(text_message(HELLO, 0, hello))  # before what the hub has for a new page
-        self._changed = self._hub.add(viewer)
+        self._hub.add(viewer)
         works = (self._take_answers, self._send_messages, self._reply_to_requests, self._become_stuck)
         tasks = [asyncio.create_task(work()) for work in works]
         try:
@@ -93,7 +92,6 @@ class PageSocket:
                     self._hub.select(self._viewer, value)
                 else:
                     raise InvalidAnswer("it selects a feed that does not exist")
-                self._changed.set()
 
     def _go_back(self, back_s: int) -> None:
         """Shows the past; what comes after the answer `back` belongs to it."""
@@ -103,7 +101,7 @@ class PageSocket:
         viewer.select(feed, is_live=back_s == 0)
         viewer.offer(text_message(BACK, feed, msgspec.json.encode({"s": back_s})))
         if back_s:
-            self._replay = asyncio.create_task(replay(self._hub.history[feed], back_s, self._offer))
+            self._replay = asyncio.create_task(replay(self._hub.history[feed], back_s, viewer.offer))
         else:
             self._hub.greet(viewer)
 
@@ -126,23 +124,19 @@ class PageSocket:
                 log_once("a request to control without the token")
                 reply = ControlReply(schema=CONTROL_SCHEMA, error=NO_TOKEN)
             body = msgspec.json.encode({"request": request, "reply": reply})
-            self._offer(text_message(CONTROL, feed, body))
-
-    def _offer(self, message: PageMessage) -> None:
-        self._viewer.offer(message)
-        self._changed.set()
+            self._viewer.offer(text_message(CONTROL, feed, body))
 
     async def _send_messages(self) -> None:
         with contextlib.suppress(WebSocketDisconnect):
             while True:
-                self._changed.clear()
+                self._viewer.changed.clear()
                 while (message := self._viewer.next()) is not None:
                     data = message.data
                     if isinstance(data, str):
                         await self._websocket.send_text(data)
                     else:
                         await self._websocket.send_bytes(data)
-                await self._changed.wait()
+                await self._viewer.changed.wait()
 
     async def _become_stuck(self) -> None:
         while not self._viewer.is_stuck:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import deque
 
@@ -42,12 +43,14 @@ class Viewer:
         feed: index of the feed that it shows.
         is_live: whether it shows what comes, and not the past.
         shows_stills: whether it is sent images, which a page with video does not show.
+        changed: set when there may be something to send.
     """
 
     def __init__(self) -> None:
         self.feed = 0
         self.is_live = True
         self.shows_stills = True
+        self.changed = asyncio.Event()
         self._replies: deque[PageMessage] = deque(maxlen=WAITING_REPLIES)
         self._stream: deque[Past] = deque()
         self._stream_bytes = 0
@@ -69,6 +72,7 @@ class Viewer:
                 key: past for key, past in self._newest.items() if not past.message.is_void_after(message)
             }
             self._newest = {**kept, message.identity: Past(time.monotonic(), message)}
+        self.changed.set()
 
     def select(self, feed: int, *, is_live: bool = True) -> None:
         """Shows another feed, or its past; what waits of the one before is not sent."""
@@ -101,6 +105,7 @@ class Viewer:
             self._under_way.popleft()
         self._confirmed = count
         self._last_answer_s = time.monotonic()
+        self.changed.set()
 
     @property
     def is_stuck(self) -> bool:
