@@ -164,7 +164,8 @@ class MessageReceiver:
         stamp, header = read_attachment(raw)
         key, size = str(sample.key_expr), len(sample.payload)
         with self._lock:
-            continuity = (self._losses.replied if is_reply else self._losses.received)(key, stamp)
+            losses = self._losses
+            continuity = losses.replied(key, stamp) if is_reply else losses.received(key, stamp)
             if stamp is not None and continuity.is_new:
                 self._latest_run = max(self._latest_run, stamp.run)
             self._counts.update(
@@ -205,8 +206,10 @@ class MessageReceiver:
                 "congestion_control": zenoh.CongestionControl.BLOCK,
             }
             self._query(self._expression, self._published, **last)
-        if self._ends_with_publisher:
-            (self.queue.reopen if count else self.queue.end)()
+        if self._ends_with_publisher and count:
+            self.queue.reopen()
+        elif self._ends_with_publisher:
+            self.queue.end()
 
     def _query(self, selector: str, take: Callable[[zenoh.Sample, bool], None], **options: Any) -> None:
         """Gives each reply to `take`."""
