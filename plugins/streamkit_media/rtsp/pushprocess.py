@@ -33,13 +33,12 @@ class PushFailure(Exception):
 
 
 class PushProcess:
-    """One process and the one connection that it makes.
+    """A process that makes one connection.
 
     A thread sends it one message after another, and waits for the answer to each. The messages go through
-    standard input, so that no password is in the list of processes.
+    standard input, so that no password is in the list of processes. `check` raises a failure.
 
     Attributes:
-        is_opened: whether an order was given.
         is_ready: whether the server records.
         is_done: whether the recording has ended.
         written: packets that are with the operating system.
@@ -48,7 +47,7 @@ class PushProcess:
         OSError: the process cannot be started.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, order: PushOrder) -> None:
         # A session of its own: Ctrl-C in a terminal is for the pipeline, which then ends this in order.
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", PUSHER],
@@ -59,22 +58,16 @@ class PushProcess:
         )
         self._stdin = cast("BinaryIO", self._process.stdin)
         self._stdout = cast("BinaryIO", self._process.stdout)
-        self._start_limit_s = time.monotonic() + START_LIMIT_S
-        self.is_opened = self.is_ready = self.is_done = False
-        self._is_running = self._is_closed = False
+        self._ready_limit_s = time.monotonic() + START_LIMIT_S + order.timeout_s
+        self.is_ready = self.is_done = False
         self.written = self._sent = 0
         self._thread = ThreadPoolExecutor(1, "push")
-        self._answers: deque[Future[None]] = deque([self._thread.submit(self._take_answer)])  # that it runs
+        self._answers: deque[Future[None]] = deque([self._thread.submit(self._connect, order)])
 
     @property
     def pending(self) -> int:
         """Packets sent that are not with the operating system yet."""
         return self._sent - self.written
-
-    def open(self, order: PushOrder) -> None:
-        """Has the process connect; `check` raises a failure, as for all further messages."""
-        self.is_opened = True
-        self._answers.append(self._thread.submit(self._connect, order))
 
     def send(self, packet: PushPacket) -> None:
         """Queues a packet."""
@@ -97,15 +90,14 @@ class PushProcess:
             except TimeoutError:
                 break
             self._answers.popleft()
-            self._is_running, wait_s = True, 0.0
-        if not self._is_running and time.monotonic() > self._start_limit_s:
+            wait_s = 0.0
+        if not self.is_ready and time.monotonic() > self._ready_limit_s:
             raise PushFailure(f"the push process has not started within {START_LIMIT_S:g} s")
 
     def close(self, limit_s: float) -> None:
         """Ends the process; kills it where the recording has not ended in time. Safe to call twice."""
-        if self._is_closed:
+        if self._stdout.closed:
             return
-        self._is_closed = True
         for answer in self._answers:
             answer.cancel()
         self.end()
@@ -120,6 +112,7 @@ class PushProcess:
     # In the thread that speaks to the process.
 
     def _connect(self, order: PushOrder) -> None:
+        self._take_answer()  # that it runs
         self._exchange(order)
         self.is_ready = True
 

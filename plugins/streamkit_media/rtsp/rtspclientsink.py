@@ -63,7 +63,7 @@ class RtspClientSink(Endpoint, Sink):
     )
 
     def start(self) -> None:
-        """Checks the location and starts the process that will connect when the first keyframe comes."""
+        """Checks the location; the connection is made when the first keyframe comes."""
         self._working = threading.Lock()
         self._process: PushProcess | None = None
         self._caps: Caps | None = None
@@ -72,7 +72,6 @@ class RtspClientSink(Endpoint, Sink):
         self._opened_s = self._retry_s = 0.0
         self._zero = self._last_dts = 0
         super().start()
-        self._process = self._begin_process()
 
     @property
     def sent(self) -> int:
@@ -122,24 +121,23 @@ class RtspClientSink(Endpoint, Sink):
 
     def _push(self, frame: Frame) -> None:
         is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
-        if self._is_open():
+        if self._process is not None:
             self._check()
-        if is_keyframe and self._is_open() and frame.caps is not self._caps:
+        if is_keyframe and self._process is not None and frame.caps is not self._caps:
             self._change_format(frame.caps)
-        if not self._is_open():
+        if self._process is None:
             if time.monotonic() < self._retry_s:
                 self.count_drop(NOT_CONNECTED)
                 return
             if not is_keyframe:
                 self.count_drop(BEFORE_KEYFRAME)
                 return
-            self._open(frame)
+            self._process = self._open(frame)
         self._needs_keyframe &= not is_keyframe
         if self._needs_keyframe or not self._has_room():
             self._needs_keyframe = True
             self.count_drop(TOO_SLOW)
             return
-        assert self._process is not None
         data = self._annexb.packet(bytes(frame.data), is_keyframe)
         pts, dts = self._times(frame)
         self._process.send(PushPacket(pts, dts, frame.duration or 0, is_keyframe, data))
@@ -165,33 +163,19 @@ class RtspClientSink(Endpoint, Sink):
 
     # One connection.
 
-    def _is_open(self) -> bool:
-        return self._process is not None and self._process.is_opened
-
-    def _open(self, frame: Frame) -> None:
-        """Has the process connect for the format of this frame."""
+    def _open(self, frame: Frame) -> PushProcess:
+        """A process that connects for the format of this frame."""
         codec = codec_of(frame.caps)
         self._annexb = AnnexBConverter(codec, extradata_of(frame.caps))
-        if self._process is None:
-            self._process = self._begin_process()
         pts, dts = times_of(frame)
         self._zero, self._last_dts = min(pts, dts), -TICK_NS
         self._caps, self._needs_keyframe, self._is_connected = frame.caps, False, False
         self._opened_s = time.monotonic()
         self._post_state("connecting", attempt=self._delay.tries)
-        self._process.open(
-            PushOrder(
-                self._url,
-                {"rtsp_transport": self.transport.value, **self._tls_options},
-                codec,
-                *size_of(frame.caps),
-                self.timeout_s,
-            )
-        )
-
-    def _begin_process(self) -> PushProcess:
+        options = {"rtsp_transport": self.transport.value, **self._tls_options}
+        order = PushOrder(self._url, options, codec, *size_of(frame.caps), self.timeout_s)
         try:
-            return PushProcess()
+            return PushProcess(order)
         except OSError as error:
             raise ResourceError(f"the process that pushes could not be started: {error.strerror}") from error
 
@@ -216,7 +200,7 @@ class RtspClientSink(Endpoint, Sink):
     def _finish(self) -> None:
         """Sends what is queued and ends the recording."""
         process = self._process
-        if process is not None and process.is_opened:
+        if process is not None:
             while process.pending and not self.stopping.is_set():
                 self._check(POLL_S)
             self.stopping.wait(self.latency_ms / 1000)

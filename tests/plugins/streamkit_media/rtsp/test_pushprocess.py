@@ -24,19 +24,9 @@ def fails(process: PushProcess) -> PushFailure:
 def test_silence_is_distinguished_from_refusal(serve: Callable[[int], int]) -> None:
     """A server that does not answer is silent; a port that is closed gives FFmpeg's reason."""
     for port, is_silent, reason in ((serve(0), True, "silent"), (1, False, "Connection refused")):
-        process = PushProcess()
-        process.open(order(port))
+        process = PushProcess(order(port))
         failure = fails(process)
         process.close(0)
         process.close(0)
         assert failure.is_silent is is_silent
         assert reason in failure.reason
-
-
-def test_an_idle_process_is_not_silent() -> None:
-    """An idle process has no time limit, and ends when it is closed."""
-    process = PushProcess()
-    for _ in range(12):
-        process.check(0.05)
-    process.close(5)
-    assert not process.pending
