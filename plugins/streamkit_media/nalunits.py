@@ -16,6 +16,7 @@ CODECS = frozenset({"h264", "hevc"})
 LENGTH_FIELD_AT = {"h264": 4, "hevc": 21}
 BOX_HEADER_BYTES = {"h264": 5, "hevc": 23}
 REFERENCE_LOOK_BYTES = 1 << 16
+SLICE_TYPES = {"h264": range(1, 6), "hevc": range(32)}
 PARAMETER_SET_TYPES = {"h264": {7, 8}, "hevc": {32, 33, 34}}
 LOOK_BYTES = 4096
 
@@ -28,11 +29,6 @@ def length_field(codec: str, extradata: bytes) -> int:
     """Bytes of the length before each unit; 0 where start codes divide them."""
     at = LENGTH_FIELD_AT[codec]
     return (extradata[at] & 3) + 1 if len(extradata) > at and extradata[0] == 1 else 0
-
-
-def unit_type(codec: str, first: int) -> int:
-    """The type of a NAL unit, from its first byte."""
-    return first & 31 if codec == "h264" else first >> 1 & 63
 
 
 def units(data: bytes, length_bytes: int = 0, *, is_whole: bool = False) -> Iterator[bytes]:
@@ -93,30 +89,27 @@ def parameter_sets(codec: str, extradata: bytes) -> Iterator[bytes]:
         raise BadPacket("the codec's header ends within an array of parameter sets")
 
 
+def typed_units(codec: str, data: bytes, length_bytes: int = 0) -> Iterator[tuple[int, bytes]]:
+    """The units, each after its type; arguments as those of `units`."""
+    for unit in units(data, length_bytes):
+        if unit:
+            yield unit[0] & 31 if codec == "h264" else unit[0] >> 1 & 63, unit
+
+
 def holds_slice(codec: str, data: bytes) -> bool:
     """Whether a slice of a picture begins in a packet, or in a piece of one; it has start codes."""
-    return any(unit and _is_slice(codec, unit[0]) for unit in units(data))
+    return any(kind in SLICE_TYPES[codec] for kind, _ in typed_units(codec, data))
 
 
 def is_reference(codec: str, data: bytes | memoryview, extradata: bytes) -> bool:
     """Whether other frames may depend on the one in a packet; True where that is unknown."""
     if codec not in CODECS:
         return True
-    found = units(bytes(data[:REFERENCE_LOOK_BYTES]), length_field(codec, extradata))
-    slices = [unit[0] for unit in found if unit and _is_slice(codec, unit[0])]
-    return not slices or any(_is_referenced(codec, first) for first in slices)
-
-
-def _is_slice(codec: str, first: int) -> bool:
-    kind = unit_type(codec, first)
-    return 1 <= kind <= 5 if codec == "h264" else kind < 32
-
-
-def _is_referenced(codec: str, first: int) -> bool:
+    found = typed_units(codec, bytes(data[:REFERENCE_LOOK_BYTES]), length_field(codec, extradata))
+    slices = [(kind, unit[0]) for kind, unit in found if kind in SLICE_TYPES[codec]]
     if codec == "h264":
-        return bool(first & 0x60)
-    kind = unit_type(codec, first)
-    return kind >= 16 or bool(kind % 2)
+        return not slices or any(first & 0x60 for _, first in slices)
+    return not slices or any(kind >= 16 or kind % 2 for kind, _ in slices)
 
 
 class AnnexBConverter:
@@ -156,4 +149,4 @@ class AnnexBConverter:
 
     def _holds_parameter_sets(self, data: bytes) -> bool:
         types = PARAMETER_SET_TYPES[self._codec]
-        return any(unit and unit_type(self._codec, unit[0]) in types for unit in units(data[:LOOK_BYTES]))
+        return any(kind in types for kind, _ in typed_units(self._codec, data[:LOOK_BYTES]))

@@ -15,7 +15,7 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.video.codeccontext import VideoCodecContext
 
-from streamkit_media.nalunits import START_CODE, BadPacket, unit_type, units
+from streamkit_media.nalunits import START_CODE, BadPacket, typed_units
 
 # Sequence parameter sets, and video parameter sets of H.265. Picture parameter sets may belong to other
 # layers, whose sequence parameter sets the filters do not know.
@@ -35,7 +35,7 @@ def check_parameter_sets(codec: str, data: bytes) -> None:
     kinds = CHECKED_TYPES.get(codec)
     if kinds is None:
         return
-    sets = [START_CODE + unit for unit in units(data) if unit and unit_type(codec, unit[0]) in kinds]
+    sets = [START_CODE + unit for kind, unit in typed_units(codec, data) if kind in kinds]
     if not sets:
         return
     try:

@@ -10,6 +10,8 @@ import os
 import signal
 import struct
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from typing import BinaryIO, TypeVar
 
@@ -68,34 +70,39 @@ def read_message(pipe: BinaryIO, kind: type[Message]) -> Message | None:
     return msgspec.msgpack.decode(pipe.read(*LENGTH.unpack(head)), type=kind)
 
 
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """Ends this process, whether FFmpeg returns or not, where the server is silent for longer."""
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0)
+
+
 def run(commands: BinaryIO, answers: BinaryIO) -> None:
     """Connects, sends packets until the end of the input, and ends the recording."""
     write_message(answers, PushAnswer())
     order = read_message(commands, PushOrder)
     if order is None:
         return
-    # A server that is silent for longer ends this process, whether FFmpeg returns or not.
-    signal.setitimer(signal.ITIMER_REAL, order.timeout_s)
-    container = av.open(order.url, "w", format="rtsp", container_options=order.options)
-    stream = container.add_mux_stream(
-        order.codec, width=order.width, height=order.height, time_base=TIME_BASE
-    )
-    container.start_encoding()
-    write_message(answers, PushAnswer())
-    signal.setitimer(signal.ITIMER_REAL, 0)
+    with time_limit(order.timeout_s):
+        container = av.open(order.url, "w", format="rtsp", container_options=order.options)
+        stream = container.add_mux_stream(
+            order.codec, width=order.width, height=order.height, time_base=TIME_BASE
+        )
+        container.start_encoding()
+        write_message(answers, PushAnswer())
     while (sent := read_message(commands, PushPacket)) is not None:
         packet = Packet(sent.data)
         packet.stream, packet.time_base, packet.is_keyframe = stream, TIME_BASE, sent.is_keyframe
         packet.pts, packet.dts, packet.duration = (
             round(ns * TIME_BASE.denominator / SECOND_NS) for ns in (sent.pts, sent.dts, sent.duration)
         )
-        signal.setitimer(signal.ITIMER_REAL, order.timeout_s)
-        container.mux_one(packet)
+        with time_limit(order.timeout_s):
+            container.mux_one(packet)
+            write_message(answers, PushAnswer())
+    with time_limit(order.timeout_s):
+        container.close()
         write_message(answers, PushAnswer())
-        signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.setitimer(signal.ITIMER_REAL, order.timeout_s)
-    container.close()
-    write_message(answers, PushAnswer())
 
 
 def main() -> None:
