@@ -39,6 +39,10 @@ class Control:
         """The properties that were set, each with its last value."""
         return tuple(self._changes.copy().values())
 
+    def abandon(self) -> None:
+        """Drops the requests that wait."""
+        self.executor.abandon()
+
     def close(self) -> None:
         """Undeclares the queryable; the executor is its owner's to close."""
         self._queryable.undeclare()  # type: ignore[no-untyped-call]

@@ -56,8 +56,7 @@ class Publication:
         self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
         if settings.claim == EXCLUSIVE:
             refuse_rivals(session, root, publisher.cancelled)
-        self.session = session
-        self._publisher, self._settings, self._statuses = publisher, settings, statuses
+        self._publisher, self._statuses = publisher, statuses
         self._began_s = time.monotonic()
         self._has_ended = False
         status = (
@@ -67,11 +66,7 @@ class Publication:
         self.records = RecordSender(publisher, self._publish_status)
         self.media = {name: MEDIA_SENDERS[name](publisher) for name in media}
         self._senders: list[Sender] = [self.records, *self.media.values()]
-        self._streams = [sender.stream for sender in self._senders]
         self._control = Control(publisher, elements) if settings.control else None
-        self._executors = [sender.executor for sender in self._senders]
-        if self._control is not None:
-            self._executors.append(self._control.executor)
         self.receivers = LivelinessWatch(session, f"{LISTENING}/**", appeared=self._receiver_appeared)
         handler = zenoh.handlers.Callback(self._reply, indirect=False)
         self._queryable = session.declare_queryable(f"{root}/**", handler)
@@ -82,32 +77,36 @@ class Publication:
 
     def drain(self) -> int:
         """Waits until everything is sent and delivered; returns how many messages are left."""
-        patience_s, cancelled = self._settings.cut_off_s, self._publisher.cancelled
-        left = sum(executor.wait_idle(patience_s, cancelled) for executor in self._executors)
+        publisher, cancelled = self._publisher, self._publisher.cancelled
+        patience_s = publisher.settings.cut_off_s
+        left = sum(part.executor.wait_idle(patience_s, cancelled) for part in self._parts())
         if not left and not cancelled.is_set():
             self.records.end_tracks()
         self._publish_end()
         key = self.records.stream.key
-        wait_until_delivered(self.session, key, self.receivers, patience_s, cancelled)
+        wait_until_delivered(publisher.session, key, self.receivers, patience_s, cancelled)
         return left
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
         """Ends all streams and the session; returns whether that was done within the limit."""
-        for sender in self._senders:
-            sender.abandon()
-        for executor in self._executors:
-            executor.abandon()
-        parts = [*self._streams, self._status, self._control]
+        for part in self._parts():
+            part.abandon()
         undeclare: list[Callable[[], object]] = [
             self._publish_end,
             self.receivers.close,
             self._rivals.close,
             self._queryable.undeclare,
-            *(part.close for part in parts if part is not None),
+            *(part.close for part in self._parts()),
         ]
-        is_closed = close_session(self.session, limit_s, cancelled, undeclare)
-        ended = [executor.close(JOIN_LIMIT_S) for executor in self._executors]
+        if self._status is not None:
+            undeclare.append(self._status.close)
+        is_closed = close_session(self._publisher.session, limit_s, cancelled, undeclare)
+        ended = [part.executor.close(JOIN_LIMIT_S) for part in self._parts()]
         return is_closed and all(ended)
+
+    def _parts(self) -> list[Sender | Control]:
+        """What works in a thread of its own."""
+        return [*self._senders, *([] if self._control is None else [self._control])]
 
     def _give_way(self, reason: KeyInUse) -> None:
         """Ends this publisher at its next frame."""
@@ -116,9 +115,9 @@ class Publication:
 
     def _receiver_appeared(self, token: str) -> None:
         name = token.removeprefix(f"{LISTENING}/")
-        for stream in self._streams:
-            if listens_to(token, stream.key):
-                stream.add_receiver(name)
+        for sender in self._senders:
+            if listens_to(token, sender.stream.key):
+                sender.stream.add_receiver(name)
 
     def _reply(self, query: zenoh.Query) -> None:
         """Sends the last message of each key that a query matches, for receivers that come late."""
@@ -157,7 +156,7 @@ class Publication:
         playing: Literal["starting", "playing"] = "playing" if records.frames else "starting"
         return StatusRecord(
             schema=STATUS_SCHEMA,
-            source=self._settings.key,
+            source=self._publisher.settings.key,
             state="ended" if self._has_ended else playing,
             run=self._publisher.run,
             published_ns=self._publisher.utc_ns(),
@@ -167,8 +166,8 @@ class Publication:
             epoch=None if frame is None else frame.epoch,
             tracks=records.targets,
             age_ms=records.age_ms,
-            streams=tuple(stream.status(receiver) for stream in self._streams),
-            drops=tuple(drop for stream in self._streams for drop in stream.drop_counts()),
+            streams=tuple(sender.stream.status(receiver) for sender in self._senders),
+            drops=tuple(drop for sender in self._senders for drop in sender.stream.drop_counts()),
             control=self._control is not None,
             changes=() if self._control is None else self._control.changes(),
             elements=self._statuses(),

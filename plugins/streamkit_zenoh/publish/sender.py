@@ -81,6 +81,10 @@ class Sender:
         if left := self.executor.abandon():
             self.stream.count_drop("not sent before the end", left)
 
+    def close(self) -> None:
+        """Undeclares the stream; the executor is its owner's to close."""
+        self.stream.close()
+
     def _not_sent(self, error: Exception) -> None:
         self.stream.count_drop("not sent", 1)
         self.publisher.failed(error)
