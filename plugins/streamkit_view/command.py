@@ -108,8 +108,9 @@ def _check_arguments(what: list[str], sources: list[str], video: str, connect: s
             _refuse(f"{text}: there is no such file")
     try:
         endpoints(connect)
-        for text in () if sources else what:
-            publication_root(text)
+        if not sources:
+            for text in what:
+                publication_root(text)
     except ValueError as error:
         _refuse(str(error))
 

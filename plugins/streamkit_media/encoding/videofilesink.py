@@ -132,18 +132,22 @@ class VideoFileSink(MediaOutput):
         """Completes the file; at a stop, frames that the encoder takes too long for are left out."""
         if self._writer is None or self._encoder is None:
             return
-        deadline = time.monotonic() + (FLUSH_LIMIT_S if self.stopping.is_set() else math.inf)
         try:
-            for packet in self._encoder.finish() if self._last >= 0 else ():
-                self._write_packet(packet)
-                if time.monotonic() > deadline:
-                    self.post_warning(
-                        f"{self.location}: the last frames are left out, encoding them takes more "
-                        f"than {FLUSH_LIMIT_S:g} s; a faster preset may help"
-                    )
-                    break
+            if self._last >= 0:  # a frame was encoded
+                self._flush(self._encoder)
         finally:
             self._writer.close()
+
+    def _flush(self, encoder: Encoder) -> None:
+        deadline = time.monotonic() + (FLUSH_LIMIT_S if self.stopping.is_set() else math.inf)
+        for packet in encoder.finish():
+            self._write_packet(packet)
+            if time.monotonic() > deadline:
+                self.post_warning(
+                    f"{self.location}: the last frames are left out, encoding them takes more "
+                    f"than {FLUSH_LIMIT_S:g} s; a faster preset may help"
+                )
+                return
 
     def abandon(self) -> None:
         """Leaves the file as it is."""

@@ -242,18 +242,22 @@ class FileSrc(Source):
                 raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
         cut = "" if completeness is None or self._offset else completeness.shortfall()
+        self._report_end(cut, count, shown)
+
+    def _report_end(self, cut: str, count: int, shown: int) -> None:
+        """Warns of what is missing at the end of a round; an error where no frame was shown at all."""
         if cut and (shown or self.start_s):
-            self.post_warning(f"{where}: {cut}", "shortfall")
+            self.post_warning(f"{self._where}: {cut}", "shortfall")
         elif not shown and self.start_s:
             length = "" if self._duration is None else f"; it is {self._duration / 1e6:.1f} s long"
             self.post_warning(
-                f"{where}: there is no frame from start-s={self.start_s:g} on{length}", "shortfall"
+                f"{self._where}: there is no frame from start-s={self.start_s:g} on{length}", "shortfall"
             )
         elif not shown:
             fault = (
                 "the file's own edit list shows none of its frames" if count else "the video holds no packets"
             )
-            raise StreamError(f"{where}: {fault}; the file is damaged or cut short")
+            raise StreamError(f"{self._where}: {fault}; the file is damaged or cut short")
 
     def _in_range(
         self,

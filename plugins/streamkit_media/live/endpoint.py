@@ -132,7 +132,9 @@ class Endpoint(Element):
             self._post_state("gave-up", attempt=tries, reason=str(failure))
             raise ResourceError(f"{failure}; gave up after {tries} retries") if tries else failure
         reason = f"{self._where}: the stream has ended" if failure is None else str(failure)
-        delay_s = self._delay.after() * (not self.listens(failure))
+        delay_s = self._delay.after()
+        if self.listens(failure):
+            delay_s = 0.0
         self._post_state("retrying", attempt=self._delay.tries, delay_s=round(delay_s, 3), reason=reason)
         self.post_warning(f"{reason}; retrying ({self._delay.tries}) in {delay_s:.1f} s")
         return delay_s

@@ -86,11 +86,11 @@ class Playlist(Destination):
 
     def __init__(self, path: Path, segment_s: float, count: int, *, continues: bool) -> None:
         super().__init__(path)
-        flags = (
-            ["independent_segments"]
-            + ["delete_segments"] * (count > 0)
-            + ["append_list"] * (continues and path.is_file())
-        )
+        flags = ["independent_segments"]
+        if count:
+            flags.append("delete_segments")
+        if continues and path.is_file():
+            flags.append("append_list")
         self.options = {
             "hls_time": f"{segment_s:.3f}",
             "hls_list_size": str(count),

@@ -77,9 +77,12 @@ class PacketSink(MediaOutput, NumberedFilesSink):
     def check_properties(self) -> None:
         """Checks the location; only a transport stream holds telemetry, and only files are kept in pieces."""
         super().check_properties()
-        is_stream = self.is_sent or self.location == STANDARD_OUTPUT
-        names = FILES_ALONE * (is_stream or self.is_playlist) + SEGMENTS * is_stream
-        if unknown := [name.replace("_", "-") for name in names if getattr(self, name)]:
+        refused: tuple[str, ...] = ()
+        if self.is_sent or self.location == STANDARD_OUTPUT:
+            refused = FILES_ALONE + SEGMENTS
+        elif self.is_playlist:
+            refused = FILES_ALONE
+        if unknown := [name.replace("_", "-") for name in refused if getattr(self, name)]:
             raise PropertyError(
                 f"{self.name}: location={mask_secrets(self.location)}: {', '.join(unknown)} must not be set: "
                 "it is for files; write for example location=flight-%05d.ts"

@@ -138,7 +138,8 @@ def first_header(data: bytes) -> RtpHeader | None:
             data = data[FRAME_BYTES + size :]
             continue
         is_extended = bool(first & EXTENSION)
-        header_bytes = HEADER_BYTES + 4 * (first & SOURCES) + EXTENSION_HEADER_BYTES * is_extended
+        header_bytes = HEADER_BYTES + 4 * (first & SOURCES)
+        header_bytes += EXTENSION_HEADER_BYTES if is_extended else 0
         header = data[: FRAME_BYTES + header_bytes]
         if first >> 6 != VERSION or len(header) < FRAME_BYTES + header_bytes:
             return None
