@@ -8,7 +8,7 @@ import re
 import signal
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
@@ -55,51 +55,64 @@ def batch(
     files = _results(pattern, suffix)
     if not files:
         exit_with_error(f"no file matches {pattern!r}", 2)
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
     from streamkit_fleet.cluster import connected
 
-    failed = 0
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(stderr=True, soft_wrap=True)
     try:
         output.mkdir(parents=True, exist_ok=True)
-        with connected(address, cores=cores), Progress(*columns, console=console) as progress:
+        with connected(address, cores=cores), BatchProgress(len(files)) as progress:
             from streamkit_fleet.batch.driver import BatchDriver
 
             with contextlib.suppress(ValueError):  # not the main thread of a program
                 signal.signal(signal.SIGTERM, signal.default_int_handler)  # Ray's own prints the stack
-            files_bar = progress.add_task("files", total=len(files))
-            parts_bar = progress.add_task("parts", total=0)
-
-            def count_parts(planned: int, done: int) -> None:
-                known = progress.tasks[parts_bar].total or 0
-                progress.update(parts_bar, total=known + planned, advance=done)
-
-            def report(path: str, result: FileResult, is_known: bool) -> None:
-                nonlocal failed
-                failed += result.status == "failed"
-                progress.advance(files_bar)
-                if result.status == "failed":
-                    before = ", as before" if is_known else ""
-                    line = presentable(f"failed{before}: {path}: {result.reason}")
-                    progress.console.print(line, markup=False, highlight=False)
-                for text in result.shortfalls:
-                    line = presentable(f"warning: {path}: {text}")
-                    progress.console.print(line, markup=False, highlight=False)
-
             driver = BatchDriver(
-                files, recipe, output.absolute(), retries=retries, retry_failed=retry_failed, report=report,
-                count_parts=count_parts,
+                files, recipe, output.absolute(), retries=retries, retry_failed=retry_failed,
+                report=progress.report, count_parts=progress.count_parts,
             )  # fmt: skip
             driver.run()
     except (OSError, StreamkitError) as error:
         exit_with_error(str(error))
     except KeyboardInterrupt:
         exit_with_error("interrupted; the same command does what is left", 130)
-    typer.echo(f"{len(files) - failed} of {len(files)} files are done: {output}", err=True)
-    raise typer.Exit(int(failed > 0))
+    typer.echo(f"{len(files) - progress.failed} of {len(files)} files are done: {output}", err=True)
+    raise typer.Exit(int(progress.failed > 0))
+
+
+class BatchProgress:
+    """Bars for files and parts, and a line for each failure and warning; `failed` files so far."""
+
+    def __init__(self, files: int) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+        self._bars = Progress(*columns, console=Console(stderr=True, soft_wrap=True))
+        self._files = self._bars.add_task("files", total=files)
+        self._parts = self._bars.add_task("parts", total=0)
+        self._planned = self.failed = 0
+
+    def count_parts(self, planned: int, done: int) -> None:
+        """Counts further parts to do, and done."""
+        self._planned += planned
+        self._bars.update(self._parts, total=self._planned, advance=done)
+
+    def report(self, path: str, result: FileResult, is_known: bool) -> None:
+        """A file is done or has failed; `is_known` where an earlier batch has seen it."""
+        self._bars.advance(self._files)
+        if result.status == "failed":
+            self.failed += 1
+            self._print(f"failed{', as before' if is_known else ''}: {path}: {result.reason}")
+        for text in result.shortfalls:
+            self._print(f"warning: {path}: {text}")
+
+    def _print(self, line: str) -> None:
+        self._bars.console.print(presentable(line), markup=False, highlight=False)
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bars.stop()
 
 
 def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap_s: float) -> BatchRecipe:
