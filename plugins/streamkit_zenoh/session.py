@@ -7,11 +7,12 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import replace
 from typing import TypeVar
 
 import zenoh
 
-from streamkit import mask_secrets
+from streamkit import Element, ResourceError, SettingsOf, mask_secrets
 from streamkit_zenoh.configuration import (
     MEETING_PORTS,
     SessionFailure,
@@ -24,12 +25,34 @@ from streamkit_zenoh.configuration import (
     meets_locally,
     mode_of,
 )
-from streamkit_zenoh.endpoints import ENDPOINT
+from streamkit_zenoh.endpoints import ENDPOINT, InvalidEndpoint
 
 OPEN_LIMIT_S = 10.0
 HANDSHAKE_LIMIT_S = 2.0
 ANSWER_LIMIT_S = 0.2
 Result = TypeVar("Result")
+
+
+class SessionElement(Element):
+    """Base of zenohsink and zenohsrc: declares the properties of their session, and opens it."""
+
+    session_settings = SettingsOf(SessionSettings)
+
+    def open_zenoh(self, cut_off_s: float = 5.0) -> zenoh.Session:
+        """Opens the session that the properties describe; see `SessionSettings` for `cut_off_s`.
+
+        Raises:
+            ResourceError: an endpoint is malformed, or the session cannot be opened.
+        """
+        settings = replace(self.session_settings, cut_off_s=cut_off_s)
+        try:
+            session = open_session(settings)
+        except (InvalidEndpoint, SessionFailure) as error:
+            raise ResourceError(str(error)) from None
+        if settings.connect_endpoints and not list(session.info.transports()):
+            shown = mask_secrets(", ".join(settings.connect_endpoints))
+            self.post_warning(f"no session answers at {shown} yet; retrying in the background")
+        return session
 
 
 def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> zenoh.Session:

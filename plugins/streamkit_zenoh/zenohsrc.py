@@ -18,10 +18,9 @@ from streamkit import (
     TrackRecord,
     encode_record,
 )
-from streamkit_zenoh.connection import SessionElement
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
-from streamkit_zenoh.session import close_session
+from streamkit_zenoh.session import SessionElement, close_session
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_message, encoding_of
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
