@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from operator import itemgetter
 from pathlib import Path
@@ -64,19 +64,19 @@ def _examine_live(
     else:
         properties["uri"] = location
     if not is_usable(checks):
-        return Report(where, tuple(checks), "")
+        return _report(where, checks)
     report_step(f"watching {where} for {seconds:g} s")
     seen = watch("rtspsrc" if is_rtsp else "livesrc", properties, 2 * timeout_s + 1, seconds)
     if not seen.packets:
         checks.append(bad("stream", seen.error or f"no packet within {timeout_s:g} s"))
-        return Report(where, tuple(checks), "")
+        return _report(where, checks)
     checks += stream_checks(seen, is_live=True, transport=seen.carrier, is_rtsp=is_rtsp)
     proven = "tcp" if seen.carrier == "tcp" else transport
     source = f"rtspsrc name=s location={{}} transport={proven}" if is_rtsp else "livesrc name=s uri={}"
-    return _reported(where, checks, _live_line(location, source, seen))
+    return _report(where, checks, _live_line(location, source, seen))
 
 
-def _reported(where: str, checks: list[Check], line: str) -> Report:
+def _report(where: str, checks: Sequence[Check], line: str = "") -> Report:
     """The report; what cannot be used gets no pipeline."""
     return Report(where, tuple(checks), line if is_usable(checks) else "")
 
@@ -133,27 +133,27 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         try:
             check_file(location)
         except StreamkitError as error:
-            return Report(where, (bad("file", str(error)),), "")
+            return _report(where, [bad("file", str(error))])
         size = local_path(location).stat().st_size
         text = f"{size / 1e6:.1f} MB" if size >= 100_000 else f"{size} bytes"
         checks.append(good("file", text, bytes=size))
     seen = watch("filesrc", {"location": location}, max(timeout_s, 10.0), None, FILE_PACKETS)
     if not seen.packets and is_network(location):
-        return Report(where, (*checks, bad("stream", seen.error or "no packet came")), "")
+        return _report(where, [*checks, bad("stream", seen.error or "no packet came")])
     if not seen.packets:
         return _telemetry_file(location, checks, seen.error)
     if len(seen.packets) >= FILE_PACKETS and not is_network(location):
         seen.shortfall = _end_of(location, timeout_s)
     checks += stream_checks(seen, is_live=False, transport="")
     if len(seen.packets) == 1:
-        return _reported(where, checks, _one_frame_line(location, seen))
+        return _report(where, checks, _one_frame_line(location, seen))
     pose, klv = _pose_parts(seen)
     if not pose and (sidecar := telemetry_beside(location)) is not None:
         checks[-1] = good("telemetry", f"none inside; {sidecar.name} next to it has the positions")
         pose = f" ! posesync location={in_description(str(sidecar))}"
     source = f"filesrc name=s location={mask_secrets(in_description(location))}"
     tracks = f"tracksink location=tracks.jsonl if-exists=fail{klv}"
-    return _reported(where, checks, f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! {tracks}"')
+    return _report(where, checks, f'streamkit launch "{source} ! decode{pose} ! {TRACKING} ! {tracks}"')
 
 
 def _end_of(location: str, timeout_s: float) -> str:
@@ -209,7 +209,7 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
     except (OSError, ValueError) as fault:
         reason = str(fault).removeprefix(location + ": ")
         more = f"; nor telemetry: {reason}" if isinstance(fault, NoTelemetry) else ""
-        return Report(where, (*checks, bad("stream", error + more)), "")
+        return _report(where, [*checks, bad("stream", error + more)])
     assert first is not None
     assert last is not None
     counts, source = file.reader.counts(), first.source
@@ -220,7 +220,7 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
     facts = {"positions": counts["poses"], "seconds": length, "source": source, **counts}
     pose = f"posesync location={in_description(location)}"
     line = f'streamkit launch "filesrc location=VIDEO ! decode ! {pose} ! fakesink"'
-    return Report(where, (*checks, good_if(not complaint, "telemetry", text, **facts)), line)
+    return _report(where, [*checks, good_if(not complaint, "telemetry", text, **facts)], line)
 
 
 def _pose_parts(seen: Seen) -> tuple[str, str]:

@@ -44,6 +44,11 @@ class Seen:
         if frame.capture is not None:
             self.origins[frame.capture.origin] += 1
 
+    def add_telemetry(self, pad: str, packet: Frame) -> None:
+        """Takes a packet of a telemetry pad."""
+        reader = self.telemetry.setdefault(pad, TelemetryReader())
+        reader.packet(packet.data, packet.caps.name, packet.pts)
+
     @property
     def photograph(self) -> Sample | None:
         """Position in the header of an image file; None for a video, or where the file has none."""
@@ -85,13 +90,15 @@ def watch(
         if message.text.endswith(CUT_SHORT):
             seen.shortfall = message.text.removeprefix(f"{mask_secrets(properties['location'])}: ")
 
+    error: Exception | None = None
     try:
         with Pipeline.parse(text) as pipeline:
             pipeline.bus.watch(watch_for_cut)  # without one, an error that is not read would be logged, too
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()
-            while time.monotonic() < until and (seconds is not None or len(seen.packets) < most_packets):
+            is_over = False
+            while not is_over and time.monotonic() < until:
                 frame = _pull(pipeline["video"], POLL_S)
                 is_over = frame is None and (pipeline.ended.is_set() or pipeline.error is not None)
                 if frame is not None:
@@ -100,17 +107,15 @@ def watch(
                     seen.add_video(frame)
                 for pad in pads:
                     while (packet := _pull(pipeline[pad], 0.0)) is not None:
-                        reader = seen.telemetry.setdefault(pad, TelemetryReader())
-                        reader.packet(packet.data, packet.caps.name, packet.pts)
-                if is_over:
-                    break
-            if seconds is None:
-                for reader in seen.telemetry.values():  # what they held back counts too
-                    reader.finish()
+                        seen.add_telemetry(pad, packet)
+                is_over = is_over or (seconds is None and len(seen.packets) >= most_packets)
             seen.carrier = getattr(pipeline["s"], "carrier", "")
-            error: Exception | None = pipeline.error
+            error = pipeline.error
     except StreamkitError as failure:
         error = failure
+    if seconds is None:
+        for reader in seen.telemetry.values():  # what they held back counts too
+            reader.finish()
     # Without the name of the element.
     seen.error = str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
     return seen
