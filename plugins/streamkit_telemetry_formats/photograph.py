@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final
+
+from PIL import Image
 
 from streamkit_telemetry_formats.dji import (
     ABOVE_SEA,
@@ -27,13 +28,6 @@ _DIAGONAL_35MM: Final = math.hypot(36.0, 24.0)
 # only a few numbers are needed.
 _NUMBER: Final = rb"\s*[\"']?\s*([-+]?\d{1,12}(?:\.\d{1,20})?)\s*[\"'<]"
 _FIELD: Final = re.compile(rb"drone-dji:(\w{1,40})\s*[=>]" + _NUMBER)
-_EXIF: Final = b"Exif\0\0"
-_XMP: Final = b"http://ns.adobe.com/xap/1.0/\0"
-_APPLICATION_1: Final = 0xE1
-_SCAN: Final = 0xDA
-# C0 to CF begin a frame with its size, except three that hold tables.
-_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-_FRAME_BYTES: Final = 5
 
 
 def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
@@ -52,9 +46,13 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
 
     Source: CIPA DC-008 (Exif 2.32); DJI's XMP name space `drone-dji`.
     """
-    header = read_header(data)
-    exif = read_exif(header.exif)
-    fields = read_fields(header.xmp)
+    try:
+        with Image.open(io.BytesIO(data), formats=("JPEG",)) as picture:
+            size, info = picture.size, picture.info
+    except Exception:  # Pillow raises of many kinds
+        return None
+    exif = read_exif(info.get("exif", b""))
+    fields = read_fields(info.get("xmp", b""))
     longitude = fields.get("GpsLongitude", fields.get("GpsLongtitude"))  # as several models spell it
     place = on_earth(fields.get("GpsLatitude"), longitude) or exif.position
     if place is None:
@@ -71,7 +69,7 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
         *place,
         altitude=altitude,
         **{"heading": exif.direction, **orientation(flight, gimbal)},
-        field_of_view=_field_of_view(exif, header.size),
+        field_of_view=_field_of_view(exif, size),
         utc_ns=exif.utc_ns,
         source=source,
         ground_altitude=take_off_altitude(fields, "AbsoluteAltitude", "RelativeAltitude"),
@@ -83,9 +81,9 @@ def read_fields(packet: bytes) -> dict[str, float]:
     return {name.decode("ascii", "replace"): float(number) for name, number in _FIELD.findall(packet)}
 
 
-def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float, float] | None:
+def _field_of_view(exif: ExifData, size: tuple[int, int]) -> tuple[float, float] | None:
     """Horizontal and vertical, rad."""
-    if size is None or not min(size) > 0:
+    if not min(size) > 0:
         return None
     view = camera_view(exif.model, size[0] / size[1])
     if view is None and exif.focal_35mm is None:
@@ -98,45 +96,3 @@ def _field_of_view(exif: ExifData, size: tuple[int, int] | None) -> tuple[float,
         return None
     across, down = 2 * math.atan(half), 2 * math.atan(half * size[1] / size[0])
     return (across, down) if across < WIDEST else None
-
-
-@dataclass(frozen=True, slots=True)
-class JpegHeader:
-    """Metadata of a JPEG file."""
-
-    exif: bytes = b""  # the TIFF structure of its Exif data, empty without any
-    xmp: bytes = b""  # its XMP packet, empty without any
-    size: tuple[int, int] | None = None  # width and height, px; None where the file ends before it
-
-
-def read_header(data: bytes) -> JpegHeader:
-    """Reads a JPEG file, or its beginning, up to its first scan; what is not JPEG gives an empty header.
-
-    Source: ITU-T T.81, annex B.
-    """
-    exif = xmp = b""
-    size: tuple[int, int] | None = None
-    for marker, content in _segments(data):
-        if marker == _APPLICATION_1 and content.startswith(_EXIF):
-            exif = exif or content[len(_EXIF) :]
-        elif marker == _APPLICATION_1 and content.startswith(_XMP):
-            xmp = xmp or content[len(_XMP) :]
-        elif marker in _FRAMES and len(content) >= _FRAME_BYTES:
-            size = int.from_bytes(content[3:5], "big"), int.from_bytes(content[1:3], "big")
-    return JpegHeader(exif, xmp, size)
-
-
-def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Marker and content of each segment before the first scan."""
-    if data[:2] != b"\xff\xd8":
-        return
-    place = 2
-    while place + 4 <= len(data) and data[place] == 0xFF:
-        marker, length = data[place + 1], int.from_bytes(data[place + 2 : place + 4], "big")
-        if marker == 0xFF:  # a fill byte
-            place += 1
-            continue
-        if marker == _SCAN or length < 2:
-            return
-        yield marker, data[place + 4 : place + 2 + length]
-        place += 2 + length
