@@ -28,19 +28,18 @@ def negotiate(graph: Graph, places: dict[str, Place]) -> None:
     """
     if graph.has_loop():
         raise DescriptionError("link", "the links form a loop; frames would never leave it")
-    has_changed = False
     with remembered_caps(graph):
         for src, sink in _links_from_sinks(graph):
-            if has_changed:  # an inserted converter may change the answers
-                src.known_caps = sink.known_caps = None
             offered, accepted = src.query_caps(), sink.query_caps()
+            if offered.is_empty:
+                # Due to a conflict further upstream, after which at most the pad's own caps are offered.
+                offered = src.template.caps
             src.known_caps, sink.known_caps = offered, accepted
-            # Empty caps are due to a conflict at another link.
-            if offered.is_empty or accepted.is_empty or accepted.can_intersect(offered):
+            if accepted.is_empty or accepted.can_intersect(offered):
                 continue
             if not _convert(graph, src, sink, offered, accepted, places.get(src.path)):
                 raise _conflict(src, sink, places)
-            has_changed = True
+            remember_caps(graph)
     with remembered_caps(graph):
         for src, sink in graph.links():
             if not sink.query_caps().can_intersect(src.query_caps()):

@@ -101,6 +101,36 @@ def test_a_converter_is_inserted_where_raw_formats_differ(register: Register) ->
     assert text.startswith("videoconvert0 was inserted between camera0.src and screen0.sink: ")
 
 
+class Grey(Transform):
+    """Grey pictures in and out."""
+
+    sink = src = "video/x-raw, format=GRAY8"
+
+    def transform(self, frame: Frame) -> Frame:
+        return frame
+
+
+class Colour(Sink):
+    """Colour pictures."""
+
+    sink = "video/x-raw, format=BGR"
+
+
+@pytest.mark.parametrize(
+    ("text", "converters"),
+    [
+        ("t. ! queue ! grey ! screen  t. ! queue ! colour", 1),
+        ("t. ! queue ! grey ! colour  t. ! queue ! colour", 2),
+        ("t. ! queue ! grey ! colour  t. ! queue ! grey ! colour", 3),
+    ],
+)
+def test_each_conflict_behind_a_tee_is_found(register: Register, text: str, converters: int) -> None:
+    """One does not hide another: a pad that nothing can be offered to is judged by its own caps."""
+    register(camera=Camera, grey=Grey, colour=Colour, screen=Screen, videoconvert=Convert)
+    graph = build(f"camera ! tee name=t  {text}", {})
+    assert len(graph.inserted) == converters
+
+
 def test_no_converter_is_inserted_between_pads_that_agree(register: Register) -> None:
     """Common formats need none."""
     register(camera=Camera, videoconvert=Convert)
