@@ -11,6 +11,7 @@ from streamkit import Caps, Frame, OutputFileSink, ResourceError
 from streamkit.output.names import TRACK_SUFFIXES
 
 CONTAINERS = frozenset({".mp4", ".mov", ".mkv", ".webm", ".avi"})
+PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"})
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
 
@@ -33,8 +34,8 @@ class FileSink(OutputFileSink):
         """Lines for text, bytes as they are for all else.
 
         Raises:
-            ResourceError: the file's name is that of a container or of track records; the bytes of video make
-                neither.
+            ResourceError: the file's name is that of a container, of track records or, for raw video, of a
+                picture; the bytes of video make none of them.
         """
         self._check_suffix(sink_caps)
         self._is_lines = sink_caps.name.startswith(LINE_TYPES)
@@ -45,6 +46,7 @@ class FileSink(OutputFileSink):
         if not media or not all(name.startswith("video/") for name in media):
             return
         sink = "videofilesink" if "video/x-raw" in media else "packetsink"
+        check_pixels(caps, self.location, "filesink")
         if suffix in TRACK_SUFFIXES:
             sink = "tracksink"
         if suffix in (*CONTAINERS, *TRACK_SUFFIXES):
@@ -64,6 +66,21 @@ class FileSink(OutputFileSink):
         if self._is_lines and bytes(data[-1:]) != b"\n":
             data = bytes(data) + b"\n"
         self.file.append(data)
+
+
+def check_pixels(caps: Caps, location: str, factory: str) -> None:
+    """Checks that pixels are not written, as they are, to files that are named as pictures.
+
+    Raises:
+        ResourceError: raw video is.
+    """
+    path = Path(location)
+    if path.suffix.lower() in PICTURES and any(item.name == "video/x-raw" for item in caps.structures):
+        stem = path.stem if "%" in location else f"{path.stem}-%05d"
+        raise ResourceError(
+            f"location={location}: {factory} writes the bytes of frames, which are no {path.suffix} file; "
+            f"write jpegsink location={path.with_name(stem)}.jpg"
+        )
 
 
 def as_bytes(data: Any) -> bytes | memoryview:

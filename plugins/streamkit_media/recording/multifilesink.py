@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit import Frame, NumberedFilesSink, Property, ResourceError
+from streamkit import Caps, Frame, NumberedFilesSink, Property, ResourceError
 from streamkit.output.file import OutputFile
-from streamkit_media.files.filesink import as_bytes
+from streamkit_media.files.filesink import as_bytes, check_pixels
 
 
 class MultiFileSink(NumberedFilesSink):
@@ -31,6 +31,14 @@ class MultiFileSink(NumberedFilesSink):
             raise ResourceError(
                 f"location={self.location!r} must hold one number; write location={self.example}"
             )
+
+    def configure(self, sink_caps: Caps) -> None:
+        """Checks that files named as pictures are some.
+
+        Raises:
+            ResourceError: they would hold raw pixels.
+        """
+        check_pixels(sink_caps, self.location, "multifilesink")
 
     def begin(self) -> None:
         """Nothing is common to all files."""
@@ -57,6 +65,9 @@ class JpegSink(MultiFileSink):
     sink = "video/x-raw, format={ BGR, GRAY8 }"
 
     quality: int = Property(90, min=1, max=100, doc="Of the JPEG.")
+
+    def configure(self, sink_caps: Caps) -> None:
+        """Files are pictures, whatever their name."""
 
     def content(self, frame: Frame) -> bytes | memoryview:
         """The frame as JPEG."""

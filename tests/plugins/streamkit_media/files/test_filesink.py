@@ -90,6 +90,21 @@ def test_track_records_are_no_bytes_of_video(tmp_path: Path, suffix: str) -> Non
     assert not path.exists()
 
 
+@pytest.mark.parametrize(
+    ("sink", "remedy"),
+    [
+        ("filesink location={}/frame.png", "frame-%05d.jpg"),
+        ("multifilesink location={}/frame-%d.png", "frame-%d.jpg"),
+    ],
+)
+def test_pictures_are_no_bytes_of_pixels(tmp_path: Path, sink: str, remedy: str) -> None:
+    """No viewer could open them: the sink that writes pictures is named, nothing is written."""
+    text = f"videotestsrc num-buffers=2 ! {sink.format(tmp_path)}"
+    with pytest.raises(ElementFailure, match=rf"no \.png file; write jpegsink location={tmp_path}/{remedy}"):
+        Pipeline.parse(text).run(timeout_s=30)
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_container_is_refused_before_the_source_starts(tmp_path: Path) -> None:
     """Where any stream of the neighbour is video: a live source is not asked to connect."""
     with pytest.raises(ElementFailure, match=r"filesink0: .* write videofilesink"):
