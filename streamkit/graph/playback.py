@@ -15,6 +15,7 @@ from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.statistics import ElementStatistics
+from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
@@ -22,7 +23,7 @@ from streamkit.graph.delayed_link import report_missing_pads
 from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.graph import Graph, walk
 from streamkit.graph.negotiate import remember_caps
-from streamkit.graph.statistics import RetiredChains, collect_statistics
+from streamkit.graph.statistics import RetiredChains, collect_statistics, silent_transforms
 from streamkit.graph.stream_end import StreamEnd
 
 log = logging.getLogger("streamkit")
@@ -135,8 +136,11 @@ class Playback:
             source.finish()
 
     def stop(self) -> None:
-        """Stops reporting hangs and the end of the stream."""
+        """Stops reporting hangs and the end of the stream; reports transforms that gave no frame."""
         self._is_stopping = True
+        if self.is_streaming:
+            for name, text in silent_transforms(self.rows(0)).items():
+                self._bus.post(Message(MessageKind.WARNING, name, text, {"code": "shortfall"}))
         if self._watchdog is not None:
             self._watchdog.stop()
 

@@ -136,6 +136,22 @@ def collect_statistics(
     return {element: row(element) for element in list(graph.elements)}  # branches may join meanwhile
 
 
+def silent_transforms(rows: dict[Element, ElementStatistics]) -> dict[str, str]:
+    """What to say of transforms that took frames until EOS, gave none and counted none, by name.
+
+    To return None is how a transform leaves a frame out, and also what a forgotten `return` does.
+    """
+    return {
+        element.name: f"none of {row.frames_in} frames came out, and none is counted as dropped: where "
+        "`transform` is to pass frames on, `return` them; else count them with `count_drop`"
+        for element, row in rows.items()
+        if isinstance(element, Transform)
+        and element.src_pad.is_eos
+        and row.frames_in
+        and not (row.frames_out or row.dropped or row.errors)
+    }
+
+
 def _pad_row(pad: Pad, frames: int) -> PadStatistics:
     peer, caps = pad.peer, pad.caps
     return PadStatistics(

@@ -28,6 +28,29 @@ def test_queues_and_branches_are_counted() -> None:
     assert all(row.dropped == {} for row in rows.values())
 
 
+class Forgetful(Transform):
+    """Works on frames, and does not return them; counts those of one kind."""
+
+    sink = src = "ANY"
+
+    counts: bool = Property(False, doc="Count what is left out.")
+
+    def transform(self, frame: Frame) -> None:
+        if self.counts:
+            self.count_drop("left out")
+
+
+@pytest.mark.parametrize(("counts", "warnings"), [(False, 1), (True, 0)])
+def test_a_transform_that_gave_nothing_is_reported(register: Register, counts: bool, warnings: int) -> None:
+    """A forgotten `return` looks like a filter that drops everything: only counted frames are meant so."""
+    register(forgetful=Forgetful)
+    with Pipeline.parse(f"fakesrc num-buffers=7 ! forgetful counts={counts} ! fakesink") as pipeline:
+        pipeline.run(timeout_s=20)
+        messages = [message for message in iter(lambda: pipeline.bus.pop(0), None) if message.is_shortfall]
+    assert [message.source for message in messages] == ["forgetful0"] * warnings
+    assert all(message.text.startswith("none of 7 frames came out") for message in messages)
+
+
 class Counting(Sink):
     """Looks at the statistics now and then, and fails at its 900th frame."""
 
