@@ -5,29 +5,68 @@ from __future__ import annotations
 import contextlib
 import functools
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeVar
 
 from streamkit.element.base import Element
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
 GROUP = "streamkit.elements"
+ElementClass = TypeVar("ElementClass", bound=type[Element])
+_registered: dict[str, type[Element]] = {}
+
+
+def is_registered(name: str) -> bool:
+    """Whether the running program has registered the element of this name."""
+    return name in _registered
+
+
+def register_element(found: ElementClass, name: str = "") -> ElementClass:
+    """Makes a class usable in the descriptions of this program, without a package; also as a decorator.
+
+    A later class of the same name takes the place of the first, as when a notebook's cell runs again. Bins
+    with `process=true` need a package, `streamkit new` makes one.
+
+    Args:
+        found: the class.
+        name: what it is called in descriptions; the name of the class in lower case if empty.
+
+    Raises:
+        TypeError: it is no subclass of `Element`.
+        ValueError: an installed package has an element of the name.
+    """
+    if not (isinstance(found, type) and issubclass(found, Element)):
+        raise TypeError(f"register_element takes a subclass of streamkit.Element, got {found!r}")
+    name = name or found.__name__.lower()
+    entry = installed_elements().get(name)
+    if entry is not None and not is_registered(name):
+        raise ValueError(f"{entry.where} is installed; register {found.__name__} by another name")
+    _registered[name] = found
+    installed_elements.cache_clear()
+    element_class.cache_clear()
+    return found
 
 
 @functools.cache
 def installed_elements() -> dict[str, PluginEntry]:
-    """All elements of all installed packages by name; streamkit's own win."""
-    return entries_by_name(installed_entries("element", GROUP))
+    """All elements of all installed packages by name, streamkit's own win; and those that are registered."""
+    registered = [
+        PluginEntry("element", name, f"{found.__module__}:{found.__qualname__}")
+        for name, found in _registered.items()
+    ]
+    return entries_by_name([*installed_entries("element", GROUP), *registered])
 
 
 @functools.cache
 def element_class(name: str) -> type[Element]:
-    """Imports the class of an element.
+    """The class of an element, imported unless it is registered.
 
     Raises:
         DescriptionError: no installed package has it (code `no-such-element`).
         PluginBroken: it cannot be imported, is not an element, or two packages other than streamkit have it.
     """
+    if is_registered(name):
+        return _registered[name]
     entry = installed_elements().get(name)
     if entry is None:
         from streamkit.element.gstreamer_names import gstreamer_hint
@@ -72,6 +111,8 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
     except StreamkitError:
         raise
     except (Exception, SystemExit) as cause:
+        if is_registered(factory):
+            raise  # with the traceback, for its author
         raise installed_elements()[factory].broken("made", cause) from cause
     element.factory = factory
     return element

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
+from streamkit.element.registry import is_registered
 from streamkit.element.source import Source
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.bins import Bin, enclosing_bins
@@ -29,6 +30,15 @@ def cut(graph: Graph, places: dict[Element, Place]) -> None:
     _assign(graph)
     if not graph.processes:
         return
+    for element in graph.elements:
+        if is_registered(element.factory):
+            what = f"{element.factory} is registered in this program, and no other process can import it"
+            raise DescriptionError(
+                "could-not-set-property",
+                what,
+                places.get(element),
+                "omit process=true, or put it into a package (streamkit new)",
+            )
     for element, home in graph.homes.items():
         if element.factory in IN_MAIN:
             what = f"{element.name} is called by the application and cannot run in another process"

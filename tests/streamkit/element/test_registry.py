@@ -2,12 +2,13 @@
 
 import importlib.metadata
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from streamkit import Element, Pipeline, PropertyError
+from streamkit import Element, Frame, Pipeline, PropertyError, Transform, register_element
+from streamkit.element import registry
 from streamkit.element.entries import PluginEntry
 from streamkit.element.gstreamer_names import BY_NAME, ELEMENTS
 from streamkit.element.registry import element_class, installed_elements, make_element
@@ -173,3 +174,52 @@ def test_the_first_of_two_elements_with_one_name_is_used(register: Register) -> 
     register(twice="first:Thing")
     register(twice="second:Thing")
     assert installed_elements()["twice"].target == "first:Thing"
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Forgets afterwards what a test has registered."""
+    monkeypatch.setattr(registry, "_registered", {})
+    yield
+    registry.installed_elements.cache_clear()
+    registry.element_class.cache_clear()
+
+
+def inverting(sign: int) -> type[Transform]:
+    """A class as a cell of a notebook defines it."""
+
+    class Invert(Transform):
+        sink = src = "video/x-raw, format=GRAY8"
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame.replace(data=255 - frame.data if sign < 0 else frame.data)
+
+    return Invert
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_class_is_registered_without_a_package() -> None:
+    """Under its own name or another; the last class of a name counts."""
+    assert register_element(inverting(-1)) is element_class("invert")
+    again = register_element(inverting(1))
+    register_element(again, "plain")
+    for name in ("invert", "plain"):
+        with Pipeline.parse(f"videotestsrc num-buffers=2 ! {name} ! appsink name=out") as pipeline:
+            assert isinstance(pipeline[f"{name}0"], again)
+            pipeline.play()
+            assert len(list(pipeline["out"])) == 2
+    with pytest.raises(DescriptionError, match='no element "inver"; did you mean "invert"'):
+        make_element("inver")
+
+
+@pytest.mark.usefixtures("registered")
+def test_what_cannot_be_registered() -> None:
+    """No other class, no name of an installed element; and a process of its own needs a package."""
+    with pytest.raises(TypeError, match=r"takes a subclass of streamkit\.Element, got <class 'int'>"):
+        register_element(int)  # type: ignore[type-var]
+    with pytest.raises(ValueError, match=r"element 'queue' .* is installed; register Invert by another name"):
+        register_element(inverting(1), "queue")
+    register_element(inverting(1))
+    with pytest.raises(DescriptionError, match="no other process can import it; omit process=true") as caught:
+        Pipeline.parse("videotestsrc ! ( process=true videoscale ) ! invert ! fakesink")
+    assert caught.value.place.column == 46
