@@ -10,6 +10,8 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from streamkit.cli.crash_report import CrashReport
 from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError, StreamkitError
 from streamkit.flow.messages import Message, MessageKind
@@ -40,7 +42,7 @@ class Run:
     Attributes:
         has_played: whether the pipeline has started.
         interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.
-        statistics: counters at the end, before the pipeline is stopped.
+        statistics: counters at the end; what elements have counted while they stopped is in them.
         shortfalls: warnings that something the pipeline is for was not made.
         abandons_start: whether an interrupted start has not returned, such as one that compiles loops.
     """
@@ -135,7 +137,16 @@ class Run:
             self.pipeline.stop()
         except StateError as error:
             return self._fail(str(error))
+        finally:
+            self._count_stop()
         return 0
+
+    def _count_stop(self) -> None:
+        """Adds what elements have counted while they stopped, such as a file that is complete only then."""
+        if self.statistics is not None:
+            ages = {row.element: row.age_ns for row in self.statistics.elements}
+            rows = [replace(row, age_ns=ages.get(row.element)) for row in self.pipeline.statistics()]
+            self.statistics = replace(self.statistics, elements=rows)
 
     def _watch(self) -> int:
         """Handles messages and interrupts until the end."""

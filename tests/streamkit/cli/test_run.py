@@ -32,6 +32,18 @@ def test_a_warning_of_the_start_is_printed_while_it_starts_and_once(
     assert "compiled" not in capsys.readouterr().err
 
 
+def test_what_is_counted_while_elements_stop_is_in_the_statistics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interrupted encoder drops frames in `stop`; a mosaic becomes a file there."""
+    pipeline = Pipeline.parse("fakesrc num-buffers=3 ! fakesink name=slow")
+    slow = pipeline["slow"]
+    monkeypatch.setattr(slow, "stop", lambda: slow.count_drop("held at the stop", 2))
+    run = Run(pipeline, Display(pipeline), eos_on_shutdown=False, verbose=False, quiet=True)
+    assert run.run() == 0
+    assert run.statistics is not None
+    assert run.statistics.elements[1].dropped == {"held at the stop": 2}
+    assert run.statistics.elements[1].frames_in == 3
+
+
 def test_signals_at_once_count_as_one_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     """`timeout` signals the process and its group: with -e, the stream still ends in order."""
     pipeline = Pipeline.parse("fakesrc ! fakesink")
