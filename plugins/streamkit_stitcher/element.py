@@ -132,6 +132,7 @@ class Stitch(Transform):
         self._mosaic: LiveMosaic | None = None
         self._ground = LiveGround()
         self._epoch: int | None = None
+        self._is_summarised = False
         recording = self.recording
         try:
             if self.strip is not None:
@@ -239,15 +240,19 @@ class Stitch(Transform):
         return ()
 
     def stop(self) -> None:
-        """Writes the mosaic if EOS did not come, and releases it."""
-        mosaic, self._mosaic = self._mosaic, None
-        if mosaic is not None:
-            try:
+        """Writes the mosaic if EOS did not come, says what it is or that there is none, and releases it."""
+        mosaic = self._mosaic
+        try:
+            if mosaic is not None:
                 mosaic.finish(self._registrar.take_plane(current=True))
-            except OSError as error:
-                self.post_warning(f"the mosaic is lost: {error}")
-            finally:
+            if self.outcomes and not self._is_summarised and self.pipeline_error() is None:
+                self._summarise()
+        except OSError as error:
+            self.post_warning(f"the mosaic is lost: {error}")
+        finally:
+            if mosaic is not None:
                 mosaic.close()
+            self._mosaic = None
         self._registrar.close()
 
     def check_properties(self) -> None:
@@ -283,6 +288,7 @@ class Stitch(Transform):
 
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
+        self._is_summarised = True
         states = {status.value: self.outcomes[status.value] for status in RegistrationStatus}
         frames = sum(states.values())
         if self.recording.location is not None and frames == states[RegistrationStatus.LOST]:

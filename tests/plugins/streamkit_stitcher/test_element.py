@@ -151,6 +151,19 @@ def test_the_mosaic_is_written_when_eos_does_not_come(flight, tmp_path):
     assert cv2.imread(str(location)).shape == (360, 640, 3)
 
 
+def test_a_stop_says_what_became_of_the_mosaic(flight, tmp_path):
+    """As at EOS: the file, or why there is none."""
+    location = tmp_path / "m.jpg"
+    with Harness("stitch", location=str(location)) as harness:
+        push(harness, grey(flight.frame(0)))
+    assert harness.element.results["files"] == 1
+    location.unlink()
+    with Harness("stitch", location=str(location)) as harness:
+        push(harness, grey(np.zeros(SMALL, np.uint8)))
+    (warning,) = [message for message in harness.messages if message.kind is MessageKind.WARNING]
+    assert warning.text == f"{location}: no mosaic: none of 1 frames could be registered"
+
+
 def test_lost_frames_do_not_smear_the_mosaic(flight, tmp_path):
     """Black and corrupt frames leave no trace in it."""
     with Harness("stitch", location=str(tmp_path / "m.png")) as harness:
