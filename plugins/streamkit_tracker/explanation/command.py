@@ -19,6 +19,7 @@ from streamkit_tracker.explanation.history import FramePlace, Moment, Target, li
 from streamkit_tracker.explanation.wording import explanation
 
 MAX_NAMED = 12
+STANDARD_INPUT = Path("/dev/stdin")
 
 
 class Question(NamedTuple):
@@ -31,7 +32,14 @@ class Question(NamedTuple):
 
 def explain(
     tracks: Annotated[
-        Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
+        Path,
+        typer.Argument(
+            help="JSON lines from tracksink; - is the standard input.",
+            exists=True,
+            dir_okay=False,
+            readable=True,
+            allow_dash=True,
+        ),
     ],
     moment: Annotated[
         str,
@@ -57,7 +65,7 @@ def explain(
             f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60, or ID", code=2
         )
     try:
-        file = read_track(tracks, question.track, run)
+        file = read_track(STANDARD_INPUT if str(tracks) == "-" else tracks, question.track, run)
     except (OSError, StreamError, ValueError) as error:
         exit_with_error(str(error))
     index = _index(file, question, epoch)

@@ -1,6 +1,8 @@
 """`streamkit explain` on files of records."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +72,15 @@ def test_a_moment_is_explained(tmp_path: Path) -> None:
         "frame 14, 0.560 s: lost: left the frame",
     ):
         assert part in result.stdout
+
+
+def test_the_standard_input_is_read(tmp_path: Path) -> None:
+    """As `tracks -` and `convert -` do, so that records come from a pipe."""
+    command = [sys.executable, "-m", "streamkit", "explain", "-", "7@0.48"]
+    lines = life(tmp_path / "t.jsonl").read_bytes()
+    done = subprocess.run(command, input=lines, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0
+    assert done.stdout.decode() == run(tmp_path / "t.jsonl", "7@0.48").output
 
 
 def test_runs_appended_to_a_file_are_kept_apart(tmp_path: Path) -> None:
