@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, cast
 
-from streamkit import ElementFailure, Frame, FrameFlags, Message, Pipeline, StreamkitError, mask_secrets
+from streamkit import ElementFailure, Frame, FrameFlags, Message, Pipeline, StreamkitError
 from streamkit_media.doctor.measure import PacketFacts
-from streamkit_media.files.completeness import CUT_SHORT
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
@@ -87,8 +86,8 @@ def watch(
     until = time.monotonic() + limit_s
 
     def watch_for_cut(message: Message) -> None:
-        if message.text.endswith(CUT_SHORT):
-            seen.shortfall = message.text.removeprefix(f"{mask_secrets(properties['location'])}: ")
+        if message.fields.get("name") == "cut-short":
+            seen.shortfall = str(message.fields["text"])
 
     error: Exception | None = None
     try:

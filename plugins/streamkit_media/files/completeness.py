@@ -11,7 +11,6 @@ from av.video.stream import VideoStream
 
 # The smaller difference is that of rounding, of delays, and of streams that end together.
 TOLERANCE_S, TOLERANCE_RATIO, TOLERANCE_STEPS = 1.0, 0.02, 2
-CUT_SHORT = "the file is cut short"
 LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 
@@ -55,7 +54,7 @@ class Completeness:
         if due_s - end_s <= max(tolerance_s(self._declared_s), steps_s):
             return ""
         where = f"{'before' if self._first is None else 'at'} {end_s:.1f} s of {self._declared_s:.1f} s"
-        return f"the video ends {where}: {CUT_SHORT}"
+        return f"the video ends {where}: the file is cut short"
 
 
 def tolerance_s(length_s: float) -> float:
