@@ -110,7 +110,7 @@ def launch(
     ] = False,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Exit code 1 also if the run made nothing of what a sink is for."),
+        typer.Option("--strict", help="Exit code 1 also if the run lacks what it is for, such as tracks."),
     ] = False,
     watchdog_s: Annotated[
         float,

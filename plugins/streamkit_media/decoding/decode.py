@@ -182,7 +182,7 @@ class Decode(Transform):
     def _report_damage(self) -> None:
         shown, self._frames_shown = self._frames_shown, 0
         if shown and (damaged := self.outcomes["damaged"]):
-            self.post_warning(f"{damaged} of {shown} frames are damaged")
+            self.post_warning(f"{damaged} of {shown} frames are damaged", "shortfall")
 
     def _begin(self, frame: Frame) -> None:
         caps = frame.caps

@@ -73,7 +73,7 @@ def test_damaged_frames_are_counted_and_reported_once(clip: Path, tmp_path: Path
     assert 0 < damaged <= outcomes["damaged"] < 100
     if not is_stopped:
         assert damaged == outcomes["damaged"]
-    texts = [one.text for one in messages if one.source == "decode0" and "damaged" in one.text]
+    texts = [one.text for one in messages if one.source == "decode0" and one.is_shortfall]
     assert [text.partition(" of ")[0] for text in texts] == [str(outcomes["damaged"])]
     if not is_stopped:
         assert texts == [f"{damaged} of {len(frames)} frames are damaged"]
