@@ -14,8 +14,8 @@ from streamkit.element.source import Source
 from streamkit.element.timing import Timing
 from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
-from streamkit.flow.statistics import ElementStatistics
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.statistics import ElementStatistics
 from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains

@@ -248,7 +248,7 @@ class FileSrc(Source):
         """Warns of what is missing at the end of a round; an error where no frame was shown at all."""
         if cut and (shown or self.start_s):
             self.post_warning(f"{self._where}: {cut}", "shortfall")
-            self.post_message(\"cut-short\", text=cut)
+            self.post_message("cut-short", text=cut)
         elif not shown and self.start_s:
             length = "" if self._duration is None else f"; it is {self._duration / 1e6:.1f} s long"
             self.post_warning(
