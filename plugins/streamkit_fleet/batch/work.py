@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from streamkit import Message, Pipeline, StreamkitError, encode_record
 from streamkit.masking import mask_secrets, presentable
-from streamkit.output.file import OutputFile
+from streamkit.output.file import OutputFile, write_whole
 from streamkit_fleet.batch.join import join_records
 from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
 
@@ -32,7 +34,7 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
     """Runs the pipeline over a part, unless an earlier batch has done so; its result appears when whole."""
     target = Path(folder) / PARTS / f"{plan.key}-{number}{recipe.suffix}"
     if target.exists():
-        return Outcome(str(target))
+        return Outcome(str(target), shortfalls=_read_shortfalls(target))
     target.parent.mkdir(parents=True, exist_ok=True)
     unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}-{target.name}")
     began_s = time.process_time()
@@ -41,17 +43,31 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
         with _pipeline(plan, plan.parts[number], recipe, unfinished) as pipeline:
             pipeline.bus.watch(messages.append)
             pipeline.run()
+        found = tuple(
+            presentable(mask_secrets(f"{message.source}: {message.text}"))
+            for message in messages
+            if message.is_shortfall
+        )
+        if found:  # before the result: an interrupted batch leaves no part without them
+            write_whole(_shortfalls_file(target), msgspec.json.encode(found))
         unfinished.replace(target)
     except (StreamkitError, OSError) as error:
         return Outcome("", str(error), time.process_time() - began_s)
     finally:
         unfinished.unlink(missing_ok=True)
-    found = tuple(
-        presentable(mask_secrets(f"{message.source}: {message.text}"))
-        for message in messages
-        if message.is_shortfall
-    )
     return Outcome(str(target), cpu_s=time.process_time() - began_s, shortfalls=found)
+
+
+def _shortfalls_file(part: Path) -> Path:
+    """Beside the result of a part, for a later batch that joins it."""
+    return part.with_name(f"{part.name}.shortfalls")
+
+
+def _read_shortfalls(part: Path) -> tuple[str, ...]:
+    try:
+        return msgspec.json.decode(_shortfalls_file(part).read_bytes(), type=tuple[str, ...])
+    except FileNotFoundError:
+        return ()
 
 
 def _pipeline(plan: Plan, part: ClipPart, recipe: BatchRecipe, output: Path) -> Pipeline:
@@ -73,16 +89,21 @@ def finish(outcomes: Sequence[Outcome], result: str) -> str:
         target.parent.mkdir(parents=True, exist_ok=True)
         if len(paths) == 1:
             paths[0].replace(target)
-            return ""
-        file = OutputFile(target, is_whole=True)
-        try:
-            for record in join_records(paths):
-                file.write(encode_record(record) + b"\n")
-            file.finish()
-        finally:
-            file.discard()
+        else:
+            _join(paths, target)
         for path in paths:
             path.unlink(missing_ok=True)
+            _shortfalls_file(path).unlink(missing_ok=True)
     except (StreamkitError, OSError) as error:
         return str(error)
     return ""
+
+
+def _join(paths: Sequence[Path], target: Path) -> None:
+    file = OutputFile(target, is_whole=True)
+    try:
+        for record in join_records(paths):
+            file.write(encode_record(record) + b"\n")
+        file.finish()
+    finally:
+        file.discard()
