@@ -15,16 +15,15 @@ import typer
 
 from streamkit import exit_with_error, write_remedy
 from streamkit.output.pipe import until_reader_leaves
+from streamkit_zenoh.silence import LOST_FEED, SILENCE_S, others_text
 
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
     from streamkit_zenoh.subscriber import TrackSubscriber
 
 POLL_S = 0.2
-SILENCE_S = 5.0  # without a record, of a publisher that is there
 RETURN_LIMIT_S = 2.0  # a link that was cut is back within it, as after this process was suspended
 MAX_RECORDS = 4096
-MAX_KEYS = 8
 VANISHED = (
     "the publisher has gone without ending its stream: killed, or the way to it is cut; "
     "--stay waits for the next one"
@@ -134,10 +133,10 @@ def _print_all(
                 silence = f"no record for {SILENCE_S:g} s"
                 if subscriber.counts.publishers and not is_silent:
                     is_silent = True
-                    printer.note(f"{silence}, though a publisher is there: has it lost its feed?")
+                    printer.note(f"{silence}, {LOST_FEED}")
                 elif not subscriber.counts.publishers and not has_looked:
                     has_looked = True
-                    if others := _others(subscriber):
+                    if others := others_text(subscriber.published_keys()):
                         printer.note(f"{silence}: {others}")
     return 0, ""
 
@@ -145,16 +144,9 @@ def _print_all(
 def _remedy(subscriber: TrackSubscriber) -> str:
     if subscriber.counts.publishers:
         return ", though a publisher is there"
-    if others := _others(subscriber):
+    if others := others_text(subscriber.published_keys()):
         return f": {others}"
     return ": no publisher is there; start it, or give both sides endpoints that meet (--connect, --listen)"
-
-
-def _others(subscriber: TrackSubscriber) -> str:
-    """That only other keys are published, and a few of them; "" if none is."""
-    keys = subscriber.published_keys()
-    more = f" and {len(keys) - MAX_KEYS} more" if len(keys) > MAX_KEYS else ""
-    return f"no publisher has this key; others have {', '.join(keys[:MAX_KEYS])}{more}" if keys else ""
 
 
 def _leave(code: int) -> NoReturn:

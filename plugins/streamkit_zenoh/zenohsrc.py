@@ -19,8 +19,10 @@ from streamkit import (
     encode_record,
 )
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
+from streamkit_zenoh.presence import published_keys
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
 from streamkit_zenoh.session import SessionElement, close_session
+from streamkit_zenoh.silence import LOST_FEED, SILENCE_S, others_text
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_message, encoding_of
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
@@ -28,6 +30,7 @@ from streamkit_zenoh.wire.numbering import RecentDict
 from streamkit_zenoh.wire.records import record_frame
 
 POLL_S = 0.2
+LOOK_LIMIT_S = 1.0  # for the answers of publishers with other keys
 STOP_LIMIT_S = 2.0
 QUEUE_LIMIT_BYTES = 128 * 1024 * 1024
 # Reasons of drops, by the count of the receiver.
@@ -108,12 +111,13 @@ class ZenohSrc(SessionElement, Source):
         receiver = self._receiver
         assert receiver is not None, "start() precedes frames"
         passed, last_ns = 0, self.clock_ns()
+        has_noted_silence = False
         while passed != self.num_buffers and not self._interrupted.is_set():
             message = receiver.queue.get(POLL_S)
             self._count_drops(receiver)
             frame = None if message is None else self._frame(receiver, message)
             if frame is not None:
-                last_ns = self.clock_ns()
+                last_ns, has_noted_silence = self.clock_ns(), False
                 passed += 1
                 yield frame
             elif message is None and receiver.queue.is_over:
@@ -127,6 +131,17 @@ class ZenohSrc(SessionElement, Source):
                     f"no record at {self._expression} for {self.timeout_s:g} s; "
                     "start the publisher, with the same key and an endpoint that meets this one"
                 )
+            elif not has_noted_silence and (self.clock_ns() - last_ns) / 1e9 > SILENCE_S:
+                has_noted_silence = True
+                self._note_silence(receiver)
+
+    def _note_silence(self, receiver: MessageReceiver) -> None:
+        if receiver.counts().publishers:
+            cause = LOST_FEED
+        else:
+            assert self._session is not None
+            cause = others_text(published_keys(self._session, LOOK_LIMIT_S)) or "no publisher is there"
+        self.post_message("note", text=f"no record at {self._expression} for {SILENCE_S:g} s, {cause}")
 
     @override
     def interrupt(self) -> None:

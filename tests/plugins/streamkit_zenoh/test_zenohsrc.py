@@ -30,6 +30,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
+from streamkit_zenoh import zenohsrc
 from streamkit_zenoh.keys import alive_key
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec, Encoding
@@ -248,6 +249,29 @@ def test_a_timeout_is_an_error(receive: Callable[..., Pipeline], key: str) -> No
     pipeline = receive("timeout-s=0.3")
     with pytest.raises(ElementFailure, match=f"no record at {key}/tracks for 0.3 s; start the publisher"):
         list(pipeline["out"])
+
+
+def test_silence_is_noted(
+    monkeypatch: pytest.MonkeyPatch, publisher: _Publisher, receive: Callable[..., Pipeline]
+) -> None:
+    """A wait is no fault, but says what it is for: of a publisher that is there, and of other keys."""
+    monkeypatch.setattr(zenohsrc, "SILENCE_S", 0.2)
+    pipeline = receive()
+    publisher.wait()
+    message = pipeline.bus.pop(10, (MessageKind.ELEMENT,))
+    assert message is not None
+    assert message.fields["name"] == "note"
+    assert "for 0.2 s, though a publisher is there" in str(message.fields["text"])
+
+
+def test_a_wait_without_publisher_is_noted(
+    monkeypatch: pytest.MonkeyPatch, receive: Callable[..., Pipeline], key: str
+) -> None:
+    """A misspelt key, or a publisher out of reach, would else look like a feed without targets."""
+    monkeypatch.setattr(zenohsrc, "SILENCE_S", 0.2)
+    message = receive().bus.pop(10, (MessageKind.ELEMENT,))
+    assert message is not None
+    assert message.fields["text"] == f"no record at {key}/tracks for 0.2 s, no publisher is there"
 
 
 def test_a_killed_publisher_ends_the_stream(key: str, endpoint: str) -> None:
