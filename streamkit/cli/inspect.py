@@ -92,7 +92,7 @@ def describe_element(name: str) -> dict[str, Any]:
 
     found = element_class(name)
     entry = installed_elements()[name]
-    doc = ATTRIBUTES.sub("", python_inspect.getdoc(found) or "")  # not for users
+    doc = ATTRIBUTES.sub("", python_inspect.cleandoc(found.__doc__ or ""))  # not for users
     prose, _, example = doc.partition("Example:")
     return {
         "name": name,
@@ -149,7 +149,7 @@ def element_kinds() -> tuple[type[Element], ...]:
 
 def as_text(facts: dict[str, Any], folded: Container[str] = ()) -> str:
     """The description of an element as text; of the `folded` properties only the names, at the end."""
-    lines = [f"{facts['name']} - {facts['doc']}", ""]
+    lines = [" - ".join(filter(None, (facts["name"], facts["doc"]))), ""]
     lines.append(f"  {facts['kind']} of {facts['package']} {facts['version']} ({facts['class']})")
     lines += ["", "Pads"]
     for pad in facts["pads"]:

@@ -69,6 +69,13 @@ class Transform(Element):
         super().__init_subclass__(**kwargs)
         cls.keeps_caps = str(cls.sink) == str(cls.src) and cls.transform_caps is Transform.transform_caps
 
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        super().__init__(name, **properties)
+        if not {"sink", "src"} <= self.pads.keys():
+            raise TypeError(
+                f'{type(self).__name__} declares no pads: write sink = src = "video/x-raw" in the class'
+            )
+
     @override
     def query_caps(self, pad: Pad) -> Caps:
         if pad.is_src and pad is not self.src_pad:

@@ -109,7 +109,8 @@ def check_layout(frame: Frame) -> None:
     else:
         return
     if shape != wanted or data.dtype != "uint8":
-        raise ValueError(
-            f"{pixel_format} of {width} x {height} px is uint8{list(wanted)}, got {data.dtype}{list(shape)}: "
-            "give the frame the caps of what it holds"
-        )
+        rule = f"{pixel_format} of {width} x {height} px is uint8{list(wanted)}"
+        remedy = "give the frame the caps of what it holds"
+        if shape == wanted:
+            remedy = "make it uint8, as np.clip(data, 0, 255).astype(np.uint8) does"
+        raise ValueError(f"{rule}, got {data.dtype}{list(shape)}: {remedy}")

@@ -115,6 +115,12 @@ def test_text_of_an_element(register: Register) -> None:
     )
 
 
+def test_an_element_without_a_docstring_has_no_other(register: Register) -> None:
+    """Its base class's is for authors, and not of this element."""
+    register(plain=type("Plain", (Gain,), {}))
+    assert inspect("plain").stdout.startswith("plain\n\n  Transform of ")
+
+
 def test_an_element_as_json() -> None:
     """The same values as JSON."""
     found = facts("queue")

@@ -363,3 +363,11 @@ def test_frames_of_drain_are_checked_as_those_of_transform() -> None:
         harness.push(frame())
         with pytest.raises(ElementFailure, match=r"^late: ValueError: GRAY8 of 4 x 2 px is uint8\[2, 4\]"):
             harness.drain()
+
+
+def test_a_class_without_pads_is_refused() -> None:
+    """Its author forgot them, and would read that the pipeline's link has no pad."""
+    with pytest.raises(
+        TypeError, match=r'^Bare declares no pads: write sink = src = "video/x-raw" in the class$'
+    ):
+        type("Bare", (Transform,), {})()
