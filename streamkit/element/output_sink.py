@@ -265,6 +265,8 @@ class OutputFileSink(Sink):
         except self.write_errors as error:
             self._is_over = True
             self.abandon()
+            if self.written_paths and not Path(self.written_paths[-1]).exists():
+                self.take_back()
             reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
             raise ResourceError(
                 f"location={self.location}: cannot be written: {reason}{write_remedy(error)}"

@@ -177,6 +177,16 @@ def test_a_stop_before_the_first_frame_leaves_the_older_file(tmp_path: Path) -> 
     assert (tmp_path / "a").read_bytes() == b"old"
 
 
+@pytest.mark.parametrize("element", ["lines", "parts"])
+def test_a_file_that_could_not_be_made_is_not_counted(element: str) -> None:
+    """The last line of a run names what was written."""
+    with Harness(element, location="/proc/a-%d.bin" if element == "parts" else "/proc/a.bin") as harness:
+        with pytest.raises(ElementFailure, match="cannot be written"):
+            harness.push(Frame(b"a", BYTES))
+        assert harness.element.results["files"] == 0
+        assert harness.element.written_paths == ()
+
+
 def test_an_error_is_raised_once(tmp_path: Path) -> None:
     """Neither EOS nor the stop raises another one."""
     with Harness("lines", location="/dev/full") as harness:
