@@ -236,13 +236,16 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
 
 
 def _application_notes(pipeline: Pipeline) -> Iterator[str]:
-    """Notes on elements that wait for calls of an application, which there is none of here."""
+    """Notes on elements that wait for calls of an application and on open ends."""
     for element in pipeline.graph.elements:
         if element.factory == "appsink":
             effect = "drops frames" if getattr(element, "drop", False) else "fills up"
             yield f"{element.name} {effect}, as only a Python program takes its frames; write fakesink here"
         elif element.factory == "appsrc":
             yield f"{element.name} waits, as only a Python program gives it frames; write fakesrc here"
+        outputs = list(element.src_pads())
+        if outputs and any(element.sink_pads()) and all(pad.peer is None for pad in outputs):
+            yield f"{outputs[0].path} is not linked, its frames go nowhere; link it to a sink"
 
 
 def _supervise() -> NoReturn:

@@ -586,6 +586,15 @@ def test_elements_that_wait_for_an_application_are_noted(launch: Callable[..., R
     assert launch("-q", "fakesrc num-buffers=1 ! appsink").stderr == ""
 
 
+def test_an_open_end_is_noted(launch: Callable[..., Result]) -> None:
+    """Behind a tee the run goes on, as in GStreamer, and a forgotten sink would not show before its end."""
+    done = launch("fakesrc num-buffers=1 ! tee name=t ! fakesink  t. ! queue ! identity")
+    assert done.exit_code == 0
+    assert before_last_line(done) == (
+        "note: identity0.src is not linked, its frames go nowhere; link it to a sink\n"
+    )
+
+
 def test_log_lines_are_json_objects_on_request(launch: Callable[..., Result]) -> None:
     """Each line of stderr has time, level and message, and the element if it is about one."""
     done = launch(
