@@ -48,6 +48,11 @@ class PropertyDeclaration(Traits):
         self.name = self.name or attribute
 
     def __set__(self, instance: Any, value: Any) -> None:
+        if getattr(instance, "is_playing", False) and not (self.live or self.readonly):
+            raise PropertyError(
+                f"{instance.name}: property {self.spelling} cannot change while playing; "
+                "stop the pipeline to set it"
+            )
         checked = self.check(value, getattr(instance, "name", ""))
         instance.__dict__[self.attribute] = checked
         instance.__dict__.pop(SNAPSHOTS, None)

@@ -60,10 +60,6 @@ class PropertyOwner:
             text = f"property {declaration.spelling} can only be read; the value is ignored"
             self.post_warning(text, "read-only-property")
             return
-        if self.is_playing and not declaration.live:
-            raise PropertyError(
-                f"{self.name}: property {name} cannot change while playing; stop the pipeline to set it"
-            )
         setattr(self, declaration.attribute, value)
 
     @classmethod

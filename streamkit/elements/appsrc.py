@@ -50,7 +50,7 @@ class AppSrc(Source):
     max_bytes: int = Property(0, min=0, max=UINT64, live=True, unit="bytes", doc="Size limit; 0 is none.")
     max_time: int = Property(0, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none.")
     block: bool = Property(True, live=True, doc="`push` waits while the queue is full; else the queue grows.")
-    leaky_type: LeakyType = Property(LeakyType.NONE, doc="Which frame a full queue drops instead.")
+    leaky_type: LeakyType = Property(LeakyType.NONE, live=True, doc="Which frame a full queue drops instead.")
     current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
     current_level_bytes: int = Property(0, read=lambda s: s.pending.bytes, unit="bytes", doc="Queued bytes.")
     current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Queued time.")

@@ -15,6 +15,7 @@ from streamkit import (
     MessageKind,
     Pipeline,
     Property,
+    PropertyError,
     Sink,
     Source,
     StreamkitError,
@@ -516,3 +517,17 @@ def test_a_flush_of_several_sources_leaves_every_thread_working(register: Regist
             pipeline[name].end()
         assert pipeline.wait(10) is not None
         assert pipeline["k"].reported == [("preroll", 0), ("render", 1)]
+
+
+def test_a_property_that_is_not_live_cannot_be_assigned_while_playing() -> None:
+    """Assignment is refused as `set_property` is: it would have no effect, without a word."""
+    with Pipeline.parse("fakesrc name=source ! queue name=q ! fakesink") as pipeline:
+        pipeline["source"].sizemax = 100
+        pipeline.play()
+        rule = "source: property sizemax cannot change while playing; stop the pipeline to set it"
+        with pytest.raises(PropertyError, match=rule):
+            pipeline["source"].sizemax = 200
+        with pytest.raises(PropertyError, match=rule):
+            pipeline["source"].set_property("sizemax", 200)
+        assert pipeline["source"].sizemax == 100
+        pipeline["q"].max_size_buffers = 10
