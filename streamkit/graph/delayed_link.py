@@ -72,16 +72,20 @@ def report_missing_pads(
 
 def _unlinked(element: Element, link: DelayedLink) -> NotNegotiated:
     """The error for an element of which the stream has no pad that fits the element downstream."""
-    media = [pad.caps.name for pad in element.src_pads() if pad.caps is not None and not pad.caps.is_any]
-    coded = next((name for name in media if name.startswith(("video/", "image/"))), "video/x-raw")
+    pads = list(element.src_pads())
+    media = [pad.caps.name for pad in pads if pad.caps is not None and not pad.caps.is_any]
+    # A live source has caps with its first packet only.
+    possible = media or [item.name for pad in pads for item in pad.template.caps.structures]
+    coded = next((name for name in possible if name.startswith(("video/", "image/"))), "video/x-raw")
     takes_video = any(
         template.direction is Direction.SINK and template.caps.can_intersect(RAW_VIDEO)
         for template in link.request.sink.pad_templates.values()
     )
     if coded != "video/x-raw" and takes_video and not link.request.src_name:
         sink = link.request.sink.name
+        kind = f" ({coded})" if media else ""
         return NotNegotiated(
-            f"gives coded packets ({coded}), which {sink} does not take: put decode between, "
+            f"gives coded packets{kind}, which {sink} does not take: put decode between, "
             f"{element.name} ! decode ! {sink}"
         )
     return NotNegotiated(

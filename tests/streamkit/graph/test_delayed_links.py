@@ -104,14 +104,16 @@ def test_a_stream_that_feeds_nothing_is_an_error() -> None:
         pipeline.run(timeout_s=20)
 
 
-def test_a_forgotten_decoder_is_one_error(register: Callable[..., None]) -> None:
-    """It says what to put where; no warning and no second error repeats it."""
+@pytest.mark.parametrize(("knows_caps", "kind"), [(True, " (video/x-h264)"), (False, "")])
+def test_a_forgotten_decoder_is_one_error(register: Callable[..., None], knows_caps: bool, kind: str) -> None:
+    """It says what to put where; a live source knows the codec later; no second error repeats it."""
 
     class Coded(Source):
         templates = (PadTemplate("src", Direction.SRC, Caps("video/x-h264"), Presence.SOMETIMES),)
 
         def frames(self) -> Iterator[Frame]:
-            self.add_pad("src").caps = Caps("video/x-h264")
+            pad = self.add_pad("src")
+            pad.caps = Caps("video/x-h264") if knows_caps else None
             self.no_more_pads()
             yield Frame(b"", Caps("video/x-h264"))
 
@@ -122,7 +124,7 @@ def test_a_forgotten_decoder_is_one_error(register: Callable[..., None]) -> None
         pipeline.bus.watch(lambda message: faults.append(message.text) if message.kind in kinds else None)
         with pytest.raises(ElementFailure):
             pipeline.run(timeout_s=20)
-    wanted = "coded0: gives coded packets (video/x-h264), which fakesink0 does not take: "
+    wanted = f"coded0: gives coded packets{kind}, which fakesink0 does not take: "
     assert faults == [wanted + "put decode between, coded0 ! decode ! fakesink0"]
 
 
