@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator
-from typing import Any
 
 from typing_extensions import override
 
@@ -62,9 +61,7 @@ class LiveSource(Endpoint, Source):
         "one frame of delay.",
     )
 
-    def __init__(self, name: str = "", **properties: Any) -> None:
-        self._connection: LiveConnection | None = None
-        super().__init__(name, **properties)
+    _connection: LiveConnection | None = None
 
     def start(self) -> None:
         """Checks the location; the connection is made by the source's thread."""
