@@ -36,6 +36,15 @@ def test_a_silent_server_is_noticed(serve: Serve, answers: int, transport: str) 
     assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("reader")]
 
 
+def test_another_transport_is_advised_only_where_it_was_not_tried(serve: Serve) -> None:
+    """A silent server gets the advice of TCP after UDP alone; not where `auto` has tried both."""
+    advice = "if it does over TCP, set transport=tcp or transport=auto"
+    for transport, is_advised in (("udp", True), ("auto", False)):
+        location = f"rtsp://127.0.0.1:{serve(0)}/live"
+        error, _ = fails(f"rtspsrc location={location} timeout-s=0.5 transport={transport}")
+        assert (advice in error) is is_advised
+
+
 def test_a_closed_port_is_reported() -> None:
     """A refused connection gives its reason at once."""
     error, elapsed = fails("rtspsrc location=rtsp://me:secret@127.0.0.1:1/live")
