@@ -55,7 +55,7 @@ def publish(location: str, endpoint: str) -> None:
     ):
         element = cast(ZenohSink, sink.element)
         assert element._publication is not None
-        session = element._publication._publisher.session
+        session = element._publication.session
         bare = session.declare_publisher(
             "bench/bare/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )

@@ -110,7 +110,7 @@ def main() -> None:
         sink, idle = cast(ZenohSink, ours.element), cast(ZenohSink, alone.element)
         publication = sink._publication
         assert publication is not None
-        session = publication._publisher.session
+        session = publication.session
         bare = session.declare_publisher(
             "bench/bare",
             congestion_control=zenoh.CongestionControl.BLOCK,

@@ -37,6 +37,7 @@ class Publication:
         records: takes frames for their records.
         media: takes frames for their images, and coded packets, by stream.
         receivers: watches the tokens of receivers.
+        session: that of the publisher.
 
     Raises:
         InvalidQos: a quality of service is malformed.
@@ -56,7 +57,7 @@ class Publication:
         self._status_codec = Codec(StatusRecord, STATUS_SCHEMA, settings.encoding)
         if settings.claim == EXCLUSIVE:
             refuse_rivals(session, root, publisher.cancelled)
-        self._publisher, self._statuses = publisher, statuses
+        self.session, self._publisher, self._statuses = session, publisher, statuses
         self._began_s = time.monotonic()
         self._has_ended = False
         status = (
@@ -77,14 +78,13 @@ class Publication:
 
     def drain(self) -> int:
         """Waits until everything is sent and delivered; returns how many messages are left."""
-        publisher, cancelled = self._publisher, self._publisher.cancelled
-        patience_s = publisher.settings.cut_off_s
+        patience_s, cancelled = self._publisher.settings.cut_off_s, self._publisher.cancelled
         left = sum(part.executor.wait_idle(patience_s, cancelled) for part in self._parts())
         if not left and not cancelled.is_set():
             self.records.end_tracks()
         self._publish_end()
         key = self.records.stream.key
-        wait_until_delivered(publisher.session, key, self.receivers, patience_s, cancelled)
+        wait_until_delivered(self.session, key, self.receivers, patience_s, cancelled)
         return left
 
     def close(self, limit_s: float, cancelled: threading.Event | None = None) -> bool:
@@ -100,7 +100,7 @@ class Publication:
         ]
         if self._status is not None:
             undeclare.append(self._status.close)
-        is_closed = close_session(self._publisher.session, limit_s, cancelled, undeclare)
+        is_closed = close_session(self.session, limit_s, cancelled, undeclare)
         ended = [part.executor.close(JOIN_LIMIT_S) for part in self._parts()]
         return is_closed and all(ended)
 
