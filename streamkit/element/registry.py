@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import inspect
 from collections.abc import Iterator
 from typing import Any, TypeVar
 
@@ -102,7 +103,7 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
 
     Raises:
         DescriptionError: there is no such element.
-        PluginBroken: it cannot be loaded or made.
+        PluginBroken: it cannot be loaded or made, or its constructor takes no name.
         PropertyError: a property is unknown or refuses its value.
     """
     found = element_class(factory)
@@ -111,8 +112,24 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
     except StreamkitError:
         raise
     except (Exception, SystemExit) as cause:
+        _check_constructor(found)
         if is_registered(factory):
             raise  # with the traceback, for its author
         raise installed_elements()[factory].broken("made", cause) from cause
     element.factory = factory
     return element
+
+
+def _check_constructor(found: type[Element]) -> None:
+    """Checks that a class can be called with a name.
+
+    Raises:
+        PluginBroken: its author has written an `__init__` that takes none.
+    """
+    try:
+        inspect.signature(found).bind("name")
+    except TypeError:
+        raise PluginBroken(
+            f"{found.__module__}:{found.__qualname__}: its __init__ must take name and **properties and pass "
+            "them to super().__init__; to set up state, write start in its place"
+        ) from None

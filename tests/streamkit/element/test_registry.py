@@ -223,3 +223,16 @@ def test_what_cannot_be_registered() -> None:
     with pytest.raises(DescriptionError, match="no other process can import it; omit process=true") as caught:
         Pipeline.parse("videotestsrc ! ( process=true videoscale ) ! invert ! fakesink")
     assert caught.value.place.column == 46
+
+
+@pytest.mark.usefixtures("registered")
+def test_a_constructor_without_a_name_is_explained() -> None:
+    """Authors write `__init__` for state, as everywhere else in Python."""
+
+    class Stateful(inverting(1)):  # type: ignore[misc]
+        def __init__(self) -> None:
+            self.count = 0
+
+    register_element(Stateful)
+    with pytest.raises(DescriptionError, match=r"its __init__ must take name .* write start in its place"):
+        Pipeline.parse("videotestsrc ! stateful ! fakesink")
