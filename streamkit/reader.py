@@ -212,7 +212,11 @@ def open(
     try:
         pipeline = Pipeline.parse(f"{head} ! {middle} {tail}")
     except DescriptionError as error:  # its place is in the second line
-        error.place = dataclasses.replace(error.place, line=max(1, error.place.line - 1))
+        place = dataclasses.replace(error.place, line=max(1, error.place.line - 1))
+        if error.code == "link" and place.line > len(description.splitlines()) and not error.hint:
+            hint = "end the description with an element that gives video"
+            raise DescriptionError("link", error.message, place, hint) from None
+        error.place = place
         raise
     if items is None:
         pipeline[SOURCE].set_property(choice.property, location)

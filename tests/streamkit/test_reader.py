@@ -133,6 +133,13 @@ def test_a_missing_file_fails_at_once() -> None:
         streamkit.open("nothing.mp4")
 
 
+def test_a_sink_at_the_end_of_the_description_is_explained(flight: Path) -> None:
+    """The loop takes the frames: a sink belongs behind a tee, or into a pipeline."""
+    rule = "fakesink0 has no src pad; end the description with an element that gives video"
+    with pytest.raises(DescriptionError, match=rule):
+        streamkit.open(flight, "identity ! fakesink")
+
+
 def test_a_bad_description_points_into_itself(flight: Path) -> None:
     """Line and column are those of the caller's text."""
     with pytest.raises(DescriptionError, match='did you mean "stitch"') as caught:
