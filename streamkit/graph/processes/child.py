@@ -19,7 +19,7 @@ from typing import Any
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.crossing.shared_memory import LIBC, map_numbers
 from streamkit.crossing.values import ValueDecoder, ValueEncoder
-from streamkit.errors import StateError
+from streamkit.errors import ResourceError, StateError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.build import build
 from streamkit.graph.graph import Graph
@@ -92,6 +92,11 @@ class Child:
         assert home is not None
         if home.memory_mb:
             most = home.memory_mb * 2**20
+            if (used := private_bytes()) >= most:
+                raise ResourceError(
+                    f"{home.name}: memory-mb={home.memory_mb}: the process has {used >> 20} MiB before its "
+                    "first frame; allow more than that"
+                )
             resource.setrlimit(resource.RLIMIT_DATA, (most, most))
         if home.sandbox:
             missing = enter_sandbox(files_of(graph))
@@ -194,6 +199,12 @@ def end_with_parent(parent: int) -> None:
         raise StateError("the parent has ended")
 
 
+def private_bytes() -> int:
+    """Memory of this process that counts for `RLIMIT_DATA`, and its stack."""
+    with open("/proc/self/statm", encoding="ascii") as file:
+        return int(file.read().split()[5]) * resource.getpagesize()
+
+
 def main() -> None:
     """Runs a part of a pipeline; the arguments are the descriptor of the control channel and the parent."""
     end_with_parent(int(sys.argv[2]))
@@ -206,6 +217,9 @@ def main() -> None:
         assert isinstance(setup, Setup)
         Child(setup, control).listen(messages[1:])
     except ChannelClosed:
+        os._exit(1)
+    except ResourceError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
         os._exit(1)
     except BaseException:
         traceback.print_exc()

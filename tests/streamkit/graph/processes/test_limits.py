@@ -66,6 +66,16 @@ def test_memory_is_limited() -> None:
         pipeline.run(LIMIT_S)
 
 
+def test_too_little_memory_to_begin_with_is_explained(capfd: pytest.CaptureFixture[str]) -> None:
+    """The limit, and what Python with the elements has before the first frame; no traceback."""
+    text = "fakesrc num-buffers=2 ! ( process=true name=b memory-mb=5 identity ) ! fakesink"
+    with Pipeline.parse(text) as pipeline, pytest.raises(ElementFailure, match="process of b has ended"):
+        pipeline.run(LIMIT_S)
+    printed = capfd.readouterr().err
+    assert "error: b: memory-mb=5: the process has " in printed
+    assert "Traceback" not in printed
+
+
 def test_a_child_gets_its_share_of_the_cores() -> None:
     """Its libraries start no more threads than there are cores for each of the processes."""
     text = "fakesrc is-live=true ! ( process=true identity ) ! ( process=true identity ) ! fakesink"
