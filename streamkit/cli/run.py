@@ -68,7 +68,7 @@ class Run:
         self.has_played = self.abandons_start = False
         self.statistics: RunStatistics | None = None
         self.shortfalls: list[str] = []
-        self._is_watching = self._is_starting = False
+        self._is_watching = False
         self._printed: list[Message] = []  # of the start
         pipeline.bus.watch(self._print_of_start)
         self._caps: dict[str, str] = {}
@@ -99,10 +99,9 @@ class Run:
 
     def _play(self) -> int:
         """Plays the pipeline to its end; returns the exit code so far."""
-        self._is_starting = True
         try:
             self.pipeline.play()
-            self._is_starting, self.has_played = False, True
+            self.has_played = True
             self.display.begin()
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
@@ -114,7 +113,7 @@ class Run:
                 return 0
             return self._fail(str(error), error)
         finally:
-            self._is_watching = self._is_starting = False
+            self._is_watching = False
             self._print_caps()
             self.statistics = self.display.measure()
             gc.unfreeze()
@@ -221,7 +220,7 @@ class Run:
 
     def _print_of_start(self, message: Message) -> None:
         """Prints a warning at once: it may announce minutes of compiling loops."""
-        if self._is_starting and message.kind is MessageKind.WARNING:
+        if not self.has_played and message.kind is MessageKind.WARNING:
             self._print_message(message)
             self._printed.append(message)
 
