@@ -49,10 +49,10 @@ class Compositor(Combine):
     def __init__(self, name: str = "", **properties: Any) -> None:
         super().__init__(name, **properties)
         self._changed = threading.Condition(self.combine_lock)
-        self.start()
 
     @override
-    def start(self) -> None:
+    def begin_run(self) -> None:
+        super().begin_run()
         self._held: defaultdict[Pad, deque[tuple[int, Frame]]] = defaultdict(deque)  # with running times, ns
         self._newest_ns: dict[Pad, int] = {}  # running time of the newest frame that has come
         self._shown: dict[Pad, ByteArray] = {}
