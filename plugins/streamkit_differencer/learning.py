@@ -25,6 +25,7 @@ from streamkit_differencer.arrays import (
     CountImage,
     CountLine,
     FloatImage,
+    FloatLine,
     Indices,
 )
 from streamkit_differencer.equations import SET, update_background
@@ -34,52 +35,72 @@ from streamkit_kernels import FLOAT32, UINT8, UINT16, compiled, kernel
 
 # Frames are counted up to this, or up to `absorb_frames` if that is more.
 MAX_FRAMES = 255
-# Few pixels are undecided: a line is searched for them by so many columns at a time.
+# Few pixels are open: a line is searched for them by so many columns at a time.
 BLOCK = 64
+# Of a line of the frame: foreground, D = 0, B(t - 1) in whole grey levels, and T_F.
+Marks = tuple[ByteLine, ByteLine, ByteLine, ByteLine]
+RATES = types.UniTuple(types.float64, 3)  # type: ignore[no-untyped-call]
+LIMITS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 
 
-@kernel(*[UINT8] * 4, FLOAT32, FLOAT32, UINT8, UINT16, BOUNDS, *[types.float64] * 3)
-def learn_ground(
+@kernel(*[UINT8] * 6, FLOAT32, FLOAT32, UINT8, UINT16, UINT8, UINT16, BOUNDS, RATES, LIMITS)
+def learn(
     image: ByteImage,
+    seen: ByteImage,
     mask: ByteImage,
     quiet: ByteImage,
     rounded: ByteImage,
+    thresholds: ByteImage,
     background: FloatImage,
     deviation: FloatImage,
     valid: ByteImage,
     known_frames: CountImage,
+    other: ByteImage,
+    other_frames: CountImage,
     bounds: Bounds,
-    rate: float,
-    noise_rate: float,
-    restless_rate: float,
+    rates: tuple[float, float, float],
+    limits: tuple[int, int, int, int],
 ) -> None:
-    """Equation 3 for known ground at rest, and the noise of ground.
+    """Learns a frame: equation 3, noise, and the values of pixels that are foreground or not yet known.
 
     Args:
         image: uint8, f(t) on the canvas.
-        mask: uint8[h, w], foreground, of the part of the canvas within the bounds.
-        quiet: uint8[h, w], mask of D = 0, of the same part.
-        rounded: uint8[h, w], B(t - 1) in whole grey levels, of the same part.
-        background: float32, B; updated in place.
-        deviation: float32, see `noise`; updated in place.
-        valid: uint8, `UNKNOWN`, `PROVISIONAL` or `KNOWN`.
-        known_frames: uint16, frames that the background was seen; updated in place.
+        seen: uint8, mask of what it covers.
+        mask: uint8[h, w], foreground, of the part of the canvas within the bounds, as the next three.
+        quiet: uint8[h, w], mask of D = 0.
+        rounded: uint8[h, w], B(t - 1) in whole grey levels.
+        thresholds: uint8[h, w], T_F of each pixel: values that differ by no more are the same.
+        background: float32, B, of the canvas; updated in place, as all that follow.
+        deviation: float32, see `noise`.
+        valid: uint8, `UNKNOWN`, `PROVISIONAL` or `KNOWN`; quiet pixels become known.
+        known_frames: uint16, frames that the background was seen.
+        other: uint8, the other value of each pixel.
+        other_frames: uint16, frames that it was seen.
         bounds: the part of the canvas that the frame covers.
-        rate: alpha, weight of the frame in the background.
-        noise_rate: weight of the frame in its noise; 0 for none.
-        restless_rate: the same for ground that was never quiet.
+        rates: weight of the frame in the background, alpha; in the noise, 0 for none; and in the noise of
+            ground that was never quiet.
+        limits: lambda, the frames that quiet pixels were seen at rest; frames after which a stationary object
+            becomes background at the latest; largest difference of values that are the same to a provisional
+            background, grey levels; frames in which the value that replaces such a background was seen.
     """
     top, bottom, left, right = bounds
-    alpha, rates = np.float32(rate), (np.float32(noise_rate), np.float32(restless_rate))
-    averaged = np.empty(right - left, np.uint8)
+    alpha, noise_rates = np.float32(rates[0]), (np.float32(rates[1]), np.float32(rates[2]))
+    averaged, is_open = np.empty(right - left, np.uint8), np.empty(right - left, np.uint8)
+    columns = np.empty(right - left, np.int64)
     for row in range(top, bottom):
-        line, values, states = row - top, image[row, left:right], valid[row, left:right]
+        line, values, ground = row - top, image[row, left:right], background[row, left:right]
+        marks = mask[line], quiet[line], rounded[line], thresholds[line]
+        states, frames = valid[row, left:right], known_frames[row, left:right]
         _find_averaged(mask[line], quiet[line], states, averaged)
-        update_background(background[row, left:right], values, averaged, alpha)
-        _count(averaged, known_frames[row, left:right])
-        if noise_rate > 0.0:
-            images = values, rounded[line], averaged, mask[line], states
-            learn_noise(*images, rates, deviation[row, left:right])
+        update_background(ground, values, averaged, alpha)
+        if rates[1] > 0.0:
+            known = values, rounded[line], averaged, mask[line], states
+            learn_noise(*known, noise_rates, deviation[row, left:right])
+        _find_open(values, seen[row, left:right], marks, states, np.uint8(limits[2]), averaged, is_open)
+        _count(averaged, frames)
+        found = _find_set(is_open, columns)
+        others = other[row, left:right], other_frames[row, left:right]
+        _choose(columns[:found], values, marks, ground, states, frames, *others, limits)
 
 
 @compiled
@@ -91,6 +112,32 @@ def _find_averaged(mask: ByteLine, quiet: ByteLine, valid: ByteLine, averaged: B
 
 
 @compiled
+def _find_open(
+    image: ByteLine,
+    seen: ByteLine,
+    marks: Marks,
+    valid: ByteLine,
+    same: np.uint8,
+    averaged: ByteLine,
+    is_open: ByteLine,
+) -> None:
+    """The pixels to choose a value for; adds to `averaged` where a provisional background shows.
+
+    They are foreground, quiet ground that is not known, and ground that differs from its provisional value.
+    """
+    mask, quiet, rounded, thresholds = marks
+    for index in range(is_open.size):
+        value, other = image[index], rounded[index]
+        difference = np.uint8(max(value, other) - min(value, other))
+        differs = SET if difference > min(thresholds[index], same) else np.uint8(0)
+        is_known = SET if valid[index] == np.uint8(KNOWN) else np.uint8(0)
+        is_provisional = seen[index] if valid[index] == np.uint8(PROVISIONAL) else np.uint8(0)
+        decides = mask[index] | (quiet[index] & (is_known ^ SET)) | (is_provisional & differs)
+        is_open[index] = decides & seen[index]
+        averaged[index] |= is_provisional & (decides ^ SET)
+
+
+@compiled
 def _count(mask: ByteLine, frames: CountLine) -> None:
     for index in range(mask.size):
         more = np.uint16(frames[index] + np.uint16(mask[index] & np.uint8(1)))
@@ -98,107 +145,76 @@ def _count(mask: ByteLine, frames: CountLine) -> None:
         frames[index] = max(more, frames[index])
 
 
-@kernel(*[UINT8] * 6, FLOAT32, UINT8, UINT16, UINT8, UINT16, BOUNDS, *[types.int64] * 4)
-def choose_values(
-    image: ByteImage,
-    seen: ByteImage,
-    mask: ByteImage,
-    quiet: ByteImage,
-    rounded: ByteImage,
-    thresholds: ByteImage,
-    background: FloatImage,
-    valid: ByteImage,
-    known_frames: CountImage,
-    other: ByteImage,
-    other_frames: CountImage,
-    bounds: Bounds,
-    quiet_frames: int,
-    absorb_frames: int,
-    same: int,
-    min_frames: int,
-) -> None:
-    """Learns foreground and pixels that were never quiet.
-
-    Args:
-        image: see `learn_ground`, as what is not described here.
-        seen: uint8, mask of what the frame covers on the canvas.
-        mask: uint8[h, w].
-        quiet: uint8[h, w].
-        rounded: uint8[h, w].
-        thresholds: uint8[h, w], T_F of each pixel: values that differ by no more are the same.
-        background: float32; updated in place, as what follows.
-        valid: uint8; quiet pixels become known.
-        known_frames: uint16.
-        other: uint8, the other value of each pixel.
-        other_frames: uint16, frames that it was seen.
-        bounds: the part of the canvas that the frame covers.
-        quiet_frames: lambda, the frames that quiet pixels were seen at rest.
-        absorb_frames: frames after which a stationary object becomes background at the latest.
-        same: largest difference of values that are the same to a provisional background, grey levels.
-        min_frames: frames in which the value that replaces such a background was seen.
-    """
-    top, bottom, left, right = bounds
-    most, columns = max(MAX_FRAMES, absorb_frames), np.empty(right - left, np.int64)
-    for row in range(top, bottom):
-        line = row - top
-        found = _find_undecided(mask[line], valid[row, left:right], seen[row, left:right], columns)
-        for index in range(found):
-            column = left + columns[index]
-            part = line, columns[index]
-            here = row, column
-            is_provisional, is_quiet = bool(valid[here] == PROVISIONAL), bool(quiet[part] > 0)
-            is_foreground = bool(mask[part] > 0)
-            known, count = int(np.int64(known_frames[here])), int(np.int64(other_frames[here]))
-            # Signed: differences of bytes wrap.
-            value, ground = int(np.int64(image[here])), int(np.int64(rounded[part]))
-            limit = int(np.int64(thresholds[part]))
-            limit = min(limit, same) if is_provisional else limit
-            is_refused = False
-            if is_provisional and abs(value - ground) <= limit:
-                known = min(known + 1, most)
-            elif valid[here] != UNKNOWN:
-                is_like = abs(value - int(np.int64(other[here]))) <= limit
-                # A value that does not show loses a frame; without any left, another one takes its place.
-                begins = not is_like and count <= 1
-                if begins:
-                    count, other[here] = int(is_provisional), value
-                elif is_like:
-                    count = min(count + int(is_provisional or is_quiet), most)
-                else:
-                    count -= 1
-                # What is quiet was there for quiet_frames.
-                age = max(count, quiet_frames) if is_provisional and is_quiet else count
-                if is_provisional:
-                    wins = (is_like or begins or is_quiet) and age > known and age >= min_frames
-                else:
-                    wins = is_quiet and (is_like or begins) and age >= min(known, absorb_frames)
-                if is_foreground and wins:
-                    background[here], other[here] = value, ground
-                    known, count = age, min(known, most)
-                is_refused = is_foreground and not wins
-            if is_quiet and valid[here] != KNOWN and not is_refused:
-                background[here], valid[here] = value, KNOWN
-                known = max(known, quiet_frames)
-            known_frames[here], other_frames[here] = known, count
-
-
 @compiled
-def _find_undecided(mask: ByteLine, valid: ByteLine, seen: ByteLine, columns: Indices) -> int:
-    """The columns of a line with foreground, or with ground that was never quiet; returns their number."""
+def _find_set(mask: ByteLine, columns: Indices) -> int:
+    """The columns of a line that are set, of which there are few; returns their number."""
     count = 0
     for start in range(0, mask.size, BLOCK):
         stop = min(start + BLOCK, mask.size)
-        if _has_undecided(mask[start:stop], valid[start:stop], seen[start:stop]):
+        if _has_set(mask[start:stop]):
             for column in range(start, stop):
-                if (mask[column] | (valid[column] ^ SET)) & seen[column]:
+                if mask[column]:
                     columns[count] = column
                     count += 1
     return count
 
 
 @compiled
-def _has_undecided(mask: ByteLine, valid: ByteLine, seen: ByteLine) -> bool:
+def _has_set(mask: ByteLine) -> bool:
     united = np.uint8(0)
     for index in range(mask.size):
-        united |= (mask[index] | (valid[index] ^ SET)) & seen[index]
+        united |= mask[index]
     return bool(united > 0)
+
+
+@compiled
+def _choose(
+    columns: Indices,
+    image: ByteLine,
+    marks: Marks,
+    background: FloatLine,
+    valid: ByteLine,
+    known_frames: CountLine,
+    other: ByteLine,
+    other_frames: CountLine,
+    limits: tuple[int, int, int, int],
+) -> None:
+    """Chooses between the two values of some pixels of a line; see `learn`."""
+    mask, quiet, rounded, thresholds = marks
+    quiet_frames, absorb_frames, same, min_frames = limits
+    most = max(MAX_FRAMES, absorb_frames)
+    for here in columns:
+        is_provisional, is_quiet = bool(valid[here] == PROVISIONAL), bool(quiet[here] > 0)
+        is_foreground = bool(mask[here] > 0)
+        known, count = int(np.int64(known_frames[here])), int(np.int64(other_frames[here]))
+        # Signed: differences of bytes wrap.
+        value, ground = int(np.int64(image[here])), int(np.int64(rounded[here]))
+        limit = int(np.int64(thresholds[here]))
+        limit = min(limit, same) if is_provisional else limit
+        is_refused = False
+        if is_provisional and abs(value - ground) <= limit:
+            known = min(known + 1, most)
+        elif valid[here] != UNKNOWN:
+            is_like = abs(value - int(np.int64(other[here]))) <= limit
+            # A value that does not show loses a frame; without any left, another one takes its place.
+            begins = not is_like and count <= 1
+            if begins:
+                count, other[here] = int(is_provisional), value
+            elif is_like:
+                count = min(count + int(is_provisional or is_quiet), most)
+            else:
+                count -= 1
+            # What is quiet was there for quiet_frames.
+            age = max(count, quiet_frames) if is_provisional and is_quiet else count
+            if is_provisional:
+                wins = (is_like or begins or is_quiet) and age > known and age >= min_frames
+            else:
+                wins = is_quiet and (is_like or begins) and age >= min(known, absorb_frames)
+            if is_foreground and wins:
+                background[here], other[here] = value, ground
+                known, count = age, min(known, most)
+            is_refused = is_foreground and not wins
+        if is_quiet and valid[here] != KNOWN and not is_refused:
+            background[here], valid[here] = value, KNOWN
+            known = max(known, quiet_frames)
+        known_frames[here], other_frames[here] = known, count

@@ -21,7 +21,7 @@ from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
 from streamkit_differencer.ground import PROVISIONAL, CanvasFrame, Ground
 from streamkit_differencer.illumination import exposure_change
-from streamkit_differencer.learning import choose_values, learn_ground
+from streamkit_differencer.learning import learn
 from streamkit_differencer.noise import (
     DEVIATION_RATIO,
     LEARNING_RATE,
@@ -169,14 +169,11 @@ class BackgroundModel:
         if self._frames % NOISE_INTERVAL == 0:
             is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
             noise_rate, restless_rate = LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
+        compared = *frame, found.mask, found.quiet, found.background, found.thresholds
+        learnt = ground.background, ground.deviation, ground.valid, ground.known_frames
+        others = ground.other, ground.other_frames
         rates = settings.learning_rate, noise_rate, restless_rate
-        bounds, foreground = bounds_of(region), (found.mask, found.quiet, found.background)
-        images = frame.image, *foreground
-        states = ground.background, ground.deviation, ground.valid, ground.known_frames
-        learn_ground(*images, *states, bounds, *rates)
-        compared = *frame, *foreground, found.thresholds
-        values = ground.background, ground.valid, ground.known_frames, ground.other, ground.other_frames
-        choose_values(*compared, *values, bounds, *limits)
+        learn(*compared, *learnt, *others, bounds_of(region), rates, limits)
 
     def _follow_exposure(self, frame: CanvasFrame, ground: Ground) -> bool:
         """Adapts the brightness of the model and of the last frames to the frame's."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
-from streamkit_differencer.learning import choose_values
+from streamkit_differencer.learning import learn
 
 # Wider than the parts of a row that are skipped as a whole.
 SHAPE = (17, 150)
@@ -13,10 +13,12 @@ SAME = 7
 def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min_frames=3):
     """Learns from a frame; updates `state`."""
     rounded = np.rint(state["background"]).astype(np.uint8)
-    names = "background", "valid", "known_frames", "other", "other_frames"
+    names = "background", "deviation", "valid", "known_frames", "other", "other_frames"
+    state = {"deviation": np.zeros(SHAPE, np.float32), **state}
     states, bounds = (state[name] for name in names), (0, SHAPE[0], 0, SHAPE[1])
     images = image, np.full_like(image, 255), mask, quiet, rounded, state["thresholds"]
-    choose_values(*images, *states, bounds, quiet_frames, absorb_frames, SAME, min_frames)
+    limits = quiet_frames, absorb_frames, SAME, min_frames
+    learn(*images, *states, bounds, (0.0, 0.0, 0.0), limits)
 
 
 def a_state(seed, valid):
@@ -50,12 +52,11 @@ def test_foreground_that_was_seen_as_long_as_the_background_replaces_it():
     exchanged = foreground & rests & (like | begins) & (seen >= np.minimum(old["known_frames"], 10))
     other = np.where(begins, image, old["other"])
     new = rests & (old["valid"] == UNKNOWN)
+    known = old["known_frames"] + (rests & ~foreground & (old["valid"] == KNOWN))
     wanted = {
         "background": np.where(exchanged | new, image, old["background"]),
         "valid": np.where(new, KNOWN, old["valid"]),
-        "known_frames": np.where(
-            exchanged, seen, np.where(new, np.maximum(old["known_frames"], 4), old["known_frames"])
-        ),
+        "known_frames": np.where(exchanged, seen, np.where(new, np.maximum(old["known_frames"], 4), known)),
         "other_frames": np.where(exchanged, old["known_frames"], seen),
         "other": np.where(exchanged, np.rint(old["background"]), other),
     }
