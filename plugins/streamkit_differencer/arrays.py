@@ -53,8 +53,3 @@ def set_pixels(mask: ByteImage) -> tuple[Indices, Indices]:
     # A quarter of the time of `cv2.findNonZero`, a tenth of that of `np.nonzero`.
     rows, columns = np.divmod(np.flatnonzero(mask > 0), mask.shape[1])
     return rows, columns
-
-
-def local_range(image: ByteImage) -> ByteImage:
-    """uint8[h, w], the range of values among each pixel and its neighbours."""
-    return cast("ByteImage", cv2.morphologyEx(image, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)))

@@ -21,7 +21,8 @@ import numpy as np
 from streamkit.geometry.homography import IDENTITY, inverse, is_convex, normalised, project, translation
 from streamkit_differencer.arrays import FloatArray
 
-MARGIN_RATIO = 0.12
+# Of a frame's longer side; as wide on all sides, so that a view that turns stays on the canvas.
+MARGIN_RATIO = 0.16
 AREA_RATIO_LIMITS = (0.8, 1.25)
 # Bundle adjustment moves earlier frames by a pixel or more between two frames; chained pairwise registration
 # does not. A larger difference between the two, in working pixels, counts as an adjustment.
@@ -115,9 +116,9 @@ class Canvas:
     def __post_init__(self) -> None:
         width, height = self.working_size
         self._outline = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float64) - 0.5
-        left, top = math.ceil(width * MARGIN_RATIO), math.ceil(height * MARGIN_RATIO)
-        self._margin = translation(np.array([left, top]))
-        self.size = width + 2 * left, height + 2 * top
+        margin = math.ceil(max(width, height) * MARGIN_RATIO)
+        self._margin = translation(np.array([margin, margin]))
+        self.size = width + 2 * margin, height + 2 * margin
 
     def skip(self) -> None:
         """Skips a frame: `to_previous` of the next one does not lead to a frame on the canvas."""

@@ -14,18 +14,18 @@ from streamkit_differencer.equations import (
     find_foreground_pixels,
     find_quiet,
 )
-from streamkit_differencer.ground import PROVISIONAL, UNKNOWN
+from streamkit_differencer.ground import PROVISIONAL, UNKNOWN, UNSEEN
 from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION, find_thresholds
 from streamkit_kernels import FLOAT32, UINT8, compiled, kernel
 
+# Threshold of pixels that are not compared: no difference exceeds it.
+UNCOMPARED = 255
 
-@kernel(*[UINT8] * 6, FLOAT32, FLOAT32, UINT8, BOUNDS, *[types.float64] * 2, types.int64)
+
+@kernel(UINT8, UINT8, UINT8, FLOAT32, FLOAT32, UINT8, BOUNDS, *[types.float64] * 2, types.int64)
 def find_quiet_ground(
     image: ByteImage,
-    seen: ByteImage,
     earlier: ByteImage,
-    earlier_seen: ByteImage,
-    ranges: ByteImage,
     waiting: ByteImage,
     background: FloatImage,
     deviation: FloatImage,
@@ -38,11 +38,8 @@ def find_quiet_ground(
     """Equations 1 and 2; ground that is new and did not change gets a provisional background.
 
     Args:
-        image: uint8, f(t) on the canvas, as all images but `ranges`.
-        seen: uint8, mask of what it covers.
-        earlier: uint8, f(t - tau).
-        earlier_seen: uint8, mask of what that covers.
-        ranges: uint8[h, w], the local range of `earlier` within the bounds.
+        image: uint8, f(t) on the canvas, `UNSEEN` where it shows nothing.
+        earlier: uint8, f(t - tau), the same.
         waiting: uint8, the counter D; updated in place, as the next three.
         background: float32, B.
         deviation: float32, see `noise`.
@@ -58,26 +55,53 @@ def find_quiet_ground(
     top, bottom, left, right = bounds
     most, gain = np.float32(threshold), np.float32(gradient_gain)
     quiet, changed = np.empty((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
+    ranges, lowest, highest = np.empty_like(changed), np.empty_like(changed), np.empty_like(changed)
     for row in range(top, bottom):
-        counters = waiting[row, left:right]
-        find_changes(image[row, left:right], earlier[row, left:right], ranges[row - top], most, gain, changed)
-        _add_unseen(seen[row, left:right], earlier_seen[row, left:right], changed)
+        counters, values, before = waiting[row, left:right], image[row, left:right], earlier[row, left:right]
+        above, below = earlier[max(row - 1, top), left:right], earlier[min(row + 1, bottom - 1), left:right]
+        _find_ranges(above, before, below, lowest, highest, ranges)
+        find_changes(values, before, ranges, most, gain, changed)
+        _add_unseen(values, before, changed)
         count_down(counters, changed)
         find_quiet(counters, quiet_frames, quiet[row - top])
         if _has_new(valid[row, left:right], counters):
             for column in range(left, right):
                 if valid[row, column] == UNKNOWN and waiting[row, column] < MAX_WAIT:
-                    edge = EDGE_SHARE * np.float32(ranges[row - top, column - left])
+                    edge = EDGE_SHARE * np.float32(ranges[column - left])
                     background[row, column], valid[row, column] = earlier[row, column], PROVISIONAL
                     deviation[row, column] = FIRST_DEVIATION + edge
     return quiet
 
 
 @compiled
-def _add_unseen(seen: ByteLine, earlier_seen: ByteLine, changed: ByteLine) -> None:
+def _find_ranges(
+    above: ByteLine, line: ByteLine, below: ByteLine, lowest: ByteLine, highest: ByteLine, ranges: ByteLine
+) -> None:
+    """The range of what is seen among each pixel of a line and its neighbours.
+
+    `lowest` and `highest` become those among a pixel and the ones above and below it.
+    """
+    one = np.uint8(1)
+    for index in range(line.size):
+        first, middle, last = above[index], line[index], below[index]
+        highest[index] = max(first, middle, last)
+        # One less, so that what is unseen wraps to the largest number.
+        lowest[index] = min(np.uint8(first - one), np.uint8(middle - one), np.uint8(last - one))
+    end = line.size - 1
+    for index in range(1, end):
+        most = max(highest[index - 1], highest[index], highest[index + 1])
+        least = min(lowest[index - 1], lowest[index], lowest[index + 1])
+        ranges[index] = np.uint8(np.uint8(most - least) - one)
+    for index, other in ((0, min(1, end)), (end, max(end - 1, 0))):
+        most, least = max(highest[index], highest[other]), min(lowest[index], lowest[other])
+        ranges[index] = np.uint8(np.uint8(most - least) - one)
+
+
+@compiled
+def _add_unseen(image: ByteLine, earlier: ByteLine, changed: ByteLine) -> None:
     """What is not in both frames counts as changed."""
     for index in range(changed.size):
-        changed[index] |= (seen[index] & earlier_seen[index]) ^ SET
+        changed[index] = SET if min(image[index], earlier[index]) == np.uint8(UNSEEN) else changed[index]
 
 
 @compiled
@@ -91,19 +115,19 @@ def _has_new(valid: ByteLine, waiting: ByteLine) -> bool:
 
 
 @kernel(UINT8, UINT8, FLOAT32, FLOAT32, BOUNDS, types.float64, types.float64)
-def known_background(
-    seen: ByteImage,
+def find_limits(
+    image: ByteImage,
     valid: ByteImage,
     background: FloatImage,
     deviation: FloatImage,
     bounds: Bounds,
     gain: float,
     lowest: float,
-) -> tuple[ByteImage, ByteImage, ByteImage]:
+) -> tuple[ByteImage, ByteImage]:
     """What a frame is compared with.
 
     Args:
-        seen: uint8, mask of what the frame covers on the canvas.
+        image: uint8, f(t) on the canvas.
         valid: uint8, see `ground`, as the other images.
         background: float32, B(t - 1).
         deviation: float32, mean absolute deviation of each pixel.
@@ -112,18 +136,18 @@ def known_background(
         lowest: smallest threshold, grey levels.
 
     Returns:
-        uint8[h, w] each: B(t - 1) in whole grey levels; T_F of each pixel; the mask of the pixels that the
-        frame covers and whose background is known.
+        uint8[h, w] each: B(t - 1) in whole grey levels; T_F of each pixel, `UNCOMPARED` where the frame shows
+        nothing or the background is unknown.
     """
     top, bottom, left, right = bounds
     rounded = np.empty((bottom - top, right - left), np.uint8)
-    thresholds, known = np.empty_like(rounded), np.empty_like(rounded)
+    thresholds = np.empty_like(rounded)
     times, least = np.float32(gain), np.float32(int(lowest))
     for row in range(top, bottom):
         _round(background[row, left:right], rounded[row - top])
         find_thresholds(deviation[row, left:right], times, least, thresholds[row - top])
-        _find_known(seen[row, left:right], valid[row, left:right], known[row - top])
-    return rounded, thresholds, known
+        _set_uncompared(image[row, left:right], valid[row, left:right], thresholds[row - top])
+    return rounded, thresholds
 
 
 @compiled
@@ -133,12 +157,14 @@ def _round(values: FloatLine, rounded: ByteLine) -> None:
 
 
 @compiled
-def _find_known(seen: ByteLine, valid: ByteLine, known: ByteLine) -> None:
-    for index in range(known.size):
-        known[index] = seen[index] if valid[index] > np.uint8(UNKNOWN) else np.uint8(0)
+def _set_uncompared(image: ByteLine, valid: ByteLine, thresholds: ByteLine) -> None:
+    for index in range(thresholds.size):
+        # Both constants are 0.
+        is_missing = (image[index] == np.uint8(UNSEEN)) | (valid[index] == np.uint8(UNKNOWN))
+        thresholds[index] = np.uint8(UNCOMPARED) if is_missing else thresholds[index]
 
 
-@kernel(UINT8, BOUNDS, *[UINT8] * 5, types.float64)
+@kernel(UINT8, BOUNDS, *[UINT8] * 4, types.float64)
 def compare_with_background(
     image: ByteImage,
     bounds: Bounds,
@@ -146,7 +172,6 @@ def compare_with_background(
     lowest: ByteImage,
     highest: ByteImage,
     thresholds: ByteImage,
-    known: ByteImage,
     hysteresis_ratio: float,
 ) -> tuple[ByteImage, ByteImage]:
     """Equation 4 with two thresholds.
@@ -157,13 +182,12 @@ def compare_with_background(
         background: uint8[h, w], B(t - 1) in whole grey levels, of that part, as what follows.
         lowest: uint8[h, w], the least value of the background within the tolerance.
         highest: uint8[h, w], the largest one.
-        thresholds: uint8[h, w], T_F of each pixel.
-        known: uint8[h, w], mask of the pixels that may be foreground.
+        thresholds: uint8[h, w], see `find_limits`.
         hysteresis_ratio: lower threshold over the upper one.
 
     Returns:
-        uint8[h, w] each: mask of known pixels that differ from the background beyond the tolerance by more
-        than the threshold; mask of all that differ from the background itself by more than the lower one.
+        uint8[h, w] each: mask of the pixels that differ from the background beyond the tolerance by more than
+        the threshold; mask of those that differ from the background itself by more than the lower one.
     """
     top, bottom, left, right = bounds
     strong, weak = np.empty_like(background), np.empty_like(background)
@@ -172,7 +196,6 @@ def compare_with_background(
         values = image[top + line, left:right]
         find_foreground_pixels(values, lowest[line], highest[line], thresholds[line], strong[line])
         _find_weak(values, background[line], thresholds[line], ratio, weak[line])
-        _keep(known[line], strong[line])
     return strong, weak
 
 
@@ -188,10 +211,5 @@ def _find_weak(
         value, other = image[index], background[index]
         difference = np.float32(np.uint8(max(value, other) - min(value, other)))
         limit = np.rint(np.float32(thresholds[index]) * ratio)
-        weak[index] = SET if difference > limit else np.uint8(0)
-
-
-@compiled
-def _keep(mask: ByteLine, line: ByteLine) -> None:
-    for index in range(line.size):
-        line[index] &= mask[index]
+        is_compared = thresholds[index] < np.uint8(UNCOMPARED)
+        weak[index] = SET if (difference > limit) & is_compared else np.uint8(0)

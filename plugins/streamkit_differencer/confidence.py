@@ -38,14 +38,13 @@ class Persistence:
         return ages
 
 
-@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 4)
+@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 3)
 def contrasts(
     boxes: FloatArray,
     to_image: FloatArray,
     image: ByteImage,
     background: ByteImage,
     thresholds: ByteImage,
-    known: ByteImage,
 ) -> FloatArray:
     """Contrast of an image to the background in boxes, in multiples of the threshold.
 
@@ -54,8 +53,7 @@ def contrasts(
         to_image: float64[3, 3], from the boxes' pixels to those of the images.
         image: uint8[h, w].
         background: uint8[h, w].
-        thresholds: uint8[h, w], T_F of each pixel, grey levels.
-        known: uint8[h, w], mask of where the background is known.
+        thresholds: uint8[h, w], T_F of each pixel, grey levels, 255 where the background is unknown.
 
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
@@ -76,7 +74,7 @@ def contrasts(
             row = int(np.rint(min(down if down > 0.0 else 0.0, height - 1.0)))
             difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
             excess = float(difference) / float(max(thresholds[row, column], np.uint8(1)))
-            if excess > 1.0 and known[row, column] > 0:
+            if excess > 1.0:
                 total, points = total + excess, points + 1
         result[number] = total / max(points, 1)
     return result

@@ -19,6 +19,7 @@ from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.parallax import MIN_STEP_PX
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
+from streamkit_differencer.ground import UNSEEN
 from streamkit_differencer.model import BackgroundModel, Comparison
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
@@ -131,7 +132,7 @@ class Differencer:
         frame, region, is_resampled = draw_on_canvas(working, position.working_to_canvas, self._model.size)
         if self.hidden is not None:
             frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
-            frame.seen[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = 0
+            frame[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = UNSEEN
         self._model.settings = self.settings.background
         parallax = self._parallax(position, working.shape, is_registered=motion is not None)
         found = self._model.update(frame, region, parallax, is_resampled)
@@ -218,9 +219,7 @@ class Differencer:
         from_frame = inverse(working_to_frame(scale))
         to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
-        clearness = contrasts(
-            objects.boxes, to_background, found.image, found.background, found.thresholds, found.known
-        )
+        clearness = contrasts(objects.boxes, to_background, found.image, found.background, found.thresholds)
         quality = motion.quality if motion else 1.0
         objects = replace(objects, confidences=confidence(clearness, ages, quality))
         if len(objects) > settings.max_objects:

@@ -30,7 +30,6 @@ def find_foreground(
     region: Slices,
     background: ByteImage,
     thresholds: ByteImage,
-    known: ByteImage,
     tolerance: int,
     hysteresis_ratio: float,
 ) -> ByteImage:
@@ -40,8 +39,7 @@ def find_foreground(
         image: uint8, f(t) on the canvas.
         region: rows and columns of the canvas that the frame covers.
         background: uint8[h, w], B(t - 1), rounded, of that part, as what follows.
-        thresholds: uint8[h, w], T_F of each pixel.
-        known: uint8[h, w], mask of the pixels that the frame covers and whose background is known.
+        thresholds: uint8[h, w], T_F of each pixel, `UNCOMPARED` where it cannot be foreground.
         tolerance: registration error to tolerate, px.
         hysteresis_ratio: lower threshold over the upper one; 1 is off.
 
@@ -53,12 +51,12 @@ def find_foreground(
         square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
         lowest = cast("ByteImage", cv2.erode(background, square))
         highest = cast("ByteImage", cv2.dilate(background, square))
-    place, images = bounds_of(region), (background, lowest, highest, thresholds, known)
-    strong, weak = compare_with_background(image, place, *images, hysteresis_ratio)
+    images = background, lowest, highest, thresholds
+    strong, weak = compare_with_background(image, bounds_of(region), *images, hysteresis_ratio)
     if tolerance <= 0 or hysteresis_ratio >= 1.0:
         return strong
     mask = cast("ByteImage", cv2.medianBlur(strong, 3))
-    weak = (weak | mask) & known
+    weak |= mask
     for _ in range(GROWTH_STEPS):
         mask = weak & cast("ByteImage", cv2.dilate(mask, _GROWTH))
     return mask

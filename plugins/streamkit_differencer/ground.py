@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar, cast
+from typing import TypeVar, cast
 
 import cv2
 import numpy as np
@@ -14,6 +14,9 @@ from streamkit_differencer.equations import MAX_WAIT
 Image = TypeVar("Image", ByteImage, CountImage, FloatImage)
 # Values of `Ground.valid`.
 UNKNOWN, PROVISIONAL, KNOWN = 0, 1, 255
+# Value of a frame on the canvas where it does not show the scene; its black is raised to 1.
+UNSEEN = 0
+BLACK = np.uint8(1)
 # Mean deviation of an unknown pixel, grey levels.
 UNKNOWN_DEVIATION = 5.0
 # Value of each image where nothing is known, if it is not 0.
@@ -25,27 +28,6 @@ TYPES = {
     "known_frames": np.uint16,
     "other_frames": np.uint16,
 }
-
-
-class CanvasFrame(NamedTuple):
-    """A frame on the canvas: uint8[h, w] each, the image and the mask of what it covers."""
-
-    image: ByteImage
-    seen: ByteImage
-
-    @classmethod
-    def empty(cls, size: tuple[int, int]) -> CanvasFrame:
-        """A frame that covers nothing, for a canvas of this width and height."""
-        return cls(np.zeros(size[::-1], np.uint8), np.zeros(size[::-1], np.uint8))
-
-    def part(self, region: Slices) -> CanvasFrame:
-        """Views of a region of the canvas."""
-        return CanvasFrame(self.image[region], self.seen[region])
-
-    def moved(self, change: FloatArray, is_scroll: bool) -> CanvasFrame:
-        """The frame on another canvas, see `Ground.move`."""
-        image = moved(self.image, change, is_scroll, interpolation=cv2.INTER_LINEAR)
-        return CanvasFrame(image, moved(self.seen, change, is_scroll))
 
 
 @dataclass(slots=True)

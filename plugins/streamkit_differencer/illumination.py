@@ -28,8 +28,8 @@ def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> 
 
     Args:
         model: float32[h, w], the known image.
-        current: uint8[h, w], the current image.
-        known: uint8[h, w], mask of the pixels where both are known.
+        current: uint8[h, w], the current image, 0 where it shows nothing.
+        known: uint8[h, w], mask of the pixels where the model is known.
 
     Returns:
         Gain and offset, grey levels, from `model` to `current`; None if the change is too small, if there are

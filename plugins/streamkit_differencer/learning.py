@@ -29,7 +29,7 @@ from streamkit_differencer.arrays import (
     Indices,
 )
 from streamkit_differencer.equations import SET, update_background
-from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
+from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN, UNSEEN
 from streamkit_differencer.noise import learn_noise
 from streamkit_kernels import FLOAT32, UINT8, UINT16, compiled, kernel
 
@@ -43,10 +43,9 @@ RATES = types.UniTuple(types.float64, 3)  # type: ignore[no-untyped-call]
 LIMITS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 
 
-@kernel(*[UINT8] * 6, FLOAT32, FLOAT32, UINT8, UINT16, UINT8, UINT16, BOUNDS, RATES, LIMITS)
+@kernel(*[UINT8] * 5, FLOAT32, FLOAT32, UINT8, UINT16, UINT8, UINT16, BOUNDS, RATES, LIMITS)
 def learn(
     image: ByteImage,
-    seen: ByteImage,
     mask: ByteImage,
     quiet: ByteImage,
     rounded: ByteImage,
@@ -64,8 +63,7 @@ def learn(
     """Learns a frame: equation 3, noise, and the values of pixels that are foreground or not yet known.
 
     Args:
-        image: uint8, f(t) on the canvas.
-        seen: uint8, mask of what it covers.
+        image: uint8, f(t) on the canvas, `UNSEEN` where it shows nothing.
         mask: uint8[h, w], foreground, of the part of the canvas within the bounds, as the next three.
         quiet: uint8[h, w], mask of D = 0.
         rounded: uint8[h, w], B(t - 1) in whole grey levels.
@@ -96,7 +94,7 @@ def learn(
         if rates[1] > 0.0:
             known = values, rounded[line], averaged, mask[line], states
             learn_noise(*known, noise_rates, deviation[row, left:right])
-        _find_open(values, seen[row, left:right], marks, states, np.uint8(limits[2]), averaged, is_open)
+        _find_open(values, marks, states, np.uint8(limits[2]), averaged, is_open)
         _count(averaged, frames)
         found = _find_set(is_open, columns)
         others = other[row, left:right], other_frames[row, left:right]
@@ -114,7 +112,6 @@ def _find_averaged(mask: ByteLine, quiet: ByteLine, valid: ByteLine, averaged: B
 @compiled
 def _find_open(
     image: ByteLine,
-    seen: ByteLine,
     marks: Marks,
     valid: ByteLine,
     same: np.uint8,
@@ -131,10 +128,11 @@ def _find_open(
         difference = np.uint8(max(value, other) - min(value, other))
         differs = SET if difference > min(thresholds[index], same) else np.uint8(0)
         is_known = SET if valid[index] == np.uint8(KNOWN) else np.uint8(0)
-        is_provisional = seen[index] if valid[index] == np.uint8(PROVISIONAL) else np.uint8(0)
+        is_provisional = SET if valid[index] == np.uint8(PROVISIONAL) else np.uint8(0)
+        is_seen = SET if value > np.uint8(UNSEEN) else np.uint8(0)
         decides = mask[index] | (quiet[index] & (is_known ^ SET)) | (is_provisional & differs)
-        is_open[index] = decides & seen[index]
-        averaged[index] |= is_provisional & (decides ^ SET)
+        is_open[index] = decides & is_seen
+        averaged[index] |= is_provisional & (decides ^ SET) & is_seen
 
 
 @compiled

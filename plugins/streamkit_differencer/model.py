@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of, local_range
-from streamkit_differencer.comparison import find_quiet_ground, known_background
+from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of
+from streamkit_differencer.comparison import find_limits, find_quiet_ground
 from streamkit_differencer.equations import MAX_WAIT
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
-from streamkit_differencer.ground import PROVISIONAL, CanvasFrame, Ground
+from streamkit_differencer.ground import BLACK, PROVISIONAL, UNSEEN, Ground, moved
 from streamkit_differencer.illumination import exposure_change
 from streamkit_differencer.learning import learn
 from streamkit_differencer.noise import (
@@ -42,8 +42,8 @@ class Comparison:
     Attributes:
         image: f(t).
         background: B(t - 1), rounded.
-        thresholds: T_F of each pixel: a multiple of its deviation, within limits.
-        known: mask of what the frame covers and whose background is known.
+        thresholds: T_F of each pixel: a multiple of its deviation, within limits; 255 where the frame shows
+            nothing or the background is unknown.
         quiet: mask of the pixels that did not change within `quiet_frames`.
         mask: foreground.
         follows_exposure: whether the background was adapted to a change of brightness.
@@ -52,7 +52,6 @@ class Comparison:
     image: ByteImage
     background: ByteImage
     thresholds: ByteImage
-    known: ByteImage
     quiet: ByteImage
     mask: ByteImage
     follows_exposure: bool
@@ -77,7 +76,7 @@ class BackgroundModel:
     ground: Ground = field(init=False)
     _frames: int = 0
     # The frame `frame_interval` before, or the first one, and those since.
-    _history: deque[CanvasFrame] = field(init=False)
+    _history: deque[ByteImage] = field(init=False)
 
     def __post_init__(self) -> None:
         self.ground = Ground.unknown(self.size)
@@ -91,12 +90,12 @@ class BackgroundModel:
     def move(self, change: FloatArray, is_scroll: bool) -> None:
         """Moves everything onto another canvas, see `Ground.move`."""
         self.ground.move(change, is_scroll)
-        history = (frame.moved(change, is_scroll) for frame in self._history)
+        history = (moved(frame, change, is_scroll) for frame in self._history)
         self._history = deque(history, self._history.maxlen)
 
     def update(
         self,
-        whole: CanvasFrame,
+        whole: ByteImage,
         region: Slices,
         parallax: FloatArray | None = None,
         is_resampled: bool = True,
@@ -104,61 +103,51 @@ class BackgroundModel:
         """Processes a frame.
 
         Args:
-            whole: the frame on the canvas; kept.
+            whole: uint8, the frame on the canvas, `UNSEEN` around it; kept.
             region: rows and columns of the canvas that the frame covers.
             parallax: float64[2], px, shift of tall objects, see `filters.parallax`; None for none.
             is_resampled: whether the frame was resampled, so that edges may be misplaced.
         """
-        settings, ground, frame = self.settings, self.ground.part(region), whole.part(region)
-        follows_exposure = self._follow_exposure(frame, ground)
+        settings, ground, frame = self.settings, self.ground, whole[region]
+        follows_exposure = self._follow_exposure(frame, region)
         self._frames += 1
         quiet = self._find_quiet(whole, region, settings.gradient_gain if is_resampled else 0.0)
-        state, gain = self.ground, settings.noise_gain * DEVIATION_RATIO
-        background, thresholds, known = known_background(
-            whole.seen,
-            state.valid,
-            state.background,
-            state.deviation,
-            bounds_of(region),
-            gain,
-            settings.foreground_threshold,
-        )
-        compared = background, thresholds, known
-        mask = find_foreground(whole.image, region, *compared, self.tolerance, settings.hysteresis_ratio)
-        found = Comparison(frame.image, *compared, quiet, mask, follows_exposure)
+        states, bounds = (ground.valid, ground.background, ground.deviation), bounds_of(region)
+        gain = settings.noise_gain * DEVIATION_RATIO
+        compared = find_limits(whole, *states, bounds, gain, settings.foreground_threshold)
+        mask = find_foreground(whole, region, *compared, self.tolerance, settings.hysteresis_ratio)
+        found = Comparison(frame, *compared, quiet, mask, follows_exposure)
         if parallax is not None and self._history:
             self._remove_parallax(region, found, parallax)
         self._learn(whole, region, found)
         self._history.append(whole)
         if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
             # A flight comes to new ground all the time: its first second is not worth the ghosts.
-            mask[self.ground.valid[region] == PROVISIONAL] = 0
+            mask[ground.valid[region] == PROVISIONAL] = 0
         return found
 
-    def _find_quiet(self, frame: CanvasFrame, region: Slices, gradient_gain: float) -> ByteImage:
+    def _find_quiet(self, frame: ByteImage, region: Slices, gradient_gain: float) -> ByteImage:
         """Equations 1 and 2; ground that was never quiet yet gets a provisional background."""
         settings, ground = self.settings, self.ground
         if not self._history:
             # Without an earlier frame no pixel counts as quiet.
-            ground.waiting[frame.seen > 0] = MAX_WAIT
-            return np.zeros_like(frame.image[region])
-        earlier = self._history[0]
-        images = *frame, *earlier, local_range(earlier.image[region])
-        limits = settings.change_threshold, gradient_gain, settings.quiet_frames
+            ground.waiting[frame > UNSEEN] = MAX_WAIT
+            return np.zeros_like(frame[region])
         states = ground.waiting, ground.background, ground.deviation, ground.valid
-        return find_quiet_ground(*images, *states, bounds_of(region), *limits)
+        limits = settings.change_threshold, gradient_gain, settings.quiet_frames
+        return find_quiet_ground(frame, self._history[0], *states, bounds_of(region), *limits)
 
     def _remove_parallax(self, region: Slices, found: Comparison, shift: FloatArray) -> None:
         """Removes the parallax of tall objects from the foreground, and learns it as background."""
         blocks, count = components_of(found.mask)
-        ground, earlier = self.ground.part(region), self._history[0].part(region)
-        frames = found.image, found.background, ground.valid, *earlier, found.thresholds
+        ground, earlier = self.ground.part(region), self._history[0][region]
+        frames = found.image, found.background, ground.valid, earlier, found.thresholds
         x, y = shift.tolist()
         shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), (x, y))
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background)
 
-    def _learn(self, frame: CanvasFrame, region: Slices, found: Comparison) -> None:
+    def _learn(self, frame: ByteImage, region: Slices, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""
         settings, ground = self.settings, self.ground
         # On new ground there are vehicles that are as even as ground.
@@ -169,20 +158,21 @@ class BackgroundModel:
         if self._frames % NOISE_INTERVAL == 0:
             is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
             noise_rate, restless_rate = LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
-        compared = *frame, found.mask, found.quiet, found.background, found.thresholds
+        compared = frame, found.mask, found.quiet, found.background, found.thresholds
         learnt = ground.background, ground.deviation, ground.valid, ground.known_frames
         others = ground.other, ground.other_frames
         rates = settings.learning_rate, noise_rate, restless_rate
         learn(*compared, *learnt, *others, bounds_of(region), rates, limits)
 
-    def _follow_exposure(self, frame: CanvasFrame, ground: Ground) -> bool:
+    def _follow_exposure(self, frame: ByteImage, region: Slices) -> bool:
         """Adapts the brightness of the model and of the last frames to the frame's."""
-        change = exposure_change(ground.background, frame.image, ground.valid & frame.seen)
+        background = self.ground.background
+        change = exposure_change(background[region], frame, self.ground.valid[region])
         if change is None:
             return False
         gain, offset = change
-        background = self.ground.background
         background[:] = np.clip(gain * background + offset, 0.0, 255.0)
         for earlier in self._history:
-            earlier.image[:] = cv2.addWeighted(earlier.image, gain, earlier.image, 0.0, offset)
+            adapted = cv2.addWeighted(earlier, gain, earlier, 0.0, offset)
+            cv2.copyTo(np.maximum(adapted, BLACK), earlier, earlier)
         return True

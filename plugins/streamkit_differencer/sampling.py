@@ -9,13 +9,10 @@ import numpy as np
 
 from streamkit.geometry.homography import corners, inverse, project
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above, bounds_of
-from streamkit_differencer.ground import CanvasFrame
+from streamkit_differencer.ground import BLACK, UNSEEN
 from streamkit_differencer.warping import draw
 from streamkit_kernels import hidden_pixels
 
-# The outermost pixels of a warped frame mix with the border.
-BORDER_PX = 2
-_INWARDS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64)
 # A frame within this distance of whole canvas pixels is not interpolated.
 WHOLE_PIXEL_PX = 0.02
 
@@ -43,7 +40,7 @@ def without_hidden(image: ByteImage, hidden: ByteImage) -> ByteImage:
 
 def draw_on_canvas(
     working: ByteImage, to_canvas: FloatArray, size: tuple[int, int]
-) -> tuple[CanvasFrame, Slices, bool]:
+) -> tuple[ByteImage, Slices, bool]:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
@@ -52,9 +49,10 @@ def draw_on_canvas(
         size: width and height of the canvas, px.
 
     Returns:
-        The canvas with the frame alone; the rows and columns that it covers; and whether it was resampled.
+        The frame on the canvas, `UNSEEN` around it; the rows and columns that it covers; and whether it was
+        resampled.
     """
-    shape, frame = (working.shape[0], working.shape[1]), CanvasFrame.empty(size)
+    shape, frame = (working.shape[0], working.shape[1]), np.full(size[::-1], UNSEEN, np.uint8)
     outline = corners(shape)
     placed = project(to_canvas, outline)
     low, high = placed.min(axis=0) + WHOLE_PIXEL_PX, placed.max(axis=0) - WHOLE_PIXEL_PX
@@ -63,10 +61,7 @@ def draw_on_canvas(
     region = np.s_[top:bottom, left:right]
     is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
     if is_whole and (bottom - top, right - left) == shape:
-        frame.image[region], frame.seen[region] = working, 255
+        np.maximum(working, BLACK, out=frame[region])
         return frame, region, False
-    draw(working, inverse(to_canvas), frame.image, bounds_of(region))
-    # A wider border than the one that interpolation mixes with.
-    inner = project(to_canvas, outline + _INWARDS * BORDER_PX)
-    cv2.fillConvexPoly(frame.seen, np.round(inner).astype(np.int32), 255)
+    draw(working, inverse(to_canvas), frame, bounds_of(region))
     return frame, region, True

@@ -11,22 +11,25 @@ from numba import types
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import BOUNDS, Bounds, ByteImage, ByteLine, CountLine, FloatArray, FloatLine
+from streamkit_differencer.ground import BLACK, UNSEEN
 from streamkit_kernels import FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
 # Places are rounded to this part of a pixel; 32 bits hold a value times its square.
 STEP_BITS = 11
 STEPS = 2**STEP_BITS
+# Of the outermost pixels of a frame some would mix with the border.
+BORDER_PX = 2
 WholeLine = NDArray[np.int32]
 
 
 @kernel(UINT8_STRIDED, FLOAT64, UINT8, BOUNDS)
 def draw(image: ByteImage, to_image: FloatArray, canvas: ByteImage, bounds: Bounds) -> None:
-    """Draws an image on a canvas by bilinear interpolation; its border is replicated.
+    """Draws an image on a canvas by bilinear interpolation, without a border of `BORDER_PX`.
 
     Args:
         image: uint8[h, w].
         to_image: float64[3, 3], pixels of the canvas to those of the image.
-        canvas: uint8[rows, columns].
+        canvas: uint8[rows, columns]; what is within the bounds and not of the image becomes `UNSEEN`.
         bounds: the part of the canvas that is drawn.
     """
     (height, width), (top, bottom, left, right) = image.shape, bounds
@@ -43,6 +46,7 @@ def draw(image: ByteImage, to_image: FloatArray, canvas: ByteImage, bounds: Boun
         _number(across, down, width, STEP_BITS, places)
         _fetch_pairs(values, places, width, upper, lower)
         _mix(upper, lower, across, down, canvas[row, left:right])
+        _clear_outside(across, down, (height, width), canvas[row, left:right])
 
 
 @kernel(UINT8, FLOAT64, types.int64, types.int64)
@@ -140,3 +144,14 @@ def _mix(upper: CountLine, lower: CountLine, across: WholeLine, down: WholeLine,
         second = np.int32(np.int32((below & byte) * rest) + np.int32((below >> bits) * x))
         total = np.int32(np.int32(first * np.int32(one - y)) + np.int32(second * y))
         line[index] = np.uint8(np.int32(total + half) >> shift)
+
+
+@compiled
+def _clear_outside(across: WholeLine, down: WholeLine, shape: tuple[int, int], line: ByteLine) -> None:
+    """What is not within an image, without its border, becomes `UNSEEN`."""
+    first = np.int32(BORDER_PX * STEPS)
+    right, bottom = np.int32((shape[1] - 1) * STEPS) - first, np.int32((shape[0] - 1) * STEPS) - first
+    for index in range(line.size):
+        x, y = across[index], down[index]
+        is_inside = (x >= first) & (x <= right) & (y >= first) & (y <= bottom)
+        line[index] = max(line[index], BLACK) if is_inside else np.uint8(UNSEEN)

@@ -18,7 +18,7 @@ from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
 from streamkit_kernels import INT32, UINT8_STRIDED, compiled, kernel
 
 IntegerArray = NDArray[np.int64]
-Images = tuple[ByteImage, ByteImage, ByteImage, ByteImage, ByteImage, ByteImage]
+Images = tuple[ByteImage, ByteImage, ByteImage, ByteImage, ByteImage]
 Places = tuple[NDArray[np.int32], NDArray[np.int32]]  # rows and columns of blocks
 
 # Smallest camera step with parallax, px.
@@ -91,13 +91,12 @@ def _pieces(places: Places, components: LabelImage, stays: Flags, shape: tuple[i
     return np.bincount(owners[1:], minlength=components.max() + 1)
 
 
-@kernel(*[UINT8_STRIDED] * 7, INT32, types.int64, types.float64, types.float64)
+@kernel(*[UINT8_STRIDED] * 6, INT32, types.int64, types.float64, types.float64)
 def explained_blocks(
     image: ByteImage,
     background: ByteImage,
     valid: ByteImage,
     earlier: ByteImage,
-    earlier_seen: ByteImage,
     thresholds: ByteImage,
     mask: ByteImage,
     blocks: LabelImage,
@@ -113,8 +112,7 @@ def explained_blocks(
         image: uint8[h, w], f(t), as all images.
         background: uint8[h, w], B(t - 1), rounded.
         valid: uint8[h, w], mask of where it is known.
-        earlier: uint8[h, w], f(t - tau).
-        earlier_seen: uint8[h, w], mask of what it covers.
+        earlier: uint8[h, w], f(t - tau), `UNSEEN` where it shows nothing.
         thresholds: uint8[h, w], T_F of each pixel, grey levels.
         mask: uint8[h, w], foreground.
         blocks: int32[n, 3], see `components_of`.
@@ -142,7 +140,7 @@ def explained_blocks(
         states[index] = NOT_EXPLAINED
         if _explains(background, valid, radius, row, column, path, low, high):
             path = beyond * shift_x, beyond * shift_y
-            if _explains(earlier, earlier_seen, 1, row, column, path, low, high):
+            if _explains(earlier, earlier, 1, row, column, path, low, high):
                 states[index] = IS_EXPLAINED
     return states
 

@@ -43,10 +43,9 @@ def update_background(background, image, mask, rate):
 def foreground(image, background, threshold, tolerance=0):
     """Equation 4 with one threshold."""
     square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
-    bounds, everywhere = (0, image.shape[0], 0, image.shape[1]), np.full_like(image, 255)
+    bounds = 0, image.shape[0], 0, image.shape[1]
     images = background, cv2.erode(background, square), cv2.dilate(background, square)
-    limits = np.full_like(image, int(threshold)), everywhere
-    return compare_with_background(image, bounds, *images, *limits, 1.0)[0]
+    return compare_with_background(image, bounds, *images, np.full_like(image, int(threshold)), 1.0)[0]
 
 
 @dataclass

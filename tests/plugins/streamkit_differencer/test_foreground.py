@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from streamkit_differencer.comparison import UNCOMPARED
 from streamkit_differencer.foreground import cleaned, find_foreground, full_size
 
 SHAPE = (40, 60)
@@ -12,9 +13,9 @@ SHAPE = (40, 60)
 def found(image, tolerance=0, ratio=0.5, known=255):
     """The foreground of an image before a black ground, with thresholds of 20."""
     background, thresholds = np.zeros(SHAPE, np.uint8), np.full(SHAPE, 20, np.uint8)
-    known = np.broadcast_to(np.uint8(known), SHAPE).copy()
+    thresholds[np.broadcast_to(known, SHAPE) == 0] = UNCOMPARED
     region = np.s_[0 : SHAPE[0], 0 : SHAPE[1]]
-    return find_foreground(image, region, background, thresholds, known, tolerance, ratio)
+    return find_foreground(image, region, background, thresholds, tolerance, ratio)
 
 
 def test_weak_differences_count_beside_strong_ones():

@@ -16,7 +16,7 @@ def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min
     names = "background", "deviation", "valid", "known_frames", "other", "other_frames"
     state = {"deviation": np.zeros(SHAPE, np.float32), **state}
     states, bounds = (state[name] for name in names), (0, SHAPE[0], 0, SHAPE[1])
-    images = image, np.full_like(image, 255), mask, quiet, rounded, state["thresholds"]
+    images = image, mask, quiet, rounded, state["thresholds"]
     limits = quiet_frames, absorb_frames, SAME, min_frames
     learn(*images, *states, bounds, (0.0, 0.0, 0.0), limits)
 

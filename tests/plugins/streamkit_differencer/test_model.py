@@ -8,7 +8,7 @@ import pytest
 
 from streamkit.geometry.homography import translation
 from streamkit_differencer.foreground import MOVING, STOPPED
-from streamkit_differencer.ground import PROVISIONAL, CanvasFrame
+from streamkit_differencer.ground import PROVISIONAL
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION
 from streamkit_differencer.settings import BackgroundSettings
@@ -36,8 +36,8 @@ def with_thing(image, x, y=20, size=10, tone=250):
 
 def show(model, image, seen=SEEN, region=WHOLE):
     """Gives a model a frame: its foreground, 128 where that is quiet, and if it follows the exposure."""
-    frame = CanvasFrame.empty((SHAPE[1], SHAPE[0]))
-    frame.image[region], frame.seen[region] = image, seen
+    frame = np.zeros(SHAPE, np.uint8)
+    frame[region] = np.minimum(image, seen)
     found = model.update(frame, region)
     return cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)), found.follows_exposure
 

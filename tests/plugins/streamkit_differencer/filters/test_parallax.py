@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from streamkit_differencer.comparison import UNCOMPARED
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
@@ -22,11 +23,11 @@ def view(x, width=40, tone=220):
 
 def slides_in(now, before, learnt, known=EVERYWHERE):
     """The foreground, its blocks, and which of them shift."""
-    thresholds = np.full(SHAPE, 12, np.uint8)
-    mask = find_foreground(now, np.s_[0:120, 0:160], learnt, thresholds, known, 1, 1.0)
+    thresholds = np.where(known > 0, 12, UNCOMPARED).astype(np.uint8)
+    mask = find_foreground(now, np.s_[0:120, 0:160], learnt, thresholds, 1, 1.0)
     assert mask.any()
     blocks, count = components_of(mask)
-    images = (now, learnt, known, before, EVERYWHERE, thresholds)
+    images = (now, learnt, known, before, thresholds)
     return mask, blocks, find_parallax(images, mask, blocks, count, 1, (2.0, 0.0))
 
 
