@@ -7,6 +7,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from streamkit_kernels import compiled
+
 ByteImage = NDArray[np.uint8]
 CountImage = NDArray[np.uint16]
 FloatImage = NDArray[np.float32]
@@ -23,6 +25,9 @@ FloatArray = NDArray[np.float64]
 # First column and row of boxes, and those after the last, [n, 4].
 Corners = NDArray[np.int64]
 CORNERS = types.Array(types.int64, 2, "C")
+# First column of each row of a part of the canvas, and the one after the last, [rows, 2].
+Spans = NDArray[np.int64]
+SPANS = types.Array(types.int64, 2, "C")
 # Rows and columns of a part of the canvas.
 Slices = tuple[slice, slice]
 # The same for kernels: first row and the one after the last, first column and the one after the last.
@@ -53,3 +58,12 @@ def set_pixels(mask: ByteImage) -> tuple[Indices, Indices]:
     # A quarter of the time of `cv2.findNonZero`, a tenth of that of `np.nonzero`.
     rows, columns = np.divmod(np.flatnonzero(mask > 0), mask.shape[1])
     return rows, columns
+
+
+@compiled
+def has_set(line: ByteLine) -> bool:
+    """Whether a line of a mask has a pixel that is not 0."""
+    united = np.uint8(0)
+    for index in range(line.size):
+        united |= line[index]
+    return bool(united > 0)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import BOUNDS, Bounds, ByteImage, ByteLine, FloatImage, FloatLine
+from streamkit_differencer.arrays import (
+    BOUNDS,
+    SPANS,
+    Bounds,
+    ByteImage,
+    ByteLine,
+    FloatImage,
+    FloatLine,
+    Spans,
+)
 from streamkit_differencer.equations import (
     MAX_WAIT,
     SET,
@@ -14,7 +23,7 @@ from streamkit_differencer.equations import (
     find_foreground_pixels,
     find_quiet,
 )
-from streamkit_differencer.ground import PROVISIONAL, UNKNOWN, UNSEEN
+from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL, UNKNOWN, UNSEEN
 from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION, find_thresholds
 from streamkit_kernels import FLOAT32, UINT8, compiled, kernel
 
@@ -22,15 +31,16 @@ from streamkit_kernels import FLOAT32, UINT8, compiled, kernel
 UNCOMPARED = 255
 
 
-@kernel(UINT8, UINT8, UINT8, FLOAT32, FLOAT32, UINT8, BOUNDS, *[types.float64] * 2, types.int64)
+@kernel(UINT8, UINT8, UINT8, FLOAT32, UINT8, UINT8, BOUNDS, SPANS, *[types.float64] * 2, types.int64)
 def find_quiet_ground(
     image: ByteImage,
     earlier: ByteImage,
     waiting: ByteImage,
     background: FloatImage,
-    deviation: FloatImage,
+    deviation: ByteImage,
     valid: ByteImage,
     bounds: Bounds,
+    spans: Spans,
     threshold: float,
     gradient_gain: float,
     quiet_frames: int,
@@ -42,9 +52,10 @@ def find_quiet_ground(
         earlier: uint8, f(t - tau), the same.
         waiting: uint8, the counter D; updated in place, as the next three.
         background: float32, B.
-        deviation: float32, see `noise`.
+        deviation: uint8, see `ground`.
         valid: uint8, see `ground`.
         bounds: the part of the canvas that the frame covers.
+        spans: int64[h, 2], the columns of each of its rows that show the frame.
         threshold: T_s, grey levels.
         gradient_gain: see `equations.find_changes`.
         quiet_frames: lambda.
@@ -54,22 +65,27 @@ def find_quiet_ground(
     """
     top, bottom, left, right = bounds
     most, gain = np.float32(threshold), np.float32(gradient_gain)
-    quiet, changed = np.empty((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
+    quiet, changed = np.zeros((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
     ranges, lowest, highest = np.empty_like(changed), np.empty_like(changed), np.empty_like(changed)
     for row in range(top, bottom):
-        counters, values, before = waiting[row, left:right], image[row, left:right], earlier[row, left:right]
-        above, below = earlier[max(row - 1, top), left:right], earlier[min(row + 1, bottom - 1), left:right]
-        _find_ranges(above, before, below, lowest, highest, ranges)
-        find_changes(values, before, ranges, most, gain, changed)
-        _add_unseen(values, before, changed)
-        count_down(counters, changed)
-        find_quiet(counters, quiet_frames, quiet[row - top])
-        if _has_new(valid[row, left:right], counters):
-            for column in range(left, right):
+        first, last = spans[row - top]
+        if first == last:
+            continue
+        part, width = slice(first, last), slice(0, last - first)
+        counters, values, before = waiting[row, part], image[row, part], earlier[row, part]
+        above, below = earlier[max(row - 1, top), part], earlier[min(row + 1, bottom - 1), part]
+        found, changes = ranges[width], changed[width]
+        _find_ranges(above, before, below, lowest[width], highest[width], found)
+        find_changes(values, before, found, most, gain, changes)
+        _add_unseen(values, before, changes)
+        count_down(counters, changes)
+        find_quiet(counters, quiet_frames, quiet[row - top, first - left : last - left])
+        if _has_new(valid[row, part], counters):
+            for column in range(first, last):
                 if valid[row, column] == UNKNOWN and waiting[row, column] < MAX_WAIT:
-                    edge = EDGE_SHARE * np.float32(ranges[column - left])
+                    edge = EDGE_SHARE * np.float32(found[column - first])
                     background[row, column], valid[row, column] = earlier[row, column], PROVISIONAL
-                    deviation[row, column] = FIRST_DEVIATION + edge
+                    deviation[row, column] = np.uint8(np.rint(DEVIATION_STEPS * (FIRST_DEVIATION + edge)))
     return quiet
 
 
@@ -114,13 +130,14 @@ def _has_new(valid: ByteLine, waiting: ByteLine) -> bool:
     return bool(united > 0)
 
 
-@kernel(UINT8, UINT8, FLOAT32, FLOAT32, BOUNDS, types.float64, types.float64)
+@kernel(UINT8, UINT8, FLOAT32, UINT8, BOUNDS, SPANS, types.float64, types.float64)
 def find_limits(
     image: ByteImage,
     valid: ByteImage,
     background: FloatImage,
-    deviation: FloatImage,
+    deviation: ByteImage,
     bounds: Bounds,
+    spans: Spans,
     gain: float,
     lowest: float,
 ) -> tuple[ByteImage, ByteImage]:
@@ -130,8 +147,9 @@ def find_limits(
         image: uint8, f(t) on the canvas.
         valid: uint8, see `ground`, as the other images.
         background: float32, B(t - 1).
-        deviation: float32, mean absolute deviation of each pixel.
+        deviation: uint8, see `ground`.
         bounds: the part of the canvas that the frame covers.
+        spans: int64[h, 2], the columns of each of its rows that show the frame.
         gain: of the threshold, in mean absolute deviations.
         lowest: smallest threshold, grey levels.
 
@@ -140,13 +158,15 @@ def find_limits(
         nothing or the background is unknown.
     """
     top, bottom, left, right = bounds
-    rounded = np.empty((bottom - top, right - left), np.uint8)
-    thresholds = np.empty_like(rounded)
+    rounded = np.zeros((bottom - top, right - left), np.uint8)
+    thresholds = np.full(rounded.shape, np.uint8(UNCOMPARED))
     times, least = np.float32(gain), np.float32(int(lowest))
     for row in range(top, bottom):
-        _round(background[row, left:right], rounded[row - top])
-        find_thresholds(deviation[row, left:right], times, least, thresholds[row - top])
-        _set_uncompared(image[row, left:right], valid[row, left:right], thresholds[row - top])
+        first, last = spans[row - top]
+        part, limits = slice(first, last), thresholds[row - top, first - left : last - left]
+        _round(background[row, part], rounded[row - top, first - left : last - left])
+        find_thresholds(deviation[row, part], times, least, limits)
+        _set_uncompared(image[row, part], valid[row, part], limits)
     return rounded, thresholds
 
 
@@ -164,10 +184,11 @@ def _set_uncompared(image: ByteLine, valid: ByteLine, thresholds: ByteLine) -> N
         thresholds[index] = np.uint8(UNCOMPARED) if is_missing else thresholds[index]
 
 
-@kernel(UINT8, BOUNDS, *[UINT8] * 4, types.float64)
+@kernel(UINT8, BOUNDS, SPANS, *[UINT8] * 4, types.float64)
 def compare_with_background(
     image: ByteImage,
     bounds: Bounds,
+    spans: Spans,
     background: ByteImage,
     lowest: ByteImage,
     highest: ByteImage,
@@ -179,6 +200,7 @@ def compare_with_background(
     Args:
         image: uint8, f(t) on the canvas.
         bounds: the part of the canvas that the frame covers.
+        spans: int64[h, 2], the columns of each of its rows that show the frame.
         background: uint8[h, w], B(t - 1) in whole grey levels, of that part, as what follows.
         lowest: uint8[h, w], the least value of the background within the tolerance.
         highest: uint8[h, w], the largest one.
@@ -189,13 +211,15 @@ def compare_with_background(
         uint8[h, w] each: mask of the pixels that differ from the background beyond the tolerance by more than
         the threshold; mask of those that differ from the background itself by more than the lower one.
     """
-    top, bottom, left, right = bounds
-    strong, weak = np.empty_like(background), np.empty_like(background)
+    top, bottom, left, _ = bounds
+    strong, weak = np.zeros_like(background), np.zeros_like(background)
     ratio = np.float32(hysteresis_ratio)
     for line in range(bottom - top):
-        values = image[top + line, left:right]
-        find_foreground_pixels(values, lowest[line], highest[line], thresholds[line], strong[line])
-        _find_weak(values, background[line], thresholds[line], ratio, weak[line])
+        values, part = image[top + line, spans[line, 0] : spans[line, 1]], spans[line] - left
+        here = slice(part[0], part[1])
+        limits = thresholds[line, here]
+        find_foreground_pixels(values, lowest[line, here], highest[line, here], limits, strong[line, here])
+        _find_weak(values, background[line, here], limits, ratio, weak[line, here])
     return strong, weak
 
 

@@ -129,18 +129,19 @@ class Differencer:
         if position is None:
             self.miss()
             return None
-        frame, region, is_resampled = draw_on_canvas(working, position.working_to_canvas, self._model.size)
+        frame = draw_on_canvas(working, position.working_to_canvas, self._model.size)
         if self.hidden is not None:
             frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
-            frame[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = UNSEEN
+            frame.image[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = UNSEEN
         self._model.settings = self.settings.background
         parallax = self._parallax(position, working.shape, is_registered=motion is not None)
-        found = self._model.update(frame, region, parallax, is_resampled)
-        to_region = translation(np.array([-region[1].start, -region[0].start])) @ position.working_to_canvas
+        found = self._model.update(frame, parallax)
+        rows, columns = frame.region
+        to_region = translation(np.array([-columns.start, -rows.start])) @ position.working_to_canvas
         mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
         if self.settings.background.shadow:
             mask[shadow_mask(found.image, found.background, found.mask) > 0] = SHADOW
-        if is_resampled:
+        if frame.is_resampled:
             mask = fetch(mask, to_region, *working.shape)
         objects, mask = self._objects(image, working, mask, found, position, to_region, motion)
         event = ModelChange.GAIN if found.follows_exposure else ModelChange.NONE

@@ -13,21 +13,21 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, Slices, bounds_of
+from streamkit_differencer.arrays import ByteImage, bounds_of
 from streamkit_differencer.comparison import compare_with_background
+from streamkit_differencer.ground import CanvasFrame
 
 # Values of a finished mask: foreground that changed within quiet_frames, foreground that is quiet, shadow.
 # Values up to the last number are background or shadow.
 MOVING, STOPPED, SHADOW = 255, 128, 50
 MAX_BACKGROUND = 100
 MAX_MEDIAN_PX = 7
-GROWTH_STEPS = 2
-_GROWTH = np.ones((5, 5), np.uint8)  # two pixels in each direction
+# Foreground grows by three pixels in each direction.
+_GROWTH = np.ones((7, 7), np.uint8)
 
 
 def find_foreground(
-    image: ByteImage,
-    region: Slices,
+    frame: CanvasFrame,
     background: ByteImage,
     thresholds: ByteImage,
     tolerance: int,
@@ -36,9 +36,8 @@ def find_foreground(
     """Foreground by equation 4; with a tolerance after a median, and grown through weak pixels.
 
     Args:
-        image: uint8, f(t) on the canvas.
-        region: rows and columns of the canvas that the frame covers.
-        background: uint8[h, w], B(t - 1), rounded, of that part, as what follows.
+        frame: f(t) on the canvas.
+        background: uint8[h, w], B(t - 1), rounded, of the part that the frame covers, as what follows.
         thresholds: uint8[h, w], T_F of each pixel, `UNCOMPARED` where it cannot be foreground.
         tolerance: registration error to tolerate, px.
         hysteresis_ratio: lower threshold over the upper one; 1 is off.
@@ -52,14 +51,12 @@ def find_foreground(
         lowest = cast("ByteImage", cv2.erode(background, square))
         highest = cast("ByteImage", cv2.dilate(background, square))
     images = background, lowest, highest, thresholds
-    strong, weak = compare_with_background(image, bounds_of(region), *images, hysteresis_ratio)
+    covered = bounds_of(frame.region), frame.spans
+    strong, weak = compare_with_background(frame.image, *covered, *images, hysteresis_ratio)
     if tolerance <= 0 or hysteresis_ratio >= 1.0:
         return strong
     mask = cast("ByteImage", cv2.medianBlur(strong, 3))
-    weak |= mask
-    for _ in range(GROWTH_STEPS):
-        mask = weak & cast("ByteImage", cv2.dilate(mask, _GROWTH))
-    return mask
+    return mask | (weak & cast("ByteImage", cv2.dilate(mask, _GROWTH)))
 
 
 def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:

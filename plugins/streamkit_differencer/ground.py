@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, CountImage, FloatArray, FloatImage, Slices
+from streamkit_differencer.arrays import ByteImage, CountImage, FloatArray, FloatImage, Slices, Spans
 from streamkit_differencer.equations import MAX_WAIT
 
 Image = TypeVar("Image", ByteImage, CountImage, FloatImage)
@@ -17,17 +17,34 @@ UNKNOWN, PROVISIONAL, KNOWN = 0, 1, 255
 # Value of a frame on the canvas where it does not show the scene; its black is raised to 1.
 UNSEEN = 0
 BLACK = np.uint8(1)
-# Mean deviation of an unknown pixel, grey levels.
+# Deviations are counted in such parts of a grey level; that of an unknown pixel, in grey levels.
+DEVIATION_STEPS = 16
 UNKNOWN_DEVIATION = 5.0
 # Value of each image where nothing is known, if it is not 0.
-FILLS = {"deviation": UNKNOWN_DEVIATION, "waiting": MAX_WAIT}
+FILLS = {"deviation": int(UNKNOWN_DEVIATION * DEVIATION_STEPS), "waiting": MAX_WAIT}
 # Type of each image that is not of bytes.
 TYPES = {
     "background": np.float32,
-    "deviation": np.float32,
     "known_frames": np.uint16,
     "other_frames": np.uint16,
 }
+
+
+class CanvasFrame(NamedTuple):
+    """A frame on the canvas.
+
+    Attributes:
+        image: uint8, of the whole canvas, `UNSEEN` around the frame.
+        region: rows and columns that the frame covers.
+        spans: int64[h, 2], of each of these rows the first column that shows the frame, and the one after the
+            last, counted on the canvas.
+        is_resampled: whether the frame was resampled, so that edges may be misplaced.
+    """
+
+    image: ByteImage
+    region: Slices
+    spans: Spans
+    is_resampled: bool
 
 
 @dataclass(slots=True)
@@ -36,7 +53,7 @@ class Ground:
 
     Attributes:
         background: float32[h, w], B; undefined where it is not valid.
-        deviation: float32[h, w], mean absolute deviation of the background, grey levels.
+        deviation: uint8[h, w], mean absolute deviation of the background, in parts of a grey level.
         waiting: uint8[h, w], the counter D of equation 1, see `equations.count_down`.
         valid: uint8[h, w], `UNKNOWN`, `PROVISIONAL` or `KNOWN`.
         known_frames: uint16[h, w], frames that the background was seen at rest.
@@ -45,7 +62,7 @@ class Ground:
     """
 
     background: FloatImage
-    deviation: FloatImage
+    deviation: ByteImage
     waiting: ByteImage
     valid: ByteImage
     known_frames: CountImage

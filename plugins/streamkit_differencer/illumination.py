@@ -9,7 +9,7 @@ import numpy as np
 from streamkit_differencer.arrays import ByteImage, FloatImage
 
 SAMPLE_STEP = 8
-SAMPLES = 1500
+SAMPLES = 600
 MIN_SAMPLES = 100
 ROUNDS = 4
 GAIN_LIMITS = (0.4, 2.5)
@@ -21,7 +21,7 @@ NEAR = 10.0
 
 
 def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> tuple[float, float] | None:
-    """Estimates the change of brightness of the whole image, from some thousand pixels of a grid.
+    """Estimates the change of brightness of the whole image, from some hundred pixels of a grid.
 
     A line is fitted to the pairs of values, then again to the inliers, without moving objects and ghosts.
     Pixels near black and white are left out: they may be clipped.

@@ -19,6 +19,7 @@ from numba import types
 
 from streamkit_differencer.arrays import (
     BOUNDS,
+    SPANS,
     Bounds,
     ByteImage,
     ByteLine,
@@ -27,6 +28,8 @@ from streamkit_differencer.arrays import (
     FloatImage,
     FloatLine,
     Indices,
+    Spans,
+    has_set,
 )
 from streamkit_differencer.equations import SET, update_background
 from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN, UNSEEN
@@ -43,7 +46,7 @@ RATES = types.UniTuple(types.float64, 3)  # type: ignore[no-untyped-call]
 LIMITS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 
 
-@kernel(*[UINT8] * 5, FLOAT32, FLOAT32, UINT8, UINT16, UINT8, UINT16, BOUNDS, RATES, LIMITS)
+@kernel(*[UINT8] * 5, FLOAT32, UINT8, UINT8, UINT16, UINT8, UINT16, BOUNDS, SPANS, RATES, LIMITS)
 def learn(
     image: ByteImage,
     mask: ByteImage,
@@ -51,12 +54,13 @@ def learn(
     rounded: ByteImage,
     thresholds: ByteImage,
     background: FloatImage,
-    deviation: FloatImage,
+    deviation: ByteImage,
     valid: ByteImage,
     known_frames: CountImage,
     other: ByteImage,
     other_frames: CountImage,
     bounds: Bounds,
+    spans: Spans,
     rates: tuple[float, float, float],
     limits: tuple[int, int, int, int],
 ) -> None:
@@ -69,12 +73,13 @@ def learn(
         rounded: uint8[h, w], B(t - 1) in whole grey levels.
         thresholds: uint8[h, w], T_F of each pixel: values that differ by no more are the same.
         background: float32, B, of the canvas; updated in place, as all that follow.
-        deviation: float32, see `noise`.
+        deviation: uint8, see `ground`.
         valid: uint8, `UNKNOWN`, `PROVISIONAL` or `KNOWN`; quiet pixels become known.
         known_frames: uint16, frames that the background was seen.
         other: uint8, the other value of each pixel.
         other_frames: uint16, frames that it was seen.
         bounds: the part of the canvas that the frame covers.
+        spans: int64[h, 2], the columns of each of its rows that show the frame.
         rates: weight of the frame in the background, alpha; in the noise, 0 for none; and in the noise of
             ground that was never quiet.
         limits: lambda, the frames that quiet pixels were seen at rest; frames after which a stationary object
@@ -83,22 +88,24 @@ def learn(
     """
     top, bottom, left, right = bounds
     alpha, noise_rates = np.float32(rates[0]), (np.float32(rates[1]), np.float32(rates[2]))
-    averaged, is_open = np.empty(right - left, np.uint8), np.empty(right - left, np.uint8)
-    columns = np.empty(right - left, np.int64)
+    averaged, columns = np.empty(right - left, np.uint8), np.empty(right - left, np.int64)
+    is_open = np.empty_like(averaged)
     for row in range(top, bottom):
-        line, values, ground = row - top, image[row, left:right], background[row, left:right]
-        marks = mask[line], quiet[line], rounded[line], thresholds[line]
-        states, frames = valid[row, left:right], known_frames[row, left:right]
-        _find_averaged(mask[line], quiet[line], states, averaged)
-        update_background(ground, values, averaged, alpha)
+        line, (first, last) = row - top, spans[row - top]
+        part, here, size = slice(first, last), slice(first - left, last - left), slice(0, last - first)
+        values, ground = image[row, part], background[row, part]
+        marks = mask[line, here], quiet[line, here], rounded[line, here], thresholds[line, here]
+        states, frames = valid[row, part], known_frames[row, part]
+        known, candidates = averaged[size], is_open[size]
+        _find_averaged(marks[0], marks[1], states, known)
+        update_background(ground, values, known, alpha)
         if rates[1] > 0.0:
-            known = values, rounded[line], averaged, mask[line], states
-            learn_noise(*known, noise_rates, deviation[row, left:right])
-        _find_open(values, marks, states, np.uint8(limits[2]), averaged, is_open)
-        _count(averaged, frames)
-        found = _find_set(is_open, columns)
-        others = other[row, left:right], other_frames[row, left:right]
-        _choose(columns[:found], values, marks, ground, states, frames, *others, limits)
+            learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
+        _find_open(values, marks, states, np.uint8(limits[2]), candidates)
+        _add_provisional(values, states, candidates, known)
+        _count(known, frames)
+        found, others = columns[: _find_set(candidates, columns)], (other[row, part], other_frames[row, part])
+        _choose(found, values, marks, ground, states, frames, *others, limits)
 
 
 @compiled
@@ -115,10 +122,9 @@ def _find_open(
     marks: Marks,
     valid: ByteLine,
     same: np.uint8,
-    averaged: ByteLine,
     is_open: ByteLine,
 ) -> None:
-    """The pixels to choose a value for; adds to `averaged` where a provisional background shows.
+    """The pixels to choose a value for.
 
     They are foreground, quiet ground that is not known, and ground that differs from its provisional value.
     """
@@ -132,7 +138,14 @@ def _find_open(
         is_seen = SET if value > np.uint8(UNSEEN) else np.uint8(0)
         decides = mask[index] | (quiet[index] & (is_known ^ SET)) | (is_provisional & differs)
         is_open[index] = decides & is_seen
-        averaged[index] |= is_provisional & (decides ^ SET) & is_seen
+
+
+@compiled
+def _add_provisional(image: ByteLine, valid: ByteLine, is_open: ByteLine, mask: ByteLine) -> None:
+    """Adds provisional background that shows to a mask."""
+    for index in range(mask.size):
+        is_seen = (valid[index] == np.uint8(PROVISIONAL)) & (image[index] > np.uint8(UNSEEN))
+        mask[index] |= is_open[index] ^ SET if is_seen else np.uint8(0)
 
 
 @compiled
@@ -149,20 +162,12 @@ def _find_set(mask: ByteLine, columns: Indices) -> int:
     count = 0
     for start in range(0, mask.size, BLOCK):
         stop = min(start + BLOCK, mask.size)
-        if _has_set(mask[start:stop]):
+        if has_set(mask[start:stop]):
             for column in range(start, stop):
                 if mask[column]:
                     columns[count] = column
                     count += 1
     return count
-
-
-@compiled
-def _has_set(mask: ByteLine) -> bool:
-    united = np.uint8(0)
-    for index in range(mask.size):
-        united |= mask[index]
-    return bool(united > 0)
 
 
 @compiled

@@ -19,7 +19,7 @@ from streamkit_differencer.equations import MAX_WAIT
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
-from streamkit_differencer.ground import BLACK, PROVISIONAL, UNSEEN, Ground, moved
+from streamkit_differencer.ground import BLACK, PROVISIONAL, UNSEEN, CanvasFrame, Ground, moved
 from streamkit_differencer.illumination import exposure_change
 from streamkit_differencer.learning import learn
 from streamkit_differencer.noise import (
@@ -93,49 +93,52 @@ class BackgroundModel:
         history = (moved(frame, change, is_scroll) for frame in self._history)
         self._history = deque(history, self._history.maxlen)
 
-    def update(
-        self,
-        whole: ByteImage,
-        region: Slices,
-        parallax: FloatArray | None = None,
-        is_resampled: bool = True,
-    ) -> Comparison:
+    def update(self, frame: CanvasFrame, parallax: FloatArray | None = None) -> Comparison:
         """Processes a frame.
 
         Args:
-            whole: uint8, the frame on the canvas, `UNSEEN` around it; kept.
-            region: rows and columns of the canvas that the frame covers.
+            frame: on the canvas; its image is kept.
             parallax: float64[2], px, shift of tall objects, see `filters.parallax`; None for none.
-            is_resampled: whether the frame was resampled, so that edges may be misplaced.
         """
-        settings, ground, frame = self.settings, self.ground, whole[region]
-        follows_exposure = self._follow_exposure(frame, region)
+        settings, ground, region = self.settings, self.ground, frame.region
+        follows_exposure = self._follow_exposure(frame)
         self._frames += 1
-        quiet = self._find_quiet(whole, region, settings.gradient_gain if is_resampled else 0.0)
-        states, bounds = (ground.valid, ground.background, ground.deviation), bounds_of(region)
-        gain = settings.noise_gain * DEVIATION_RATIO
-        compared = find_limits(whole, *states, bounds, gain, settings.foreground_threshold)
-        mask = find_foreground(whole, region, *compared, self.tolerance, settings.hysteresis_ratio)
-        found = Comparison(frame, *compared, quiet, mask, follows_exposure)
+        quiet = self._find_quiet(frame)
+        covered, gain = (bounds_of(region), frame.spans), settings.noise_gain * DEVIATION_RATIO
+        states = ground.valid, ground.background, ground.deviation
+        compared = find_limits(frame.image, *states, *covered, gain, settings.foreground_threshold)
+        mask = find_foreground(frame, *compared, self.tolerance, settings.hysteresis_ratio)
+        found = Comparison(frame.image[region], *compared, quiet, mask, follows_exposure)
         if parallax is not None and self._history:
             self._remove_parallax(region, found, parallax)
-        self._learn(whole, region, found)
-        self._history.append(whole)
+        self._learn(frame, found)
+        self._history.append(frame.image)
         if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
             # A flight comes to new ground all the time: its first second is not worth the ghosts.
             mask[ground.valid[region] == PROVISIONAL] = 0
         return found
 
-    def _find_quiet(self, frame: ByteImage, region: Slices, gradient_gain: float) -> ByteImage:
+    def _find_quiet(self, frame: CanvasFrame) -> ByteImage:
         """Equations 1 and 2; ground that was never quiet yet gets a provisional background."""
         settings, ground = self.settings, self.ground
         if not self._history:
             # Without an earlier frame no pixel counts as quiet.
-            ground.waiting[frame > UNSEEN] = MAX_WAIT
-            return np.zeros_like(frame[region])
-        states = ground.waiting, ground.background, ground.deviation, ground.valid
-        limits = settings.change_threshold, gradient_gain, settings.quiet_frames
-        return find_quiet_ground(frame, self._history[0], *states, bounds_of(region), *limits)
+            ground.waiting[frame.image > UNSEEN] = MAX_WAIT
+            return np.zeros_like(frame.image[frame.region])
+        gradient_gain = settings.gradient_gain if frame.is_resampled else 0.0
+        return find_quiet_ground(
+            frame.image,
+            self._history[0],
+            ground.waiting,
+            ground.background,
+            ground.deviation,
+            ground.valid,
+            bounds_of(frame.region),
+            frame.spans,
+            settings.change_threshold,
+            gradient_gain,
+            settings.quiet_frames,
+        )
 
     def _remove_parallax(self, region: Slices, found: Comparison, shift: FloatArray) -> None:
         """Removes the parallax of tall objects from the foreground, and learns it as background."""
@@ -147,7 +150,7 @@ class BackgroundModel:
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background)
 
-    def _learn(self, frame: ByteImage, region: Slices, found: Comparison) -> None:
+    def _learn(self, frame: CanvasFrame, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""
         settings, ground = self.settings, self.ground
         # On new ground there are vehicles that are as even as ground.
@@ -158,16 +161,16 @@ class BackgroundModel:
         if self._frames % NOISE_INTERVAL == 0:
             is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
             noise_rate, restless_rate = LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
-        compared = frame, found.mask, found.quiet, found.background, found.thresholds
+        compared = frame.image, found.mask, found.quiet, found.background, found.thresholds
         learnt = ground.background, ground.deviation, ground.valid, ground.known_frames
         others = ground.other, ground.other_frames
         rates = settings.learning_rate, noise_rate, restless_rate
-        learn(*compared, *learnt, *others, bounds_of(region), rates, limits)
+        learn(*compared, *learnt, *others, bounds_of(frame.region), frame.spans, rates, limits)
 
-    def _follow_exposure(self, frame: ByteImage, region: Slices) -> bool:
+    def _follow_exposure(self, frame: CanvasFrame) -> bool:
         """Adapts the brightness of the model and of the last frames to the frame's."""
-        background = self.ground.background
-        change = exposure_change(background[region], frame, self.ground.valid[region])
+        background, region = self.ground.background, frame.region
+        change = exposure_change(background[region], frame.image[region], self.ground.valid[region])
         if change is None:
             return False
         gain, offset = change

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_differencer.arrays import ByteLine, FloatLine
-from streamkit_differencer.ground import PROVISIONAL
+from streamkit_differencer.arrays import ByteLine
+from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL
 from streamkit_kernels import compiled
 
 MAX_THRESHOLD = 60
@@ -26,11 +26,11 @@ MAX_FOREGROUND = 0.3
 
 
 @compiled
-def find_thresholds(deviation: FloatLine, gain: np.float32, lowest: np.float32, thresholds: ByteLine) -> None:
+def find_thresholds(deviation: ByteLine, gain: np.float32, lowest: np.float32, thresholds: ByteLine) -> None:
     """T_F of each pixel of a line: so many mean deviations, but not below `lowest` grey levels."""
-    highest = np.float32(MAX_THRESHOLD)
+    highest, share = np.float32(MAX_THRESHOLD), gain / np.float32(DEVIATION_STEPS)
     for index in range(thresholds.size):
-        wanted = min(np.rint(deviation[index] * gain), highest)
+        wanted = min(np.rint(np.float32(deviation[index]) * share), highest)
         thresholds[index] = np.uint8(np.int32(max(wanted, lowest)))
 
 
@@ -42,7 +42,7 @@ def learn_noise(
     mask: ByteLine,
     valid: ByteLine,
     rates: tuple[np.float32, np.float32],
-    deviation: FloatLine,
+    deviation: ByteLine,
 ) -> None:
     """Learns the mean absolute deviation of each pixel of a line as a running mean.
 
@@ -53,12 +53,13 @@ def learn_noise(
         mask: uint8[w], foreground.
         valid: uint8[w], see `ground`.
         rates: weight of the frame in the noise of `averaged`, and in that of a provisional background.
-        deviation: float32[w], updated in place.
+        deviation: uint8[w], see `ground`; updated in place.
     """
-    rate, restless_rate = rates
+    (rate, restless_rate), steps = rates, np.float32(DEVIATION_STEPS)
     for index in range(deviation.size):
         value, other = image[index], background[index]
-        difference = np.float32(np.uint8(max(value, other) - min(value, other)))
+        difference = steps * np.float32(np.uint8(max(value, other) - min(value, other)))
         is_restless = (valid[index] == np.uint8(PROVISIONAL)) & (mask[index] == np.uint8(0))
         weight = rate if averaged[index] > 0 else (restless_rate if is_restless else np.float32(0.0))
-        deviation[index] = difference * weight + deviation[index] * (np.float32(1.0) - weight)
+        mean = difference * weight + np.float32(deviation[index]) * (np.float32(1.0) - weight)
+        deviation[index] = np.uint8(np.int32(min(np.rint(mean), np.float32(255.0))))

@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 
 from streamkit.geometry.homography import corners, inverse, project
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, above, bounds_of
-from streamkit_differencer.ground import BLACK, UNSEEN
-from streamkit_differencer.warping import draw
+from streamkit_differencer.arrays import ByteImage, FloatArray, above
+from streamkit_differencer.ground import BLACK, UNSEEN, CanvasFrame
+from streamkit_differencer.warping import draw, spans_within
 from streamkit_kernels import hidden_pixels
 
+# The outermost pixels of a warped frame mix with the border.
+BORDER_PX = 2
+_INWARDS = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], np.float64)
 # A frame within this distance of whole canvas pixels is not interpolated.
 WHOLE_PIXEL_PX = 0.02
 
@@ -38,21 +41,15 @@ def without_hidden(image: ByteImage, hidden: ByteImage) -> ByteImage:
     return hidden_pixels.without_hidden(image, above(cast("ByteImage", mask), 0))
 
 
-def draw_on_canvas(
-    working: ByteImage, to_canvas: FloatArray, size: tuple[int, int]
-) -> tuple[ByteImage, Slices, bool]:
+def draw_on_canvas(working: ByteImage, to_canvas: FloatArray, size: tuple[int, int]) -> CanvasFrame:
     """Resamples a frame onto the part of the canvas that it covers.
 
     Args:
         working: uint8[h, w], the frame at working resolution.
         to_canvas: float64[3, 3], working pixels to canvas.
         size: width and height of the canvas, px.
-
-    Returns:
-        The frame on the canvas, `UNSEEN` around it; the rows and columns that it covers; and whether it was
-        resampled.
     """
-    shape, frame = (working.shape[0], working.shape[1]), np.full(size[::-1], UNSEEN, np.uint8)
+    shape, image = (working.shape[0], working.shape[1]), np.full(size[::-1], UNSEEN, np.uint8)
     outline = corners(shape)
     placed = project(to_canvas, outline)
     low, high = placed.min(axis=0) + WHOLE_PIXEL_PX, placed.max(axis=0) - WHOLE_PIXEL_PX
@@ -61,7 +58,9 @@ def draw_on_canvas(
     region = np.s_[top:bottom, left:right]
     is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
     if is_whole and (bottom - top, right - left) == shape:
-        np.maximum(working, BLACK, out=frame[region])
-        return frame, region, False
-    draw(working, inverse(to_canvas), frame, bounds_of(region))
-    return frame, region, True
+        np.maximum(working, BLACK, out=image[region])
+        return CanvasFrame(image, region, np.full((bottom - top, 2), (left, right)), is_resampled=False)
+    # A wider border than the one that interpolation mixes with.
+    spans = spans_within(project(to_canvas, outline + _INWARDS * BORDER_PX), *image.shape)
+    draw(working, inverse(to_canvas), spans, image)
+    return CanvasFrame(image, region, spans[top:bottom], is_resampled=True)

@@ -10,43 +10,60 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import BOUNDS, Bounds, ByteImage, ByteLine, CountLine, FloatArray, FloatLine
-from streamkit_differencer.ground import BLACK, UNSEEN
+from streamkit_differencer.arrays import SPANS, ByteImage, ByteLine, CountLine, FloatArray, FloatLine, Spans
+from streamkit_differencer.ground import BLACK
 from streamkit_kernels import FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
 # Places are rounded to this part of a pixel; 32 bits hold a value times its square.
 STEP_BITS = 11
 STEPS = 2**STEP_BITS
-# Of the outermost pixels of a frame some would mix with the border.
-BORDER_PX = 2
 WholeLine = NDArray[np.int32]
 
 
-@kernel(UINT8_STRIDED, FLOAT64, UINT8, BOUNDS)
-def draw(image: ByteImage, to_image: FloatArray, canvas: ByteImage, bounds: Bounds) -> None:
-    """Draws an image on a canvas by bilinear interpolation, without a border of `BORDER_PX`.
+@kernel(UINT8_STRIDED, FLOAT64, SPANS, UINT8)
+def draw(image: ByteImage, to_image: FloatArray, spans: Spans, canvas: ByteImage) -> None:
+    """Draws an image on a canvas by bilinear interpolation; black is drawn as `BLACK`.
 
     Args:
         image: uint8[h, w].
         to_image: float64[3, 3], pixels of the canvas to those of the image.
-        canvas: uint8[rows, columns]; what is within the bounds and not of the image becomes `UNSEEN`.
-        bounds: the part of the canvas that is drawn.
+        spans: int64[rows, 2], the part of each row of the canvas that is drawn.
+        canvas: uint8[rows, columns].
     """
-    (height, width), (top, bottom, left, right) = image.shape, bounds
+    height, width = image.shape
     # Two neighbours are fetched at once; the last line once more, below itself.
     pairs = np.empty((height + 1, width), np.uint16)
     for row in range(height + 1):
         _pair(image[min(row, height - 1)], pairs[row])
-    values, columns = pairs.reshape(-1), np.arange(left, right).astype(np.float32)
-    places = np.empty(right - left, np.int32)
+    values, columns = pairs.reshape(-1), np.arange(canvas.shape[1]).astype(np.float32)
+    places = np.empty(columns.size, np.int32)
     across, down = np.empty_like(places), np.empty_like(places)
-    upper, lower = np.empty(right - left, np.uint16), np.empty(right - left, np.uint16)
-    for row in range(top, bottom):
-        _find_places(to_image, np.float64(row), columns, (height, width), STEPS, across, down)
-        _number(across, down, width, STEP_BITS, places)
-        _fetch_pairs(values, places, width, upper, lower)
-        _mix(upper, lower, across, down, canvas[row, left:right])
-        _clear_outside(across, down, (height, width), canvas[row, left:right])
+    upper, lower = np.empty(columns.size, np.uint16), np.empty(columns.size, np.uint16)
+    for row in range(canvas.shape[0]):
+        left, right = spans[row]
+        part, found = slice(left, right), slice(0, right - left)
+        x, y = across[found], down[found]
+        _find_places(to_image, np.float64(row), columns[part], (height, width), STEPS, x, y)
+        _number(x, y, width, STEP_BITS, places[found])
+        _fetch_pairs(values, places[found], width, upper[found], lower[found])
+        _mix(upper[found], lower[found], x, y, canvas[row, part])
+
+
+@kernel(FLOAT64, types.int64, types.int64)
+def spans_within(outline: FloatArray, height: int, width: int) -> Spans:
+    """The columns of each row of a canvas that lie within a convex outline, float64[4, 2] px."""
+    spans = np.zeros((height, 2), np.int64)
+    for row in range(height):
+        left, right = float(width), -1.0
+        for index in range(len(outline)):
+            (x, y), (other_x, other_y) = outline[index - 1], outline[index]
+            if min(y, other_y) <= row <= max(y, other_y) and y != other_y:
+                crossing = x + (row - y) * (other_x - x) / (other_y - y)
+                left, right = min(left, crossing), max(right, crossing)
+        first, last = int(np.ceil(max(left, 0.0))), int(np.floor(min(right, width - 1.0)))
+        if first <= last:
+            spans[row, 0], spans[row, 1] = first, last + 1
+    return spans
 
 
 @kernel(UINT8, FLOAT64, types.int64, types.int64)
@@ -135,7 +152,7 @@ def _fetch_pairs(
 def _mix(upper: CountLine, lower: CountLine, across: WholeLine, down: WholeLine, line: ByteLine) -> None:
     """Bilinear interpolation."""
     part, byte, bits, one = np.int32(STEPS - 1), np.int32(255), np.int32(8), np.int32(STEPS)
-    half, shift = np.int32(STEPS * STEPS // 2), np.int32(2 * STEP_BITS)
+    half, shift, black = np.int32(STEPS * STEPS // 2), np.int32(2 * STEP_BITS), np.int32(BLACK)
     for index in range(line.size):
         above, below = np.int32(upper[index]), np.int32(lower[index])
         x, y = np.int32(across[index] & part), np.int32(down[index] & part)
@@ -143,15 +160,4 @@ def _mix(upper: CountLine, lower: CountLine, across: WholeLine, down: WholeLine,
         first = np.int32(np.int32((above & byte) * rest) + np.int32((above >> bits) * x))
         second = np.int32(np.int32((below & byte) * rest) + np.int32((below >> bits) * x))
         total = np.int32(np.int32(first * np.int32(one - y)) + np.int32(second * y))
-        line[index] = np.uint8(np.int32(total + half) >> shift)
-
-
-@compiled
-def _clear_outside(across: WholeLine, down: WholeLine, shape: tuple[int, int], line: ByteLine) -> None:
-    """What is not within an image, without its border, becomes `UNSEEN`."""
-    first = np.int32(BORDER_PX * STEPS)
-    right, bottom = np.int32((shape[1] - 1) * STEPS) - first, np.int32((shape[0] - 1) * STEPS) - first
-    for index in range(line.size):
-        x, y = across[index], down[index]
-        is_inside = (x >= first) & (x <= right) & (y >= first) & (y <= bottom)
-        line[index] = max(line[index], BLACK) if is_inside else np.uint8(UNSEEN)
+        line[index] = np.uint8(max(np.int32(np.int32(total + half) >> shift), black))

@@ -43,9 +43,10 @@ def update_background(background, image, mask, rate):
 def foreground(image, background, threshold, tolerance=0):
     """Equation 4 with one threshold."""
     square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
-    bounds = 0, image.shape[0], 0, image.shape[1]
+    height, width = image.shape
+    covered = (0, height, 0, width), np.full((height, 2), (0, width))
     images = background, cv2.erode(background, square), cv2.dilate(background, square)
-    return compare_with_background(image, bounds, *images, np.full_like(image, int(threshold)), 1.0)[0]
+    return compare_with_background(image, *covered, *images, np.full_like(image, int(threshold)), 1.0)[0]
 
 
 @dataclass

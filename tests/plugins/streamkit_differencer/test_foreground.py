@@ -6,6 +6,7 @@ import pytest
 
 from streamkit_differencer.comparison import UNCOMPARED
 from streamkit_differencer.foreground import cleaned, find_foreground, full_size
+from streamkit_differencer.ground import CanvasFrame
 
 SHAPE = (40, 60)
 
@@ -14,8 +15,8 @@ def found(image, tolerance=0, ratio=0.5, known=255):
     """The foreground of an image before a black ground, with thresholds of 20."""
     background, thresholds = np.zeros(SHAPE, np.uint8), np.full(SHAPE, 20, np.uint8)
     thresholds[np.broadcast_to(known, SHAPE) == 0] = UNCOMPARED
-    region = np.s_[0 : SHAPE[0], 0 : SHAPE[1]]
-    return find_foreground(image, region, background, thresholds, tolerance, ratio)
+    frame = CanvasFrame(image, np.s_[0 : SHAPE[0], 0 : SHAPE[1]], np.full((SHAPE[0], 2), (0, SHAPE[1])), True)
+    return find_foreground(frame, background, thresholds, tolerance, ratio)
 
 
 def test_weak_differences_count_beside_strong_ones():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_differencer.ground import KNOWN, UNKNOWN_DEVIATION, Ground, moved
+from streamkit_differencer.ground import DEVIATION_STEPS, KNOWN, UNKNOWN_DEVIATION, Ground, moved
 
 SHAPE = (30, 50)
 
@@ -25,9 +25,9 @@ def test_what_enters_is_unknown():
     for is_scroll in (True, False):
         ground = Ground.unknown((50, 30))
         part = ground.part(np.s_[:, :])
-        part.valid[:], part.deviation[:] = KNOWN, 1.0
+        part.valid[:], part.deviation[:] = KNOWN, 1
         ground.move(translation((10, 0)), is_scroll)
         assert not ground.valid[:, :10].any()
-        assert (ground.deviation[:, :10] == UNKNOWN_DEVIATION).all()
+        assert (ground.deviation[:, :10] == UNKNOWN_DEVIATION * DEVIATION_STEPS).all()
         assert (ground.valid[2:-2, 12:-2] == KNOWN).all()
-        assert (ground.deviation[2:-2, 12:-2] == 1.0).all()
+        assert (ground.deviation[2:-2, 12:-2] == 1).all()

@@ -14,11 +14,12 @@ def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min
     """Learns from a frame; updates `state`."""
     rounded = np.rint(state["background"]).astype(np.uint8)
     names = "background", "deviation", "valid", "known_frames", "other", "other_frames"
-    state = {"deviation": np.zeros(SHAPE, np.float32), **state}
+    state = {"deviation": np.zeros(SHAPE, np.uint8), **state}
     states, bounds = (state[name] for name in names), (0, SHAPE[0], 0, SHAPE[1])
+    spans = np.full((SHAPE[0], 2), (0, SHAPE[1]))
     images = image, mask, quiet, rounded, state["thresholds"]
     limits = quiet_frames, absorb_frames, SAME, min_frames
-    learn(*images, *states, bounds, (0.0, 0.0, 0.0), limits)
+    learn(*images, *states, bounds, spans, (0.0, 0.0, 0.0), limits)
 
 
 def a_state(seed, valid):

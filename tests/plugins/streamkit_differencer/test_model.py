@@ -8,7 +8,7 @@ import pytest
 
 from streamkit.geometry.homography import translation
 from streamkit_differencer.foreground import MOVING, STOPPED
-from streamkit_differencer.ground import PROVISIONAL
+from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL, CanvasFrame
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION
 from streamkit_differencer.settings import BackgroundSettings
@@ -36,9 +36,10 @@ def with_thing(image, x, y=20, size=10, tone=250):
 
 def show(model, image, seen=SEEN, region=WHOLE):
     """Gives a model a frame: its foreground, 128 where that is quiet, and if it follows the exposure."""
-    frame = np.zeros(SHAPE, np.uint8)
-    frame[region] = np.minimum(image, seen)
-    found = model.update(frame, region)
+    canvas, (rows, columns) = np.zeros(SHAPE, np.uint8), region
+    canvas[region] = np.minimum(image, seen)
+    spans = np.full((rows.stop - rows.start, 2), (columns.start, columns.stop))
+    found = model.update(CanvasFrame(canvas, region, spans, is_resampled=True))
     return cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)), found.follows_exposure
 
 
@@ -64,7 +65,7 @@ def test_new_ground_begins_with_the_noise_that_edges_may_have():
     """A first deviation and a share of the local range."""
     image = np.full(SHAPE, 100, np.uint8)
     image[:, 80:] = 150
-    deviation = learnt(image=image, frames=2).ground.deviation
+    deviation = learnt(image=image, frames=2).ground.deviation / DEVIATION_STEPS
     np.testing.assert_allclose(deviation[:, :79], FIRST_DEVIATION)
     np.testing.assert_allclose(deviation[:, 79:81], FIRST_DEVIATION + 50 * EDGE_SHARE)
 

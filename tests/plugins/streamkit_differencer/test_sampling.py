@@ -18,7 +18,12 @@ def texture(seed=0, shape=SHAPE):
 
 def drawn(image, place):
     """The frame on the canvas, the region that it covers, and whether it was resampled."""
-    return draw_on_canvas(image, place, CANVAS[::-1])
+    frame = draw_on_canvas(image, place, CANVAS[::-1])
+    is_seen = np.zeros(CANVAS, bool)
+    for row, (first, last) in enumerate(frame.spans, frame.region[0].start):
+        is_seen[row, first:last] = True
+    np.testing.assert_array_equal(frame.image > 0, is_seen)
+    return frame.image, frame.region, frame.is_resampled
 
 
 @pytest.mark.parametrize("place", [TURNED, translation((10.25, 7.5))])
