@@ -14,6 +14,7 @@ from streamkit_differencer.arrays import (
     FloatImage,
     FloatLine,
     Spans,
+    has_set,
 )
 from streamkit_differencer.equations import (
     MAX_WAIT,
@@ -184,56 +185,79 @@ def _set_uncompared(image: ByteLine, valid: ByteLine, thresholds: ByteLine) -> N
         thresholds[index] = np.uint8(UNCOMPARED) if is_missing else thresholds[index]
 
 
-@kernel(UINT8, BOUNDS, SPANS, *[UINT8] * 4, types.float64)
+@kernel(UINT8, BOUNDS, SPANS, *[UINT8] * 3)
 def compare_with_background(
     image: ByteImage,
     bounds: Bounds,
     spans: Spans,
-    background: ByteImage,
     lowest: ByteImage,
     highest: ByteImage,
     thresholds: ByteImage,
-    hysteresis_ratio: float,
-) -> tuple[ByteImage, ByteImage]:
-    """Equation 4 with two thresholds.
+) -> ByteImage:
+    """Equation 4: mask, uint8[h, w], of what differs from the background beyond the tolerance.
 
     Args:
         image: uint8, f(t) on the canvas.
         bounds: the part of the canvas that the frame covers.
         spans: int64[h, 2], the columns of each of its rows that show the frame.
-        background: uint8[h, w], B(t - 1) in whole grey levels, of that part, as what follows.
         lowest: uint8[h, w], the least value of the background within the tolerance.
         highest: uint8[h, w], the largest one.
         thresholds: uint8[h, w], see `find_limits`.
-        hysteresis_ratio: lower threshold over the upper one.
-
-    Returns:
-        uint8[h, w] each: mask of the pixels that differ from the background beyond the tolerance by more than
-        the threshold; mask of those that differ from the background itself by more than the lower one.
     """
     top, bottom, left, _ = bounds
-    strong, weak = np.zeros_like(background), np.zeros_like(background)
-    ratio = np.float32(hysteresis_ratio)
+    mask = np.zeros_like(thresholds)
     for line in range(bottom - top):
-        values, part = image[top + line, spans[line, 0] : spans[line, 1]], spans[line] - left
-        here = slice(part[0], part[1])
-        limits = thresholds[line, here]
-        find_foreground_pixels(values, lowest[line, here], highest[line, here], limits, strong[line, here])
-        _find_weak(values, background[line, here], limits, ratio, weak[line, here])
-    return strong, weak
+        first, last = spans[line]
+        values, here = image[top + line, first:last], slice(first - left, last - left)
+        limits = lowest[line, here], highest[line, here], thresholds[line, here]
+        find_foreground_pixels(values, *limits, mask[line, here])
+    return mask
+
+
+@kernel(UINT8, UINT8, UINT8, BOUNDS, SPANS, UINT8, UINT8, types.float64)
+def add_weak(
+    mask: ByteImage,
+    near: ByteImage,
+    image: ByteImage,
+    bounds: Bounds,
+    spans: Spans,
+    background: ByteImage,
+    thresholds: ByteImage,
+    ratio: float,
+) -> None:
+    """Adds what is near the foreground and differs from the background by more than a lower threshold.
+
+    Args:
+        mask: uint8[h, w], foreground; updated in place.
+        near: uint8[h, w], mask of what is near it.
+        image: uint8, f(t) on the canvas.
+        bounds: the part of the canvas that the frame covers.
+        spans: int64[h, 2], the columns of each of its rows that show the frame.
+        background: uint8[h, w], B(t - 1) in whole grey levels.
+        thresholds: uint8[h, w], see `find_limits`.
+        ratio: lower threshold over the upper one.
+    """
+    top, bottom, left, _ = bounds
+    for line in range(bottom - top):
+        first, last = spans[line]
+        here = slice(first - left, last - left)
+        if has_set(near[line, here]):
+            images = image[top + line, first:last], background[line, here], thresholds[line, here]
+            _add_weak(*images, near[line, here], np.float32(ratio), mask[line, here])
 
 
 @compiled
-def _find_weak(
+def _add_weak(
     image: ByteLine,
     background: ByteLine,
     thresholds: ByteLine,
+    near: ByteLine,
     ratio: np.float32,
-    weak: ByteLine,
+    mask: ByteLine,
 ) -> None:
-    for index in range(weak.size):
+    for index in range(mask.size):
         value, other = image[index], background[index]
         difference = np.float32(np.uint8(max(value, other) - min(value, other)))
         limit = np.rint(np.float32(thresholds[index]) * ratio)
-        is_compared = thresholds[index] < np.uint8(UNCOMPARED)
-        weak[index] = SET if (difference > limit) & is_compared else np.uint8(0)
+        is_weak = (difference > limit) & (thresholds[index] < np.uint8(UNCOMPARED))
+        mask[index] |= near[index] if is_weak else np.uint8(0)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, bounds_of
-from streamkit_differencer.comparison import compare_with_background
+from streamkit_differencer.comparison import add_weak, compare_with_background
 from streamkit_differencer.ground import CanvasFrame
 
 # Values of a finished mask: foreground that changed within quiet_frames, foreground that is quiet, shadow.
@@ -50,13 +50,14 @@ def find_foreground(
         square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
         lowest = cast("ByteImage", cv2.erode(background, square))
         highest = cast("ByteImage", cv2.dilate(background, square))
-    images = background, lowest, highest, thresholds
-    covered = bounds_of(frame.region), frame.spans
-    strong, weak = compare_with_background(frame.image, *covered, *images, hysteresis_ratio)
+    covered = frame.image, bounds_of(frame.region), frame.spans
+    mask = compare_with_background(*covered, lowest, highest, thresholds)
     if tolerance <= 0 or hysteresis_ratio >= 1.0:
-        return strong
-    mask = cast("ByteImage", cv2.medianBlur(strong, 3))
-    return mask | (weak & cast("ByteImage", cv2.dilate(mask, _GROWTH)))
+        return mask
+    mask = cast("ByteImage", cv2.medianBlur(mask, 3))
+    near = cast("ByteImage", cv2.dilate(mask, _GROWTH))
+    add_weak(mask, near, *covered, background, thresholds, hysteresis_ratio)
+    return mask
 
 
 def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:

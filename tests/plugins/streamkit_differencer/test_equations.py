@@ -45,8 +45,8 @@ def foreground(image, background, threshold, tolerance=0):
     square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
     height, width = image.shape
     covered = (0, height, 0, width), np.full((height, 2), (0, width))
-    images = background, cv2.erode(background, square), cv2.dilate(background, square)
-    return compare_with_background(image, *covered, *images, np.full_like(image, int(threshold)), 1.0)[0]
+    limits = cv2.erode(background, square), cv2.dilate(background, square)
+    return compare_with_background(image, *covered, *limits, np.full_like(image, int(threshold)))
 
 
 @dataclass
