@@ -15,7 +15,6 @@ import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of
 from streamkit_differencer.comparison import find_limits, find_quiet_ground
-from streamkit_differencer.equations import MAX_WAIT
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
@@ -121,14 +120,12 @@ class BackgroundModel:
     def _find_quiet(self, frame: CanvasFrame) -> ByteImage:
         """Equations 1 and 2; ground that was never quiet yet gets a provisional background."""
         settings, ground = self.settings, self.ground
-        if not self._history:
-            # Without an earlier frame no pixel counts as quiet.
-            ground.waiting[frame.image > UNSEEN] = MAX_WAIT
-            return np.zeros_like(frame.image[frame.region])
+        # Without an earlier frame no pixel counts as quiet.
+        earlier = self._history[0] if self._history else np.full_like(frame.image, UNSEEN)
         gradient_gain = settings.gradient_gain if frame.is_resampled else 0.0
         return find_quiet_ground(
             frame.image,
-            self._history[0],
+            earlier,
             ground.waiting,
             ground.background,
             ground.deviation,
