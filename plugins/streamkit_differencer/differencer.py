@@ -134,7 +134,8 @@ class Differencer:
             frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
             frame.image[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = UNSEEN
         self._model.settings = self.settings.background
-        parallax = self._parallax(position, working.shape, is_registered=motion is not None)
+        # A camera that is fixed, shakes or turns has no parallax; one that flies has a registration.
+        parallax = self._parallax(position, working.shape) if motion else None
         found = self._model.update(frame, parallax)
         rows, columns = frame.region
         to_region = translation(np.array([-columns.start, -rows.start])) @ position.working_to_canvas
@@ -181,9 +182,7 @@ class Differencer:
         self._centres = [project(change, point[None])[0] for point in self._centres]
         return position
 
-    def _parallax(
-        self, position: FramePosition, shape: tuple[int, ...], is_registered: bool
-    ) -> FloatArray | None:
+    def _parallax(self, position: FramePosition, shape: tuple[int, ...]) -> FloatArray | None:
         """Vector on the canvas, px, to where tall objects may have shifted from; None for no shift."""
         middle = np.array([[shape[1], shape[0]]]) / 2
         self._centres.append(project(position.working_to_canvas, middle)[0])
@@ -191,7 +190,7 @@ class Differencer:
         step = self._centres[-1] - self._centres[0]
         if np.hypot(*step) < MIN_STEP_PX:
             return None
-        self._model.flies |= is_registered
+        self._model.flies = True
         return step * self.settings.objects.parallax if self.settings.objects.parallax > 0.0 else None
 
     def _objects(

@@ -122,12 +122,12 @@ class ObjectSettings:
     """Settings of what counts as an object."""
 
     parallax: float = setting(
-        0.2,
+        0.5,
         min=0.0,
         max=1.0,
         live=True,
-        doc="Under a moving camera removes the parallax of objects as tall as this share of the camera's "
-        "height above them; objects that drive slowly towards the camera may be lost; 0 is off.",
+        doc="Behind stitch, removes the parallax of objects as tall as this share of the camera's height "
+        "above them; objects that move slowly towards the camera may be lost; 0 is off.",
     )
     median: int = setting(
         7, min=0, max=13, live=True, unit="px", doc="Width of the median filter on the foreground; 0 is off."

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 from streamkit_differencer.canvas import CanvasChange, Motion
 from streamkit_differencer.differencer import Differencer, ModelChange
 from streamkit_differencer.sampling import downsampled
-from streamkit_differencer.settings import BackgroundSettings, DifferencerSettings
+from streamkit_differencer.settings import BackgroundSettings, DifferencerSettings, ObjectSettings
 
 WARM_UP = 32
 MATCH_PX = 15.0
@@ -281,3 +281,34 @@ def test_a_hidden_hud_is_no_evidence_that_the_camera_stands_still(step):
     results = [differencer.update(np.where(hud > 0, hud, view), None) for view in views]
     assert None not in results
     assert np.mean([(result.foreground > 0).mean() for result in results]) < 0.01
+
+
+def flight_over_a_roof(relief, frames=70):
+    """Textured ground under a camera that flies 4 px a frame, and a roof that shifts by a share of that."""
+    random = np.random.default_rng(5)
+    ground = cv2.resize(random.integers(70, 120, (60, 240)).astype(np.uint8), (960, 240))
+    for time in range(frames):
+        view = ground[:, 4 * time : 4 * time + 480].copy()
+        x = 460 - round(4 * time * (1 + relief))
+        view[60:180, max(x, 0) : max(x + 90, 0)] = 225
+        yield view, Motion(np.array([[1.0, 0, 4 * time], [0, 1, 0], [0, 0, 1]]))
+
+
+@pytest.mark.parametrize(("settings", "is_reported"), [({}, False), ({"parallax": 0.2}, True)])
+def test_a_tall_roof_under_a_low_flight_is_left_out(settings, is_reported):
+    """It is as tall as .3 of the camera's height above it; where less is allowed, its shift is a mover."""
+    differencer = Differencer(DifferencerSettings(objects=ObjectSettings(**settings)))
+    found = [len(differencer.update(*given).objects) for given in flight_over_a_roof(0.3)]
+    assert any(found[WARM_UP:]) == is_reported
+
+
+def test_frames_without_registration_have_no_parallax():
+    """A camera that pans shows none: what moves against the pan is found as with the filter off."""
+    found = []
+    for parallax in (0.0, 1.0):
+        settings = DifferencerSettings(objects=ObjectSettings(parallax=parallax))
+        differencer = Differencer(settings, own_motion=True)
+        results = [differencer.update(view, None) for view, _ in flight_over_a_roof(0.3)]
+        found.append([result.objects.boxes.tolist() for result in results if result])
+    assert found[0] == found[1]
+    assert any(found[0])
