@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from streamkit_kernels import compiled, product
+from streamkit_kernels import compiled
 from streamkit_tracker.appearance.feature_template import unit_rows
+from streamkit_tracker.appearance.look import Look, differences
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
     TENTATIVE,
@@ -20,7 +21,7 @@ from streamkit_tracker.targets import (
     TargetTable,
     centroid_std,
 )
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, Float32Array, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
 MIN_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
@@ -28,7 +29,8 @@ MIN_SIZE = 4.0
 TOUCHING = 0.05
 MISMATCH_STD = 0.12
 CROWDED_MISMATCH_STD = 0.5
-FEATURE_WEIGHT, FEATURE_RATE = 2.0, 0.2
+LOOK_WEIGHT = 2.0
+LOOK_RATE, OBJECT_LOOK_RATE = 0.2, 0.05  # per detection; what covers an object must not become its look
 ALIKE = 0.5  # difference of the sides, relative
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
 SCORE_RATE, WEAK_SHARE = 0.02, 0.5  # per frame; of the usual score
@@ -78,7 +80,7 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
         weak = _assign_group(table, group, weak, detected, observation)
     strong = _assign_group(table, ~known, strong, detected, observation)
     if observation.features is not None:
-        _remember_features(table, observation)
+        _learn_looks(table, observation.features, observation)
     return strong
 
 
@@ -104,7 +106,8 @@ def _assign_group(
         return free
     unlike = np.zeros((len(members), len(free)))
     if observation.features is not None:
-        unlike = _feature_costs([table.models[index] for index in members.tolist()], free, observation)
+        models = [table.models[index] for index in members.tolist()]
+        unlike = _look_costs(models, observation.features[free], observation)
     found = compare(rows, members, detected[free], unlike)
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
@@ -129,31 +132,35 @@ def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
     return rows[allowed], columns[allowed]
 
 
-def _remember_features(table: TargetTable, observation: Observation) -> None:
-    """Lets the feature vectors of detected targets follow those of their detections."""
-    assert observation.features is not None
+def _learn_looks(table: TargetTable, vectors: Float32Array, observation: Observation) -> None:
+    """Lets the looks of detected targets follow the vectors float[d, k] of the detections."""
+    rate = OBJECT_LOOK_RATE if observation.are_objects else LOOK_RATE
     for model, detection in zip(table.models, table.rows["detection"].tolist(), strict=True):
         if detection < 0:
             continue
-        vector = np.asarray(observation.features[detection], np.float64)
-        if model.feature is not None and model.feature_version == observation.features_version:
-            vector = (1 - FEATURE_RATE) * model.feature + FEATURE_RATE * vector
-        model.feature, model.feature_version = vector, observation.features_version
+        vector = np.nan_to_num(np.asarray(vectors[detection], np.float64))
+        if model.look is None or model.look.version != observation.features_version:
+            model.look = Look(vector, observation.features_version)
+        else:
+            model.look.learn(vector, rate)
 
 
-def _feature_costs(models: Sequence[TargetModel], free: IndexArray, observation: Observation) -> FloatArray:
-    """Costs of the feature vectors: 0 for the same direction, up to 4 for the opposite."""
-    costs, version = np.zeros((len(models), len(free))), observation.features_version
-    assert observation.features is not None
-    known = {
-        row: model.feature
+def _look_costs(models: Sequence[TargetModel], vectors: Float32Array, observation: Observation) -> FloatArray:
+    """Costs float64[t, d] of the looks: 0 for the same direction as the mean, up to 4 for the opposite.
+
+    An object that is too unlike is another one: where one person covers another, boxes alone would go over
+    from one to the other. Regions of motion merge and split, so that there it costs only.
+    """
+    costs = np.zeros((len(models), len(vectors)))
+    looks = {
+        row: model.look
         for row, model in enumerate(models)
-        if model.feature is not None and model.feature_version == version
+        if model.look is not None and model.look.version == observation.features_version
     }
-    if known:
-        vectors = unit_rows(np.nan_to_num(observation.features[free]))
-        features = unit_rows(np.array(list(known.values()), np.float32))
-        costs[list(known)] = FEATURE_WEIGHT * (1.0 - product(features, vectors.T))
+    if looks:
+        unlike = differences(list(looks.values()), unit_rows(np.nan_to_num(vectors)))
+        limits = np.array([look.limit if observation.are_objects else np.inf for look in looks.values()])
+        costs[list(looks)] = np.where(unlike > limits[:, None], np.inf, LOOK_WEIGHT * unlike)
     return costs
 
 
@@ -173,7 +180,7 @@ def compare(
         targets: the table, of which the expected `detection_std` is filled.
         members: intp[t], rows that are compared.
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
-        unlike: float64[t, d], added to the costs.
+        unlike: float64[t, d], added to the costs; infinite where the look forbids a pair.
     """
     shape = len(members), len(detected)
     costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)

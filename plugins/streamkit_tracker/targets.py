@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from streamkit_tracker.appearance.correlation_filter import Memory, Response
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
+from streamkit_tracker.appearance.look import Look
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
@@ -90,8 +91,7 @@ class TargetModel:
         patch: samples of a compared patch (rows, columns).
         memory: correlation filter against the background, for targets drawn by hand, else None.
         response: of that filter in this frame, or None.
-        feature: float64[k], mean of its detections' feature vectors, or None.
-        feature_version: of the space they are in.
+        look: what the vectors of its detections have shown, or None.
     """
 
     generator: np.random.Generator
@@ -102,8 +102,7 @@ class TargetModel:
     patch: tuple[int, int] = (0, 0)
     memory: Memory | None = None
     response: Response | None = None
-    feature: FloatArray | None = None
-    feature_version: int = 0
+    look: Look | None = None
 
 
 @dataclass(eq=False)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
+from streamkit_tracker.appearance.box_colours import COLOURS_VERSION, box_colours
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.associate import associate
 from streamkit_tracker.budget import Budget
@@ -90,6 +92,9 @@ class MultiTargetTracker:
         targets.drop_lost()
         if observation.detector_ran:
             targets.are_objects = observation.are_objects
+        if observation.are_objects and observation.features is None:
+            colours = box_colours(image, observation.chroma, observation.boxes)
+            observation = replace(observation, features=colours, features_version=COLOURS_VERSION)
         sampler.set_frame(image, observation.chroma)
         if not self._carry(image, observation):
             return report(targets, observation)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from streamkit_kernels import compiled, product
 from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY
@@ -94,9 +96,10 @@ class RegionFeatures:
         gradients = gradient_channels(patch.reshape(1, SAMPLES, SAMPLES))[0]
         levels = patch.reshape(GRID, CELL, GRID, CELL).mean(axis=(1, 3)) + MIDDLE_GREY
         chroma = sampler.sample_chroma(wider, (GRID, GRID))
-        colours, bins = np.empty((COLOUR_CHANNELS, GRID * GRID), np.float32), np.empty(GRID * GRID, np.int64)
-        _classify(levels.ravel(), chroma, colours, bins)
-        return gradients.reshape(len(gradients), -1), colours, bins.reshape(GRID, GRID)
+        colours = np.empty((COLOUR_CHANNELS, GRID * GRID), np.float32)
+        _classify(levels.ravel(), chroma, colours)
+        bins = colour_bins(levels, chroma.reshape(2, GRID, GRID))
+        return gradients.reshape(len(gradients), -1), colours, bins
 
 
 def _principal(channels: Float32Array, count: int) -> Float32Array:
@@ -106,15 +109,25 @@ def _principal(channels: Float32Array, count: int) -> Float32Array:
     return np.ascontiguousarray(vectors[:, ::-1][:, :count].T, np.float32)
 
 
+def colour_bins(levels: NDArray[Any], chroma: NDArray[Any]) -> IntArray:
+    """Bins of a histogram with 8 levels and 16 x 16 chromas, int64[...].
+
+    Args:
+        levels: [...], 0 to 255.
+        chroma: [2, ...], u and v, 0 in a frame without colour.
+    """
+    rows, columns = np.clip((chroma.astype(np.float64) / 8 + 8).astype(np.int64), 0, 15)
+    return np.asarray((np.clip((levels / 32).astype(np.int64), 0, 7) * 16 + rows) * 16 + columns)
+
+
 @compiled
-def _classify(levels: Float32Array, chroma: Float32Array, colours: Float32Array, bins: IntArray) -> None:
-    """Memberships in hues and greys, and the bin of a histogram with 8 levels and 16 x 16 chromas.
+def _classify(levels: Float32Array, chroma: Float32Array, colours: Float32Array) -> None:
+    """Memberships in hues and greys.
 
     Args:
         levels: float32[cells], 0 to 255.
         chroma: float32[2, cells], u and v, 0 in a frame without colour.
         colours: float32[9, cells], is filled.
-        bins: int64[cells], is filled.
     """
     for cell in range(len(levels)):
         u, v, level = chroma[0, cell], chroma[1, cell], levels[cell]
@@ -128,9 +141,6 @@ def _classify(levels: Float32Array, chroma: Float32Array, colours: Float32Array,
         colours[HUES, cell] = grey * max(-light, 0.0)
         colours[HUES + 1, cell] = grey * (1 - abs(light))
         colours[HUES + 2, cell] = grey * max(light, 0.0)
-        row = min(max(int(u / 8 + 8), 0), 15)
-        column = min(max(int(v / 8 + 8), 0), 15)
-        bins[cell] = (min(max(int(level / 32), 0), 7) * 16 + row) * 16 + column
 
 
 class ColourHistogram:

@@ -280,6 +280,35 @@ def test_features_decide_between_detections_that_lie_alike():
     assert reports[0].window[0] < 49.5
 
 
+@pytest.mark.parametrize("jacket", [210, 90])
+def test_an_object_covered_by_another_does_not_give_it_its_id(jacket: int):
+    """One person stops behind another, whose box then lies where the first one's is expected.
+
+    The newcomer looks like the first one, and takes the id as far as boxes can tell; or unlike it.
+    """
+    tracker, numbers = MultiTargetTracker(), []
+    for index in range(40):
+        is_covered = index >= 20
+        left = 40.0 + 2 * index + 4 * is_covered
+        box = np.array([[left, 30, left + 20, 90]])
+        red = np.full((60, 100), 128, np.uint8)
+        red[15:30, int(left / 2) : int(left / 2) + 10] = jacket if is_covered else 210
+        reports = tracker.step(
+            np.full((120, 200), 100, np.uint8),
+            Observation(
+                0.04,
+                chroma=(np.full((60, 100), 128, np.uint8), red),
+                centroids=(box[:, :2] + box[:, 2:]) / 2,
+                boxes=box,
+                scores=np.ones(1),
+                are_objects=True,
+            ),
+        )
+        numbers.append([report.id for report in confirmed(reports)])
+    assert numbers[10:20] == [[1]] * 10
+    assert numbers[-1] == ([1] if jacket == 210 else [2])
+
+
 def large_and_part(index: int, *, with_large: bool) -> Observation:
     """A region of 40x100 px whose centre of mass lies low, and one of 12x10 px within it; both move."""
     boxes = np.array([[60.0, 90, 72, 100], [50, 40, 90, 140]]) + 2 * index * np.array([1, 0, 1, 0])

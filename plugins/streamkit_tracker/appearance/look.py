@@ -1,0 +1,51 @@
+"""How a target looks to the vectors that come with its detections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from streamkit_kernels import product
+from streamkit_tracker.appearance.feature_template import unit_rows
+from streamkit_tracker.window_geometry import Float32Array, FloatArray
+
+FIRST_DIFFERENCE, DIFFERENCE_RATE = 0.1, 0.1
+MIN_LIMIT, USUAL_TIMES = 0.05, 2.0
+
+
+class Look:
+    """Mean of the vectors of a target's detections, and how far they usually are from it.
+
+    A person who turns differs more from the own mean than one who walks straight on, so what is too
+    different is relative to the target.
+
+    Args:
+        vector: float[k], of the first detection.
+        version: of the space it is in; vectors of different versions do not compare.
+
+    Attributes:
+        mean: float[k].
+        version: of the space it is in.
+        usual_difference: running mean of the differences, one minus the cosine.
+    """
+
+    def __init__(self, vector: FloatArray, version: int) -> None:
+        self.mean, self.version, self.usual_difference = vector, version, FIRST_DIFFERENCE
+
+    @property
+    def limit(self) -> float:
+        """Difference above which a detection is of something else."""
+        return MIN_LIMIT + USUAL_TIMES * self.usual_difference
+
+    def learn(self, vector: FloatArray, rate: float) -> None:
+        """Moves the mean towards the vector float[k] of a detection of the target."""
+        difference = float(differences([self], unit_rows(vector[None].astype(np.float32)))[0, 0])
+        self.usual_difference += DIFFERENCE_RATE * (difference - self.usual_difference)
+        self.mean = (1 - rate) * self.mean + rate * vector
+
+
+def differences(looks: Sequence[Look], vectors: Float32Array) -> Float32Array:
+    """One minus the cosine between t means and d unit vectors float32[d, k]: float32[t, d], 0 to 2."""
+    means = unit_rows(np.array([look.mean for look in looks], np.float32))
+    return np.asarray(1 - product(means, vectors.T), np.float32)
