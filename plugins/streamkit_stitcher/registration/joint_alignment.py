@@ -82,47 +82,38 @@ def align_jointly(
 
     Source: Baker and Matthews, Lucas-Kanade 20 years on, IJCV 2004, section 3.2 (inverse compositional).
     """
-    count, pixels, scaling = len(patches.numbers), np.ascontiguousarray(image), scaling_of(patches.centres)
-    matrix, normal = key_to_frame.copy(), np.empty((8, 8))
-    products, information = np.empty((3, count)), np.empty((3, count))
-    alike, near = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.bool_)
-    size = math.inf
+    pixels, scaling, matrix = np.ascontiguousarray(image), scaling_of(patches.centres), key_to_frame.copy()
     for _ in range(_PASSES):
-        size, visible_count, variance = improve(
+        step = improve(
             pixels,
             patches.centres,
             patches.probes,
             patches.usable,
-            scaling,
             patches.inverse_hessian,
+            scaling,
             matrix,
-            products,
-            information,
-            normal,
-            alike,
-            near,
         )
-        if size < _SETTLED or size > _WILD:
+        if step.size < _SETTLED or step.size > _WILD:
             break
-    if not size < _SETTLED:
+    if not step.size < _SETTLED:
         return None
-    residuals = products[:2]
+    residuals, correlated, on_plane = step.residuals, step.correlated, step.on_plane
     squares = np.einsum("in,in->n", residuals, residuals)
-    agreeing = np.flatnonzero(alike & (squares < threshold**2))
+    agreeing = np.flatnonzero(correlated & (squares < threshold**2))
     key_points = patches.centres[agreeing]
-    xx, xy, yy = information[:, agreeing]
-    solved, covariance = cv2.invert(normal, flags=cv2.DECOMP_CHOLESKY)
+    xx, xy, yy = step.information[:, agreeing]
+    solved, covariance = cv2.invert(step.normal, flags=cv2.DECOMP_CHOLESKY)
     outline = project(inverse(matrix), corners(image.shape[:2]))
     return JointAlignment(
         matrix,
         key_points,
         project(matrix, key_points + residuals[:, agreeing].T),
         patches.numbers[agreeing],
-        np.where(near[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
+        np.where(on_plane[agreeing], (xx + yy) / (xx * yy - xy * xy), np.inf),
         math.sqrt(float(squares[agreeing].sum()) / max(1, len(agreeing))),
-        int(np.count_nonzero(alike)),
-        visible_count,
-        worst_deviation(np.asarray(variance * covariance), scaling, outline) if solved else math.inf,
-        patches.numbers[alike & ~near],
-        patches.numbers[alike & near],
+        int(np.count_nonzero(correlated)),
+        step.visible_count,
+        worst_deviation(np.asarray(step.variance * covariance), scaling, outline) if solved else math.inf,
+        patches.numbers[correlated & ~on_plane],
+        patches.numbers[correlated & on_plane],
     )

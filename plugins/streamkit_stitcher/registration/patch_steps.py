@@ -6,7 +6,7 @@ normalised coordinates; `parameters` float64[8], of a step in these; `probes` fl
 an array to a slice takes the compiler seconds, for messages about shapes.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -76,83 +76,117 @@ def settle(
     return False
 
 
-@kernel(
-    UINT8_READONLY,
-    FLOAT64,
-    _PATCHES,
-    BOOL_1D,
-    _VALUES,
-    _MATRICES,
-    FLOAT64,
-    FLOAT64,
-    FLOAT64,
-    FLOAT64,
-    BOOL_1D,
-    BOOL_1D,
-)
+class JointStep(NamedTuple):
+    """One step of the motion over all n patches of a keyframe, and what is left after it.
+
+    Attributes:
+        size: largest displacement of a patch in view, px; infinite where no step was found.
+        visible_count: number of patches in view.
+        variance: of a position relative to its covariance.
+        residuals: float64[2, n], shift of each patch after the step, x and y, px of the keyframe.
+        information: float64[3, n], inverse covariance of each position, x x, x y, y y, 1 / px^2.
+        normal: float64[8, 8], normal matrix of the step.
+        correlated: bool[n], patches in view that look like the frame.
+        on_plane: bool[n], of these the ones that the step explains to within their covariances.
+    """
+
+    size: float
+    visible_count: int
+    variance: float
+    residuals: FloatArray
+    information: FloatArray
+    normal: FloatArray
+    correlated: MaskArray
+    on_plane: MaskArray
+
+
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, _MATRICES, _VALUES, FLOAT64)
 def improve(
     image: GreyArray,
     centres: FloatArray,
     probes: _SingleArray,
     usable: MaskArray,
-    scaling: FloatArray,
     inverse_hessian: FloatArray,
+    scaling: FloatArray,
     matrix: FloatArray,
-    products: FloatArray,
-    information: FloatArray,
-    normal: FloatArray,
-    alike: MaskArray,
-    near: MaskArray,
-) -> tuple[float, int, float]:
+) -> JointStep:
     """One step of the motion that minimises all differences, weighted by each patch's covariance.
 
-    Patches off the plane are found while all patches have about equal weights. Results, besides `matrix`:
-    `products` as of `probe`, with the residuals after the step; `information` float64[3, n], inverse
-    covariance of each position, x x, x y, y y, 1 / px^2; the `normal` matrix; the `alike` patches, in view
-    and correlated; of these the patches `near` the plane, within their covariances.
-
-    Returns:
-        The largest displacement of a patch in view, px, infinite if too few are correlated; the number of
-        patches in view; the variance of a position relative to its covariance.
+    Two fits: the first, in which all patches have about equal weights, finds the patches off the plane; the
+    second is of those on it. `matrix`, the motion, takes the step; without one (too few patches correlate, or
+    they leave it undetermined) it stays.
     """
     count = len(centres)
-    seen, moves, parameters = np.empty(count, np.bool_), np.empty((2, count)), np.empty(8)
-    squares, counted = np.empty(count), np.empty((3, count))
+    products, seen = np.empty((3, count)), np.empty(count, np.bool_)
+    correlated, on_plane = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    information, weights, squares = np.empty((3, count)), np.empty((3, count)), np.empty(count)
+    normal, parameters, moves = np.empty((8, 8)), np.empty(8), np.empty((2, count))
+    size, variance = np.inf, 0.0
     visible_count = probe(image, centres, probes, usable, matrix, products, seen)
-    if _above(products, seen, _MIN_CORRELATION, alike) < max(_FEWEST, visible_count // 3):
-        return np.inf, visible_count, 0.0
-    _inform(products, inverse_hessian, information)
-    _together(products, alike, near, squares)
+    found = _above(products, seen, _MIN_CORRELATION, correlated) >= max(_FEWEST, visible_count // 3)
+    if found:
+        _inform(products, inverse_hessian, information)
+        _together(products, correlated, on_plane, squares)
+        _weigh_alike(information, correlated, on_plane, weights)
+        found = solve(centres, scaling, products, weights, normal, parameters)
+    if found:
+        displace(centres, scaling, parameters, seen, moves)
+        _weighted_squares(products, moves, information, squares)
+        _find_on_plane(squares, correlated, on_plane)
+        _weigh_by_covariance(information, on_plane, weights)
+        found = solve(centres, scaling, products, weights, normal, parameters)
+    if found:
+        size = displace(centres, scaling, parameters, seen, moves)
+        compose(matrix, scaling, parameters)
+        _weighted_squares(products, moves, information, squares)
+        variance = _mean_square(squares, on_plane)
+        for patch in range(count):
+            products[0, patch] -= moves[0, patch]
+            products[1, patch] -= moves[1, patch]
+    return JointStep(size, visible_count, variance, products[:2], information, normal, correlated, on_plane)
+
+
+@compiled
+def _weigh_alike(
+    information: FloatArray, correlated: MaskArray, near: MaskArray, weights: FloatArray
+) -> None:
+    """About equal weights, alike in all directions, of the patches `near` the common shift."""
+    count = len(near)
+    strengths = np.empty(count)
     for patch in range(count):
         xx, xy, yy = information[0, patch], information[1, patch], information[2, patch]
-        squares[patch] = (xx * yy - xy * xy) / (xx + yy)
-    most = _median(squares, alike)
+        strengths[patch] = (xx * yy - xy * xy) / (xx + yy)
+    most = _median(strengths, correlated)
     for patch in range(count):
-        counted[0, patch] = counted[2, patch] = min(squares[patch], most) if near[patch] else 0.0
-        counted[1, patch] = 0.0
-    if not solve(centres, scaling, products, counted, normal, parameters):
-        return np.inf, visible_count, 0.0
-    displace(centres, scaling, parameters, seen, moves)
-    _weighted_squares(products, moves, information, squares)
-    bound = OFF_PLANE * _median(squares, alike)
-    freedom = -8
-    for patch in range(count):
-        near[patch] = alike[patch] and squares[patch] < bound
-        freedom += 2 * near[patch]
+        weights[0, patch] = weights[2, patch] = min(strengths[patch], most) if near[patch] else 0.0
+        weights[1, patch] = 0.0
+
+
+@compiled
+def _find_on_plane(squares: FloatArray, correlated: MaskArray, on_plane: MaskArray) -> None:
+    """Chooses the correlated patches whose squared residual is below a multiple of the median."""
+    bound = OFF_PLANE * _median(squares, correlated)
+    for patch in range(len(squares)):
+        on_plane[patch] = correlated[patch] and squares[patch] < bound
+
+
+@compiled
+def _weigh_by_covariance(information: FloatArray, on_plane: MaskArray, weights: FloatArray) -> None:
+    """Weights of the patches on the plane: their inverse covariances."""
+    for patch in range(len(on_plane)):
         for row in range(3):
-            counted[row, patch] = information[row, patch] if near[patch] else 0.0
-    if not solve(centres, scaling, products, counted, normal, parameters):
-        return np.inf, visible_count, 0.0
-    far = displace(centres, scaling, parameters, seen, moves)
-    compose(matrix, scaling, parameters)
-    _weighted_squares(products, moves, information, squares)
-    total = 0.0
-    for patch in range(count):
-        products[0, patch] -= moves[0, patch]
-        products[1, patch] -= moves[1, patch]
-        if near[patch]:
+            weights[row, patch] = information[row, patch] if on_plane[patch] else 0.0
+
+
+@compiled
+def _mean_square(squares: FloatArray, on_plane: MaskArray) -> float:
+    """The squared residuals on the plane over their degrees of freedom less those of the step."""
+    total, freedom = 0.0, -8
+    for patch in range(len(squares)):
+        if on_plane[patch]:
             total += squares[patch]
-    return far, visible_count, total / max(1, freedom)
+            freedom += 2
+    return total / max(1, freedom)
 
 
 @compiled
