@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,7 +10,6 @@ import numpy as np
 import scipy
 
 from streamkit_kernels import compiled
-from streamkit_tracker.appearance.feature_template import unit_rows
 from streamkit_tracker.appearance.look import Look, differences
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
@@ -21,7 +21,7 @@ from streamkit_tracker.targets import (
     TargetTable,
     centroid_std,
 )
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, Float32Array, FloatArray, IntArray
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
 
 GATE = 16.0  # squared standard deviations
 MIN_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
@@ -75,12 +75,13 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     if observation.are_objects and observation.scores is not None:
         is_weak = find_weak(table, observation.scores)
     strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
+    unlike = _compare_looks(table.models, observation)
+    costs = _look_costs(table.models, unlike, observation.are_objects)
     for group in (known & ~asleep, known & asleep):
-        strong = _assign_group(table, group, strong, detected, observation)
-        weak = _assign_group(table, group, weak, detected, observation)
-    strong = _assign_group(table, ~known, strong, detected, observation)
-    if observation.features is not None:
-        _learn_looks(table, observation.features, observation)
+        strong = _assign_group(table, group, strong, detected, costs)
+        weak = _assign_group(table, group, weak, detected, costs)
+    strong = _assign_group(table, ~known, strong, detected, costs)
+    _learn_looks(table, unlike, observation)
     return strong
 
 
@@ -97,18 +98,14 @@ def find_weak(table: TargetTable, scores: FloatArray) -> BoolArray:
 
 
 def _assign_group(
-    table: TargetTable, group: BoolArray, free: IndexArray, detected: FloatArray, observation: Observation
+    table: TargetTable, group: BoolArray, free: IndexArray, detected: FloatArray, look_costs: FloatArray
 ) -> IndexArray:
     """Assigns the detections `free` to the targets of a group that have none yet; returns those left."""
     rows = table.rows
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
         return free
-    unlike = np.zeros((len(members), len(free)))
-    if observation.features is not None:
-        models = [table.models[index] for index in members.tolist()]
-        unlike = _look_costs(models, observation.features[free], observation)
-    found = compare(rows, members, detected[free], unlike)
+    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)])
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
@@ -132,36 +129,51 @@ def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
     return rows[allowed], columns[allowed]
 
 
-def _learn_looks(table: TargetTable, vectors: Float32Array, observation: Observation) -> None:
-    """Lets the looks of detected targets follow the vectors float[d, k] of the detections."""
-    rate = OBJECT_LOOK_RATE if observation.are_objects else LOOK_RATE
-    for model, detection in zip(table.models, table.rows["detection"].tolist(), strict=True):
-        if detection < 0:
-            continue
-        vector = np.nan_to_num(np.asarray(vectors[detection], np.float64))
-        if model.look is None or model.look.version != observation.features_version:
-            model.look = Look(vector, observation.features_version)
-        else:
-            model.look.learn(vector, rate)
-
-
-def _look_costs(models: Sequence[TargetModel], vectors: Float32Array, observation: Observation) -> FloatArray:
-    """Costs float64[t, d] of the looks: 0 for the same direction as the mean, up to 4 for the opposite.
-
-    An object that is too unlike is another one: where one person covers another, boxes alone would go over
-    from one to the other. Regions of motion merge and split, so that there it costs only.
-    """
-    costs = np.zeros((len(models), len(vectors)))
+def _compare_looks(models: Sequence[TargetModel], observation: Observation) -> FloatArray:
+    """Differences float64[t, d] of the detections from the looks of targets, NaN where none compares."""
+    unlike = np.full((len(models), len(observation.centroids)), np.nan)
+    if observation.features is None:
+        return unlike
     looks = {
         row: model.look
         for row, model in enumerate(models)
         if model.look is not None and model.look.version == observation.features_version
     }
     if looks:
-        unlike = differences(list(looks.values()), unit_rows(np.nan_to_num(vectors)))
-        limits = np.array([look.limit if observation.are_objects else np.inf for look in looks.values()])
-        costs[list(looks)] = np.where(unlike > limits[:, None], np.inf, LOOK_WEIGHT * unlike)
+        unlike[list(looks)] = differences(list(looks.values()), np.nan_to_num(observation.features))
+    return unlike
+
+
+def _look_costs(models: Sequence[TargetModel], unlike: FloatArray, are_objects: bool) -> FloatArray:
+    """Costs float64[t, d] of differences: 0 for the same direction as the mean, up to 4 for the opposite.
+
+    An object that is too unlike is another one: where one person covers another, boxes alone would go over
+    from one to the other. Regions of motion merge and split, so that there it costs only.
+    """
+    costs = LOOK_WEIGHT * np.nan_to_num(unlike)
+    if are_objects:
+        limits = np.array([math.inf if model.look is None else model.look.limit for model in models])
+        costs[unlike > limits[:, None]] = np.inf
     return costs
+
+
+def _learn_looks(table: TargetTable, unlike: FloatArray, observation: Observation) -> None:
+    """Lets the looks of detected targets follow the vectors of their detections."""
+    if observation.features is None:
+        return
+    rate = OBJECT_LOOK_RATE if observation.are_objects else LOOK_RATE
+    for row, detection in enumerate(table.rows["detection"].tolist()):
+        if detection < 0:
+            continue
+        model, vector = (
+            table.models[row],
+            np.nan_to_num(np.asarray(observation.features[detection], np.float64)),
+        )
+        difference = unlike.item(row, detection)
+        if model.look is None or math.isnan(difference):
+            model.look = Look(vector, observation.features_version)
+        else:
+            model.look.learn(vector, difference, rate)
 
 
 @compiled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +11,8 @@ from streamkit_kernels import product
 from streamkit_tracker.appearance.feature_template import unit_rows
 from streamkit_tracker.window_geometry import Float32Array, FloatArray
 
-FIRST_DIFFERENCE, DIFFERENCE_RATE = 0.1, 0.1
+DIFFERENCE_RATE = 0.1
+KNOWN_FROM = 5  # detections: before, nothing is too different
 MIN_LIMIT, USUAL_TIMES = 0.05, 2.0
 
 
@@ -31,21 +33,25 @@ class Look:
     """
 
     def __init__(self, vector: FloatArray, version: int) -> None:
-        self.mean, self.version, self.usual_difference = vector, version, FIRST_DIFFERENCE
+        self.mean, self.version, self.usual_difference = vector, version, 0.0
+        self._detections = 0
 
     @property
     def limit(self) -> float:
         """Difference above which a detection is of something else."""
+        if self._detections < KNOWN_FROM:
+            return math.inf
         return MIN_LIMIT + USUAL_TIMES * self.usual_difference
 
-    def learn(self, vector: FloatArray, rate: float) -> None:
-        """Moves the mean towards the vector float[k] of a detection of the target."""
-        difference = float(differences([self], unit_rows(vector[None].astype(np.float32)))[0, 0])
-        self.usual_difference += DIFFERENCE_RATE * (difference - self.usual_difference)
+    def learn(self, vector: FloatArray, difference: float, rate: float) -> None:
+        """Moves the mean by a share towards the vector float[k] of a detection, which differs from it."""
+        self._detections += 1
+        share = max(DIFFERENCE_RATE, 1 / self._detections)
+        self.usual_difference += share * (difference - self.usual_difference)
         self.mean = (1 - rate) * self.mean + rate * vector
 
 
 def differences(looks: Sequence[Look], vectors: Float32Array) -> Float32Array:
-    """One minus the cosine between t means and d unit vectors float32[d, k]: float32[t, d], 0 to 2."""
+    """One minus the cosine between t means and d vectors float32[d, k]: float32[t, d], 0 to 2."""
     means = unit_rows(np.array([look.mean for look in looks], np.float32))
-    return np.asarray(1 - product(means, vectors.T), np.float32)
+    return np.asarray(1 - product(means, unit_rows(vectors).T), np.float32)

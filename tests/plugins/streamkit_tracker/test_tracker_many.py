@@ -309,6 +309,29 @@ def test_an_object_covered_by_another_does_not_give_it_its_id(jacket: int):
     assert numbers[-1] == ([1] if jacket == 210 else [2])
 
 
+def test_objects_that_show_noise_keep_their_ids():
+    """What differs from itself in every frame is not too unlike: twenty boxes over noise, each one target."""
+    generator, tracker = np.random.default_rng(0), MultiTargetTracker()
+    starts = np.column_stack([np.tile(np.arange(5) * 60 + 30, 4), np.repeat(np.arange(4) * 70 + 40, 5)])
+    for index in range(40):
+        image = generator.integers(0, 255, (300, 400)).astype(np.uint8)
+        u, v = generator.integers(0, 255, (2, 150, 200)).astype(np.uint8)
+        centroids, half = starts + np.array([1.0 * index, 0.0]), np.array([15, 25])
+        boxes = np.hstack([centroids - half, centroids + half])
+        reports = tracker.step(
+            image,
+            Observation(
+                0.04,
+                chroma=(u, v),
+                centroids=centroids,
+                boxes=boxes,
+                scores=np.ones(20),
+                are_objects=True,
+            ),
+        )
+    assert [report.id for report in confirmed(reports)] == list(range(1, 21))
+
+
 def large_and_part(index: int, *, with_large: bool) -> Observation:
     """A region of 40x100 px whose centre of mass lies low, and one of 12x10 px within it; both move."""
     boxes = np.array([[60.0, 90, 72, 100], [50, 40, 90, 140]]) + 2 * index * np.array([1, 0, 1, 0])
