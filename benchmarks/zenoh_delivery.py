@@ -43,9 +43,8 @@ def publish(key: str, endpoint: str, count: int, rate: float, patience_s: float)
         Tracks(tracks)
     )
     properties = {"key": key, "connect": endpoint, "mode": "client", "patience_s": patience_s}
-    with Harness("zenohsink", wait_subscribers=SUBSCRIBERS, wait_timeout_s=60, **properties) as harness:
+    with Harness("zenohsink", **properties) as harness:
         sink = cast(ZenohSink, harness.element)
-        sink.wait_subscribers = 0
         sys.stdin.readline()
         began_s = time.monotonic()
         for seq in range(count):
