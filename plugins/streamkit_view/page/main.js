@@ -122,6 +122,7 @@ function takeState(feed, state) {
   control.note(state.status);
   load.note(state.status);
   timeline.limit(state.history_s);
+  if (state.state === "ended") player.end();
 }
 
 function goTo(seconds) {

@@ -5,7 +5,8 @@ const LIBRARY = "./jmuxer.min.js";
 const FRAME_MS = 40; // until two frames tell their distance
 const PAUSE_MS = 500; // frames further apart follow one another
 const REORDER_MS = 200; // most that a frame is shown after frames that follow it in decoding order
-const BEHIND_MS = 500; // then the newest frame is shown next
+const BEHIND_S = 0.5; // then it jumps to this long before the newest frame:
+const JUMP_S = 0.3; // a jump ends only once some frames after its place are there, and after the last none come
 const START_CODE = [0, 0, 0, 1];
 
 export class MediaSourceDecoder {
@@ -34,7 +35,7 @@ export class MediaSourceDecoder {
     const video = this.video = Object.assign(document.createElement("video"), { muted: true, autoplay: true });
     video.requestVideoFrameCallback((now, frame) => this.present(frame));
     this.muxer = new window.JMuxer({
-      node: video, mode: "video", flushingTime: 0, maxDelay: BEHIND_MS,
+      node: video, mode: "video", flushingTime: 0, maxDelay: Infinity,
       onReady: () => {
         this.isOpen = true;
         this.waiting.splice(0).forEach((chunk) => this.feed(chunk));
@@ -54,6 +55,14 @@ export class MediaSourceDecoder {
     if (this.shown.size > 500) this.shown.delete(this.shown.keys().next().value);
     const video = this.box ? withStartCodes(data, this.box, type === "key") : data;
     this.muxer.feed({ video, duration, compositionTimeOffset: offset, isLastVideoFrameComplete: true });
+    this.catchUp();
+  }
+
+  catchUp() {
+    const { buffered, currentTime, seeking, paused } = this.video;
+    const end = buffered.length ? buffered.end(buffered.length - 1) : 0;
+    if (!seeking && end - currentTime > BEHIND_S) this.video.currentTime = end - JUMP_S;
+    if (paused && end) this.video.play().catch(() => {}); // interrupted by a jump, or by close
   }
 
   async present({ mediaTime }) {
@@ -63,6 +72,15 @@ export class MediaSourceDecoder {
     const image = await createImageBitmap(this.video);
     if (timestamp === undefined || this.state === "closed") return image.close();
     return this.output(Object.assign(image, { timestamp, displayWidth: image.width, displayHeight: image.height }));
+  }
+
+  // Shows all that it has: it holds frames until others follow them.
+  async flush() {
+    const source = this.muxer?.mediaSource;
+    for (const buffer of source?.sourceBuffers ?? []) {
+      if (buffer.updating) await new Promise((done) => buffer.addEventListener("updateend", done, { once: true }));
+    }
+    if (source?.readyState === "open") source.endOfStream();
   }
 
   close() {

@@ -131,6 +131,14 @@ export class Player {
     }
   }
 
+  // The stream has ended: shows what the decoder holds. The next stream gets a decoder of its own.
+  end() {
+    if (!this.configured || this.held.length) return;
+    this.configured = "";
+    this.needsKeyframe = true;
+    this.decoder.flush().catch(() => {}); // closed meanwhile
+  }
+
   configure(parameters) {
     if (this.decoder && this.decoder.state !== "closed") this.decoder.close();
     const decoder = new Decoder({

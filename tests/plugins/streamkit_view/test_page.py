@@ -102,14 +102,14 @@ def write_flight(path: Path) -> dict[int, tuple[np.ndarray[Any, Any], np.ndarray
 
 
 def number_of_last(browser: Chrome) -> int | None:
-    """The number of the frame that is shown with its own boxes, if it is one of the last five.
+    """The number of the frame that is shown with its own boxes, if it is the last one.
 
     A page that was too late for the flight's only keyframe, and says so, stays at an earlier one.
     """
     shown = browser.execute_script("return streamkit.page.shown.isExact && !streamkit.page.next")
     number = browser.execute_script("return streamkit.page.shown.header.pts_ns") // FRAME_NS
-    is_late = browser.execute_script("return streamkit.page.skipped > 0 || streamkit.player.needsKeyframe")
-    return number if shown and (number >= 95 or is_late) else None
+    is_late = browser.execute_script("return streamkit.page.skipped > 0")
+    return number if shown and (number == 99 or is_late) else None
 
 
 def last_frame(browser: Chrome) -> tuple[int, np.ndarray[Any, Any]] | None:
