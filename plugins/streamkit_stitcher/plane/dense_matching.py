@@ -21,15 +21,15 @@ from streamkit_stitcher.registration.dense_alignment import (
     ELSEWHERE,
     DenseAlignment,
     align_densely,
-    best_agreement,
 )
 from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 
 _CACHED: Final = 3
 _FIRST_DEVIATION: Final = 2.0
-_FIRST_REST: Final = 0.7
-_MIN_DEVIATION: Final = 0.1
+_FIRST_REST_SHARE: Final = 0.7
+# Not less, however steady the camera is: errors of successive frames are alike, and do not average out.
+_MIN_DEVIATION: Final = 0.3
 _MAX_DEVIATION: Final = 8.0
 _GAIN: Final = 0.1
 # Frames after which the first belief that the camera rests counts half, and memory of whether it did.
@@ -60,7 +60,7 @@ class DenseMatcher:
         self._levels = lru_cache(maxsize=_CACHED)(_levels)
         self._deviation = _FIRST_DEVIATION
         self._covariance, self._std = np.zeros((8, 8)), 0.0
-        self._rest, self._seen = _FIRST_REST, 0
+        self._rest_share, self._seen = _FIRST_REST_SHARE, 0
         self._resting = _RestEvidence()
 
     def match(
@@ -83,17 +83,39 @@ class DenseMatcher:
             before_std: its predicted error, px.
             expected: the predicted homography to the keyframe.
         """
-        factor, levels = keyframe.factor, self._levels(keyframe.content())
-        found = align_densely(
-            levels,
-            small,
-            self._predictions(keyframe, before, expected),
-            self._prior(before_std / factor),
-            self._rest,
-            _DOUBTED / factor,
-        )
+        factor = keyframe.factor
+        predictions = [to_reduced(inverse(matrix), factor) for matrix in (IDENTITY, before, expected)]
+        prior = self._prior(before_std / factor)
+        levels = self._levels(keyframe.content())
+        found = align_densely(levels, small, predictions, prior, self._rest_share, _DOUBTED / factor)
         self._learn(found)
-        std = self._error_of(found, keyframe, before, before_std)
+        was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
+        if not (found.at_rest and was_at_rest):
+            self._resting = _RestEvidence(keyframe.index)
+        return self._match_of(found, keyframe, before_std, self._resting.add(found.evidence))
+
+    def match_from(
+        self, keyframe: Keyframe, small: GreyArray, proposed: FloatArray, before_std: float
+    ) -> KeyframeMatch:
+        """The likeliest match near a homography that others propose, which teaches nothing about the camera.
+
+        Args:
+            keyframe: the keyframe.
+            small: uint8[h, w], the frame at working size.
+            proposed: the frame to the keyframe.
+            before_std: predicted error of the previous frame, px.
+        """
+        factor, levels = keyframe.factor, self._levels(keyframe.content())
+        prediction, prior = to_reduced(inverse(proposed), factor), self._prior(before_std / factor)
+        found = align_densely(levels, small, [prediction], prior, doubted=_DOUBTED / factor)
+        return self._match_of(found, keyframe, before_std, _RestEvidence().add(found.evidence))
+
+    def _match_of(
+        self, found: DenseAlignment, keyframe: Keyframe, before_std: float, wrong: float
+    ) -> KeyframeMatch:
+        """The match with a keyframe; `wrong` is the probability that another motion is right."""
+        factor, levels = keyframe.factor, self._levels(keyframe.content())
+        std = self._error_of(found, factor, before_std, wrong)
         to_key = IDENTITY if found.at_rest else from_reduced(inverse(found.key_to_frame), factor)
         key_points = levels[-1].centres[found.blocks] * factor + (factor - 1) / 2
         inliers = np.arange(found.compared) < len(key_points)
@@ -105,45 +127,18 @@ class DenseMatcher:
             std,
             std,
             share=found.agreement,
-            at_rest=found.at_rest,
         )
 
-    def agreement(
-        self,
-        keyframe: Keyframe,
-        small: GreyArray,
-        before: FloatArray,
-        before_std: float,
-        expected: FloatArray,
-    ) -> float:
-        """The `share` that `match` would find from another prediction; nothing is learned from it."""
-        return best_agreement(
-            self._levels(keyframe.content()),
-            small,
-            self._predictions(keyframe, before, expected),
-            self._prior(before_std / keyframe.factor),
-        )
-
-    def _predictions(self, keyframe: Keyframe, before: FloatArray, expected: FloatArray) -> list[FloatArray]:
-        """Rest at the keyframe, rest in the previous frame and the expected motion, px of working size."""
-        return [to_reduced(inverse(matrix), keyframe.factor) for matrix in (IDENTITY, before, expected)]
-
-    def _error_of(
-        self, found: DenseAlignment, keyframe: Keyframe, before: FloatArray, before_std: float
-    ) -> float:
+    def _error_of(self, found: DenseAlignment, factor: int, before_std: float, wrong: float) -> float:
         """The predicted error at the worst corner, px: of the fit, and of motions that cannot be excluded."""
-        factor, std = keyframe.factor, found.corner_std * keyframe.factor
+        std = found.corner_std * factor
         if found.at_rest:
-            std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest)
+            std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest_share)
         else:
             std *= (found.rmse / _NOISE_RMSE) ** 2
-        was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
-        if not (found.at_rest and was_at_rest):
-            self._resting = _RestEvidence(keyframe.index)
         # A wrong motion is off by as much as the search reaches.
         reach = math.hypot(ELSEWHERE * factor, before_std)
-        doubt = reach * math.sqrt(self._resting.add(found.evidence))
-        return math.hypot(MIN_CORNER_STD * factor, std, doubt)
+        return math.hypot(MIN_CORNER_STD * factor, std, reach * math.sqrt(wrong))
 
     def _prior(self, before_std: float) -> FloatArray:
         """Covariance of the step from a prediction, float64[8, 8], px.
@@ -156,7 +151,8 @@ class DenseMatcher:
 
     def _learn(self, found: DenseAlignment) -> None:
         self._seen += 1
-        self._rest += max(_REST_GAIN, 1 / (_FIRST_FRAMES + self._seen)) * (found.at_rest - self._rest)
+        gain = max(_REST_GAIN, 1 / (_FIRST_FRAMES + self._seen))
+        self._rest_share += gain * (found.at_rest - self._rest_share)
         # Expectation maximisation: without evidence the posterior is the prior, and nothing is learned.
         squares = (found.step**2 + np.diag(found.covariance) - np.diag(self._covariance)) / STEP_RATIOS**2
         size = float(np.clip(squares[:4].mean(), 0.0, (_OUTLIER * self._deviation) ** 2))

@@ -9,7 +9,7 @@ from streamkit.geometry.homography import IDENTITY, FloatArray, corners, scale_c
 from streamkit.geometry.registration_status import RegistrationStatus
 
 # Largest predicted error of a frame that is ok, px: 99.5 % are then within 2 px.
-OK_STD: Final = 0.7
+OK_STD: Final = 1.0
 # Well within the limits of a mosaic, see `mosaic.is_paintable`.
 _PLANE_SCALE: Final = (0.3, 3.3)
 # Photographs that lean 12 degrees one way and the other, of a camera that sees 60 degrees.

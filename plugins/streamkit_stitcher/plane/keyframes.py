@@ -89,7 +89,6 @@ class KeyframeMatch:
         corner_std: predicted error at the worst corner, px, systematic errors included.
         variances: float64[n], of each patch's position, in any unit, infinite off the plane; None if unknown.
         share: patches that agree, as a part of those in view.
-        at_rest: whether the camera stayed where it was at the keyframe or in the previous frame.
     """
 
     fit: MotionFit
@@ -100,7 +99,6 @@ class KeyframeMatch:
     corner_std: float
     variances: FloatArray | None = None
     share: float = 1.0
-    at_rest: bool = False
 
     def on_plane(self) -> "KeyframeMatch":
         """The match without the patches off the plane."""

@@ -16,7 +16,7 @@ from streamkit.geometry.homography import (
     normalised,
 )
 from streamkit.geometry.registration_status import RegistrationStatus
-from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement, placed
+from streamkit_stitcher.plane.anchoring import SURE_SHARE, KeyframeAnchor, Placement, placed
 from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistration
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
@@ -33,18 +33,11 @@ from streamkit_stitcher.registration.pairwise import (
 from streamkit_stitcher.registration.patches import pyramid
 
 _MAX_LOST: Final = 25
-# Largest predicted error of the motion since the previous frame, px: two deviations are 2 px.
-_OK_STEP_STD: Final = 1.0
+# Largest predicted error of the motion since the previous frame, px: of two frames that are ok.
+_OK_STEP_STD: Final = 1.2
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
-# Smallest share of the contrast that must agree with the keyframe for the area to decide: alone, beside the
-# corners, and beside them at rest, where nothing is searched (other scenes: at most 0.028 in 132 pairs).
-_MIN_SHARE: Final = 0.2
-_MIN_SHARE_BESIDE_CORNERS: Final = 0.12
-_MIN_SHARE_AT_REST: Final = 0.06
-# The corners decide where so many times more agrees with their motion.
-_MIN_SHARE_RATIO: Final = 2.0
 _ADOPT_AFTER: Final = 10
 # Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
 _FREQUENT_TRIES: Final = 4
@@ -131,7 +124,7 @@ class FrameRegistrar:
             return self._start_plane(images)
         self._adopt_adjustment(anchor)
         near = self._match_near(images, anchor)
-        if near is not None and near.share >= _MIN_SHARE:
+        if near is not None and near.share >= SURE_SHARE:
             self._is_video = True
             found = placed(anchor.keyframes.active, near)
             step = normalised(inverse(self._planes.before) @ found.to_reference)
@@ -140,10 +133,8 @@ class FrameRegistrar:
             return self._predict()
         motion = self._motion_since(last, image)
         predicted = self._predicted_by(motion)
-        if near is not None and self._is_related(images, anchor, near, predicted):
-            return self._accept(images, anchor, placed(anchor.keyframes.active, near))
         is_photograph = self._is_photograph(last, image, motion)
-        found = anchor.place(images, predicted, is_photograph)
+        found = anchor.place(images, near, predicted, self._std_before, is_photograph)
         if found.match is None and self._is_search_due(motion):
             found = self._recognise(images, anchor) or found
         if found.match is not None or found.is_recognised or motion.model is not None:
@@ -217,21 +208,6 @@ class FrameRegistrar:
             return Placement(expected, _LOST_STD + self._std_before, motion=motion)
         to_plane = normalised(self._planes.last_to_plane @ motion.matrix)
         return Placement(to_plane, motion.corner_std(self._shape) + self._std_before, motion=motion)
-
-    def _is_related(
-        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, near: KeyframeMatch, predicted: Placement
-    ) -> bool:
-        """Whether a weak agreement of the area is believed rather than the motion of the corners, if known.
-
-        Movers may win among the corners; but a camera at rest is the wrong explanation where much more agrees
-        with the corners.
-        """
-        if near.share < (_MIN_SHARE_AT_REST if near.at_rest else _MIN_SHARE_BESIDE_CORNERS):
-            return False
-        if not predicted.is_trusted:
-            return True
-        moved = anchor.agreement(images, self._planes.before, self._std_before, predicted.to_reference)
-        return moved <= _MIN_SHARE_RATIO * near.share
 
     def _is_jump(self, step: FloatArray) -> bool:
         """Whether a motion, float64[3, 3], is as large as between photographs."""

@@ -90,7 +90,7 @@ def align_densely(
     grey: GreyArray,
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
-    rest: float | None = None,
+    rest_share: float | None = None,
     doubted: float = 2.0,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
@@ -105,8 +105,9 @@ def align_densely(
         grey: uint8[h, w], the frame, of the finest level's size.
         predictions: keyframe to frame.
         covariance: float64[8, 8], of the step from a prediction, px.
-        rest: how sure it is, 0 to 1, that the first prediction is right, which is then kept where it explains
-            the frame about as well as any motion; None to prefer none.
+        rest_share: share of the latest frames that the first prediction explained, 0 to 1. It is kept where
+            it explains the frame about as well as any motion; the larger the share, the less well is enough.
+            None to prefer no prediction.
         doubted: error of the worst corner that the result is tested for, px.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
@@ -115,14 +116,14 @@ def align_densely(
     textures = [texture(image) for image in levels_of(grey)]
     finest, image = levels[-1], textures[-1]
     best = _best(levels, textures, predictions, covariance)
-    at_rest = rest is not None and _is_rest(finest, image, predictions[0], best, rest)
+    at_rest = rest_share is not None and _is_rest(finest, image, predictions[0], best, rest_share)
     motion = predictions[0] if at_rest else best.motion
     compared = finest.compare(image, motion) if at_rest else best.compared
     neighbours = finest.neighbours(doubted)
     evidence = _evidence(finest, image, motion, compared, neighbours)
     # One frame of movers does not outweigh many at rest.
-    sure = rest if at_rest and rest is not None else 0.0
-    if evidence.min() < -_EVIDENT * (1 + sure):
+    needed = _EVIDENT * (1 + rest_share) if at_rest and rest_share is not None else _EVIDENT
+    if evidence.min() < -needed:
         start = motion @ neighbours[int(evidence.argmin())]
         moved = _Fit(start, *finest.refine(image, start, start, _RIVAL_COVARIANCE))
         confirmed = _evidence(finest, image, moved.motion, moved.compared, neighbours)
@@ -143,18 +144,6 @@ def align_densely(
         float(np.sqrt(compared.variance)),
         evidence,
     )
-
-
-def best_agreement(
-    levels: Sequence[DenseLevel],
-    grey: GreyArray,
-    predictions: Sequence[FloatArray],
-    covariance: FloatArray,
-) -> float:
-    """The agreement of the best motion near some predictions, see `align_densely`."""
-    textures = [texture(image) for image in levels_of(grey)]
-    best = _best(levels, textures, predictions, covariance)
-    return _beyond_chance(levels[-1], textures[-1], best.motion, best.compared)
 
 
 def _best(
@@ -213,11 +202,11 @@ def _refined(
 
 
 def _is_rest(
-    finest: DenseLevel, image: SingleArray, prediction: FloatArray, best: _Fit, surety: float
+    finest: DenseLevel, image: SingleArray, prediction: FloatArray, best: _Fit, rest_share: float
 ) -> bool:
     """Whether a prediction explains the frame about as well as the best motion."""
     allowed = np.linalg.inv(best.posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
     apart = finest.step_of(inverse(prediction) @ best.motion)
     agreement = finest.compare(image, prediction).agreement
-    held, as_good = (low + surety * (high - low) for low, high in (_HELD, _AS_GOOD))
+    held, as_good = (low + rest_share * (high - low) for low, high in (_HELD, _AS_GOOD))
     return bool(apart @ allowed @ apart < held and agreement > as_good * best.compared.agreement)

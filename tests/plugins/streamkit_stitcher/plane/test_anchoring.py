@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import IDENTITY, normalised, translation
+from streamkit.geometry.homography import IDENTITY, corner_shift, normalised, translation
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement
 from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import LEVELS
@@ -32,7 +32,7 @@ GUESS = PairwiseMotion(IDENTITY, None, False, 100, 10, 0.1)
 
 def place(anchor, images, predicted, motion=HOMOGRAPHY):
     """Places a frame, and chooses keyframes."""
-    found = anchor.place(images, Placement(predicted, 0.0, motion=motion), is_photograph=False)
+    found = anchor.place(images, None, Placement(predicted, 0.0, motion=motion), 0.0, is_photograph=False)
     return anchor.keep(images, found)
 
 
@@ -116,6 +116,46 @@ def test_a_keyframe_is_not_made_where_the_way_there_was_a_guess(anchor, ground):
         place(anchor, frame, shift(300.0), HOMOGRAPHY if step else GUESS).is_keyframe for step in range(8)
     ]
     assert not any(made)
+
+
+def crowded(images, seed, columns):
+    """The frame, hidden but for some columns by what no other frame shows."""
+    frame = images[0].copy()
+    random = np.random.default_rng(seed)
+    frame[:, columns:] = cv2.resize(
+        random.integers(0, 255, (90, 160), dtype=np.uint8), (640, 360), interpolation=cv2.INTER_CUBIC
+    )[:, columns:]
+    return pyramid((frame,), LEVELS)
+
+
+def test_a_crowd_does_not_carry_the_camera_off(anchor, ground):
+    """Where a tenth of the scene is seen, the area decides, not the corners of a crowd 12 px off."""
+    frame = crowded(view(ground, 4), 1, 64)
+    near = anchor.match_near(frame, shift(3.0), 0.3, shift(4.0))
+    assert near is not None
+    assert near.share < 0.12
+    crowd = Placement(shift(16.0), 0.5, motion=HOMOGRAPHY)
+    found = anchor.place(frame, near, crowd, 0.3, is_photograph=False)
+    assert found.match is not None
+    assert corner_shift(shift(-4.0) @ found.to_reference, (360, 640)) < 3 * found.std
+
+
+def test_the_corners_lead_back_to_the_scene(anchor, ground):
+    """The motion of the corners is taken where the expected one explains nothing of the area."""
+    frame = crowded(view(ground, 40), 2, 128)
+    lost = anchor.match_near(frame, shift(0.0), 0.3, shift(0.0))
+    corners = Placement(shift(41.0), 0.5, motion=HOMOGRAPHY)
+    found = anchor.place(frame, lost, corners, 0.3, is_photograph=False)
+    assert found.match is not None
+    assert corner_shift(shift(-40.0) @ found.to_reference, (360, 640)) < 3 * found.std
+
+
+def test_a_doubtful_frame_that_leaves_the_keyframe_is_none_at_once(anchor, ground):
+    """A blurred frame may be matched with a wrong tilt; the twelfth in a row becomes a keyframe."""
+    sure = anchor.place(view(ground, 60), None, Placement(shift(61.0), 0.0, motion=HOMOGRAPHY), 0.0, False)
+    doubtful = replace(sure, to_reference=shift(300.0), match=replace(sure.match, share=0.1))
+    made = [anchor.keep(other(ground), doubtful).is_keyframe for _ in range(12)]
+    assert made == [False] * 11 + [True]
 
 
 @pytest.fixture

@@ -69,7 +69,7 @@ def test_a_comparison_with_another_motion_teaches_nothing(keyframe, scene):
     for seed in range(10):
         frame = hidden(scene, seed, 80)
         moved = translation(np.array([6.0, 0.0]))
-        asked.agreement(keyframe, np.roll(frame, -6, axis=1), moved, 5.0, moved)
+        asked.match_from(keyframe, np.roll(frame, -6, axis=1), moved, 5.0)
         with_question = asked.match(keyframe, frame, rest, 0.3, rest)
         without = plain.match(keyframe, frame, rest, 0.3, rest)
         assert with_question.corner_std == without.corner_std

@@ -72,7 +72,7 @@ def test_a_camera_that_always_rests_is_moved_by_clear_evidence_only(ground):
 def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
     """Cars move by 4 px on a road of little contrast; the camera at rest explains the frame."""
     found = align_densely(
-        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, rest=0.0
+        levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, rest_share=0.0
     )
     assert found.at_rest
     assert np.array_equal(found.key_to_frame, np.eye(3))
@@ -81,7 +81,7 @@ def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
 def test_rest_is_not_preferred_to_a_real_motion(ground):
     """A shift of 2 px is no rest."""
     frame = ground[302:482, 300:620]
-    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, rest=0.0)
+    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, rest_share=0.0)
     assert not found.at_rest
     assert corner_shift(inverse(translation(np.array([0.0, -2.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
@@ -102,7 +102,7 @@ def test_a_flat_frame_agrees_with_nothing(ground):
 def test_evidence_speaks_against_motions_two_pixels_off(ground):
     """Of the right motion against its neighbours, and of a wrong one against the right one."""
     key = ground[300:480, 300:620]
-    right = align_densely(levels(key), key, [np.eye(3)], STEADY, rest=1.0)
+    right = align_densely(levels(key), key, [np.eye(3)], STEADY, rest_share=1.0)
     assert right.evidence.min() > 3
     level = levels(key)[-1]
     image = texture(key)
@@ -121,7 +121,7 @@ def test_a_turn_that_was_not_expected_is_found(ground):
         cv2.warpPerspective(ground, moved, (320, 180)),
         [np.eye(3)],
         np.diag((0.02 * STEP_RATIOS) ** 2),
-        rest=0.0,
+        rest_share=0.0,
     )
     assert not found.at_rest
     assert corner_shift(inverse(turn) @ found.key_to_frame, SHAPE) < 0.25
