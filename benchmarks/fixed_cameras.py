@@ -7,8 +7,10 @@ a frame is that of its worst corner, of `to_previous` or `to_reference`, whichev
 share of frames with status ok or still, `wrong` the share of these off by more than 2 px, `worst` the largest
 error of a frame so called, `spread` the root mean square of the error of `to_reference` divided by
 `corner_std`, which predicts it (1 for an honest prediction; at rest the error is mostly exactly 0).
-fixed_camera_cars is a camera that drifts: its marks on the road move by 3 px within the first 20 frames and
-by 8 px within 150, all alike; without truth it is not in the table.
+Two cameras that do move have no truth and are not in the table. fixed_camera_cars drifts: its marks on the
+road move by 3 px within the first 20 frames and by 8 px within 150, all alike. sbi_highwayi shakes: six of
+seven windows of the median of its frames are found 0.7 to 2.7 px lower in frame 0, and all six that are found
+in frame 325 lie 0.6 to 2.3 px higher (normalised correlation, mostly above 0.9).
 """
 
 import os
@@ -34,7 +36,7 @@ VIDEOS = {
 }
 MAX_ROWS = 800  # of a video; larger frames are halved
 # Cameras that move: no truth.
-MOVING = {"ucsd_jump", "ucsd_skiing", "ucsd_surf"}
+MOVING = {"sbi_highwayi", "ucsd_jump", "ucsd_skiing", "ucsd_surf"}
 MARGIN = 0.12
 LIMIT_PX = 2.0
 NOISE = 1.0
