@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import functools
 import json
+import threading
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
@@ -13,6 +14,8 @@ import msgspec
 # A record of ten thousand tracks has 3 MB.
 RECORD_LIMIT_BYTES = 4 * 1024 * 1024
 REPLACEMENT = "\ufffd".encode()
+# Held while msgspec looks into a type for the first time: another thread must not decode it meanwhile.
+_inspecting_type = threading.Lock()
 
 
 class Encoding(enum.StrEnum):
@@ -53,7 +56,8 @@ class Codec(Generic[Record]):
         self.content_type = f"application/{encoding};{schema}"
         self._schema = schema
         self.encode: Callable[[Record], bytes] = msgspec.json.encode
-        self._decode: Callable[[bytes], Record] = functools.partial(msgspec.json.decode, type=kind)
+        with _inspecting_type:
+            self._decode: Callable[[bytes], Record] = msgspec.json.Decoder(kind).decode
         if encoding is not Encoding.JSON:
             try:
                 self.encode, loads = _serialiser(encoding, kind.__name__)
