@@ -49,7 +49,7 @@ class FramePath:
         if code.co_name.startswith("<") or not code.co_filename.startswith(FOLDERS):
             return  # comprehensions and lambdas belong to the function around them
         if event == "call":
-            if code.co_name == "_must_end" and "source" in code.co_filename:
+            if code.co_name == "_await_next" and "source" in code.co_filename:
                 self._begin()
             if threading.get_ident() == self._thread:
                 self._counts[code] += 1
