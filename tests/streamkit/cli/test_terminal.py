@@ -88,7 +88,7 @@ def test_the_progress_line_is_redrawn_in_place() -> None:
     assert re.search(r"  at 0\.\d of 1\.1 s \(\d+ %", out)
     assert out.count("\x1b[K") > 3
     (line,) = [line for line in lines_of(out) if line]
-    assert re.fullmatch(r"33 frames in 1\.\d s, \d+\.\d/s", line)
+    assert re.fullmatch(r"33 frames in \d\.\d s, \d+\.\d/s", line)
 
 
 def test_a_file_shows_how_much_is_left(streamkit_data: Path) -> None:
