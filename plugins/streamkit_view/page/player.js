@@ -10,6 +10,7 @@ const HELD_LIMIT = 240;
 const DECODING_LIMIT = 12;
 const READY_LIMIT = 8;
 const FAILURE_LIMIT = 3;
+const END_MS = 1000; // without a packet, after the end of the stream: nothing is on the way any more
 const Decoder = window.VideoDecoder ?? MediaSourceDecoder;
 
 export class Player {
@@ -47,7 +48,7 @@ export class Player {
     if (this.isRefused) return;
     const generation = this.generation;
     const isGap = this.last !== null && (run !== this.last.run || number !== this.last.number + 1);
-    this.last = { run, number };
+    this.last = { run, number, at: performance.now() };
     if (isGap) this.needsKeyframe = true;
     if (header.keyframe && !(await this.prepare(header))) return;
     if (generation !== this.generation) return;
@@ -131,9 +132,10 @@ export class Player {
     }
   }
 
-  // The stream has ended: shows what the decoder holds. The next stream gets a decoder of its own.
+  // The stream has ended: shows what the decoder holds, once no packet is on the way, as of the past that is played
+  // again. The next stream gets a decoder of its own.
   end() {
-    if (!this.configured || this.held.length) return;
+    if (!this.configured || this.held.length || performance.now() - this.last.at < END_MS) return;
     this.configured = "";
     this.needsKeyframe = true;
     this.decoder.flush().catch(() => {}); // closed meanwhile

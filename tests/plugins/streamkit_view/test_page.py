@@ -172,6 +172,25 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
 
 
 @pytest.mark.timeout(180)
+def test_the_past_of_an_ended_stream_plays_to_its_end(
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
+) -> None:
+    """No frame is left out, though the states that the page gets meanwhile say that the stream has ended."""
+    flight = tmp_path / "flight.mp4"
+    write_flight(flight)
+    browser.get(start_view(str(flight)).url)
+    wait_for(lambda: text(browser, "state") == "ended", 100)
+    wait_for(lambda: number_of_last(browser))
+    slider = browser.find_element(By.ID, "back")
+    wait_for(lambda: slider.is_displayed() and int(slider.get_attribute("min")) <= -4)
+    for _ in range(3):
+        slider.send_keys(Keys.ARROW_LEFT)
+    wait_for(lambda: browser.execute_script("return streamkit.page.shown?.header.pts_ns") is not None)
+    wait_for(lambda: number_of_last(browser) == 99)
+    assert browser.execute_script("return streamkit.page.skipped") == 0
+
+
+@pytest.mark.timeout(180)
 @pytest.mark.parametrize("missing", ["VideoDecoder", "MediaStreamTrackGenerator"])
 def test_video_is_shown_in_a_canvas(
     browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path,
