@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
@@ -105,3 +106,15 @@ class PadOwner:
         with self.lock:
             self.pads.pop(pad.name, None)
             self._next_numbers.pop(pad.template.name, None)
+
+
+def walk(start: Iterable[Element], neighbours: Callable[[Element], Iterable[Element]]) -> Iterator[Element]:
+    """The elements reachable from `start`, each once, the nearest first."""
+    waiting = deque(start)
+    seen: set[Element] = set()
+    while waiting:
+        element = waiting.popleft()
+        if element not in seen:
+            seen.add(element)
+            yield element
+            waiting.extend(neighbours(element))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from typing_extensions import override
 
 from streamkit.element.base import Element
 from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
+from streamkit.element.pad_owner import walk
 from streamkit.element.property import Property
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import CapsEvent, EndOfStream, Event, FlushEvent, Segment, SegmentEvent
@@ -91,7 +92,7 @@ class Concat(Combine):
     def _warn_of_stall(self, pad: Pad) -> None:
         """Says which queue is missing where a waiting input holds up the element that feeds both."""
         active = self._active()
-        beyond = {} if active is None else _upstream(active)
+        beyond = set() if active is None else set(_upstream(active))
         shared = next((element for element in _upstream(pad) if element in beyond), None)
         if active is not None and shared is not None:
             self.post_warning(
@@ -118,13 +119,6 @@ class Concat(Combine):
         self.wake()
 
 
-def _upstream(pad: Pad) -> dict[Element, None]:
+def _upstream(pad: Pad) -> Iterator[Element]:
     """The elements from which frames come to a sink pad, the nearest first."""
-    found: dict[Element, None] = {}
-    pads = [pad]
-    while pads:
-        peer = pads.pop(0).peer
-        if peer is not None and peer.element not in found:
-            found[peer.element] = None
-            pads += peer.element.sink_pads()
-    return found
+    return walk([] if pad.peer is None else [pad.peer.element], Element.upstream)

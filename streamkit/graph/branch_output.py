@@ -11,13 +11,14 @@ from collections.abc import Callable
 from streamkit.element.base import Element
 from streamkit.element.branching import Split
 from streamkit.element.pad import Pad
+from streamkit.element.pad_owner import walk
 from streamkit.element.sink import OnError, Sink
 from streamkit.errors import ElementFailure, NotNegotiated, StreamkitError
 from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, Flushing, SegmentEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
-from streamkit.graph.graph import Graph, walk
+from streamkit.graph.graph import Graph
 from streamkit.graph.stream_end import StreamEnd
 
 Survives = Callable[[Pad, Exception], bool]

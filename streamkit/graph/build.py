@@ -11,6 +11,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
+from streamkit.element.pad_owner import walk
 from streamkit.element.registry import element_class, installed_elements, located, make_element
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, did_you_mean
 from streamkit.flow.caps import Caps
@@ -25,7 +26,7 @@ from streamkit.graph.assignments import (
 )
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph, auto_name, walk
+from streamkit.graph.graph import Graph, auto_name
 from streamkit.graph.linking import LinkEnd, Linker, PendingLink
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections import deque
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
 
@@ -131,15 +130,3 @@ def free_name(factory: str, taken: Container[str]) -> str:
     """The first automatic name of an element type, such as "queue0", that is not taken."""
     names = (auto_name(factory, number) for number in itertools.count())
     return next(name for name in names if name not in taken)
-
-
-def walk(start: Iterable[Element], neighbours: Callable[[Element], Iterable[Element]]) -> Iterator[Element]:
-    """The elements reachable from `start`, each once, the nearest first."""
-    waiting = deque(start)
-    seen: set[Element] = set()
-    while waiting:
-        element = waiting.popleft()
-        if element not in seen:
-            seen.add(element)
-            yield element
-            waiting.extend(neighbours(element))

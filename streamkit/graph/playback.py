@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
+from streamkit.element.pad_owner import walk
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.timing import Timing
@@ -21,7 +22,7 @@ from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, Streaming, StreamingThread, compose_chain, compose_chains
 from streamkit.graph.delayed_link import report_missing_pads
 from streamkit.graph.element_calls import Watchdog
-from streamkit.graph.graph import Graph, walk
+from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import RetiredChains, collect_statistics, silent_transforms
 from streamkit.graph.stream_end import StreamEnd

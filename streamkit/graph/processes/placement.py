@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
+from streamkit.element.pad_owner import walk
 from streamkit.element.registry import is_registered
 from streamkit.element.source import Source
 from streamkit.errors import DescriptionError, Place
 from streamkit.graph.bins import Bin, enclosing_bins
-from streamkit.graph.graph import Graph, free_name, walk
+from streamkit.graph.graph import Graph, free_name
 from streamkit.graph.processes.process_link import ProcessLink
 
 FOR_PROCESSES = ("restart", "restart-window-s", "watchdog-s", "memory-mb", "sandbox", "shm-frames")
