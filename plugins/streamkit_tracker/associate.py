@@ -165,10 +165,8 @@ def _learn_looks(table: TargetTable, unlike: FloatArray, observation: Observatio
     for row, detection in enumerate(table.rows["detection"].tolist()):
         if detection < 0:
             continue
-        model, vector = (
-            table.models[row],
-            np.nan_to_num(np.asarray(observation.features[detection], np.float64)),
-        )
+        model = table.models[row]
+        vector = np.nan_to_num(np.asarray(observation.features[detection], np.float64))
         difference = unlike.item(row, detection)
         if model.look is None or math.isnan(difference):
             model.look = Look(vector, observation.features_version)

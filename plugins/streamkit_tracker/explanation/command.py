@@ -13,13 +13,13 @@ import msgspec
 import typer
 
 from streamkit import RecordFile, StreamError, TrackRecord, exit_with_error
-from streamkit.output.pipe import until_reader_leaves
+from streamkit.output.pipe import STANDARD_INPUT, until_reader_leaves
 from streamkit_tracker.associate import GATE
 from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
 from streamkit_tracker.explanation.wording import explanation
 
 MAX_NAMED = 12
-STANDARD_INPUT = Path("/dev/stdin")
+STANDARD_INPUT_FILE = Path("/dev/stdin")
 
 
 class Question(NamedTuple):
@@ -65,7 +65,9 @@ def explain(
             f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60, or ID", code=2
         )
     try:
-        file = read_track(STANDARD_INPUT if str(tracks) == "-" else tracks, question.track, run)
+        file = read_track(
+            STANDARD_INPUT_FILE if str(tracks) == STANDARD_INPUT else tracks, question.track, run
+        )
     except (OSError, StreamError, ValueError) as error:
         exit_with_error(str(error))
     index = _index(file, question, epoch)
