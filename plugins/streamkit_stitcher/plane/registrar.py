@@ -1,5 +1,6 @@
 """Registration of each frame of a stream to a reference plane."""
 
+import enum
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -48,6 +49,14 @@ _MIN_JUMP: Final = 0.15
 _MAX_LIKENESS: Final = 0.7
 
 
+class _Footage(enum.Enum):
+    """What the last frames were: each continued the one before, or each was taken elsewhere."""
+
+    UNKNOWN = enum.auto()
+    VIDEO = enum.auto()
+    PHOTOGRAPHS = enum.auto()
+
+
 class FrameRegistrar:
     """Registers the frames of a stream, one after the other, to a plane.
 
@@ -57,7 +66,8 @@ class FrameRegistrar:
        where the predicted error is large. Left out after a lost frame.
     3. Corners of the last frame, then patches of the current keyframe near where these lead: as above, `weak`
        where no patches match.
-    4. Features of the stored keyframes, at a cut, and at some of the frames that no keyframe matches.
+    4. Features of the stored keyframes, at a cut, for photographs, and at some of the frames that no keyframe
+       matches.
     5. The predicted motion: `lost`. Not at a cut, not for photographs, and for 25 frames at most.
     6. A new plane that begins with the frame: `cut`.
 
@@ -79,6 +89,15 @@ class FrameRegistrar:
         self._previous: FrameRegistration | None = None
         self._std_before = 0.0  # predicted error of the previous frame, px
         self._reset((0, 0))
+
+    def _reset(self, shape: tuple[int, int]) -> None:
+        """Drops all state but the keyframes; frames of `shape` follow."""
+        self._shape = shape
+        self._level = working_level(shape, self._settings.registration_width)
+        self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
+        self._last: WorkingImage | None = None
+        self._motion, self._footage = MotionPredictor(shape), _Footage.UNKNOWN
+        self._lost = self._unmeasured = self._since_key = 0
 
     def restart(self) -> None:
         """Starts a new plane with the next frame, unrelated to the previous ones."""
@@ -125,21 +144,24 @@ class FrameRegistrar:
         self._adopt_adjustment(anchor)
         near = self._match_near(images, anchor)
         if near is not None and near.share >= SURE_SHARE:
-            self._is_video = True
             found = placed(anchor.keyframes.active, near)
-            step = normalised(inverse(self._planes.before) @ found.to_reference)
-            return self._accept(images, anchor, replace(found, is_due=self._is_jump(step)))
+            is_jump = self._is_jump(normalised(inverse(self._planes.before) @ found.to_reference))
+            # The overlap of two photographs alone does not fix the whole frame: these are left to features.
+            if self._footage is _Footage.VIDEO or not is_jump:
+                self._footage = _Footage.VIDEO
+                return self._accept(images, anchor, replace(found, is_due=is_jump))
         if image.is_blank:
             return self._predict()
         motion = self._motion_since(last, image)
         predicted = self._predicted_by(motion)
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, near, predicted, self._std_before, is_photograph)
-        if found.match is None and self._is_search_due(motion):
+        if found.match is None and (is_photograph or self._is_search_due(motion)):
             found = self._recognise(images, anchor) or found
         if found.match is not None or found.is_recognised or motion.model is not None:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
-            return self._accept(images, anchor, replace(found, motion=motion, is_due=is_photograph))
+            found = replace(found, motion=motion, is_due=is_photograph or found.is_due)
+            return self._accept(images, anchor, found)
         self._lost += 1
         self._unmeasured += 1
         if motion.is_cut or is_photograph or self._lost > _MAX_LOST:
@@ -155,15 +177,6 @@ class FrameRegistrar:
             self.restart()
         self._planes.retire()
         self._reset(shape)
-
-    def _reset(self, shape: tuple[int, int]) -> None:
-        """Drops all state but the keyframes; frames of `shape` follow."""
-        self._shape = shape
-        self._level = working_level(shape, self._settings.registration_width)
-        self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
-        self._last: WorkingImage | None = None
-        self._motion, self._is_video = MotionPredictor(shape), False
-        self._lost = self._unmeasured = self._since_key = 0
 
     def _working_image(self, images: Sequence[GreyArray]) -> WorkingImage:
         return WorkingImage(images[self._level], 2**self._level, self._settings.max_points)
@@ -214,13 +227,14 @@ class FrameRegistrar:
         return corner_shift(step, self._shape) > _MIN_JUMP * self._shape[1]
 
     def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
-        """Whether a frame that no keyframe matches is one: unlike the last one, and not near it.
+        """Whether a frame that no keyframe matches is one: after photographs, or unlike the last frame.
 
         Photographs are far apart, and none is followed from one to the next.
         """
+        if self._footage is _Footage.VIDEO or (motion.model is not None and not self._is_jump(motion.matrix)):
+            return False
         likeness = float(np.corrcoef(last.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
-        is_near = motion.model is not None and not self._is_jump(motion.matrix)
-        return not self._is_video and likeness < _MAX_LIKENESS and not is_near
+        return self._footage is _Footage.PHOTOGRAPHS or likeness < _MAX_LIKENESS
 
     def _is_search_due(self, motion: PairwiseMotion) -> bool:
         """Whether features are compared with those of the keyframes.
@@ -231,15 +245,22 @@ class FrameRegistrar:
         return motion.is_cut or self._unmeasured % (_RARE_PERIOD if is_rare else 2) == 0
 
     def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> Placement | None:
-        """Places a frame by features; the plane of the matching keyframe becomes current."""
+        """Places a frame by features; the plane of the matching keyframe becomes current.
+
+        A frame that lies far from the one before it, which was not lost, is a photograph.
+        """
         recognised = anchor.recognise(images)
         if recognised is None:
             return None
-        is_jump, self._is_video = self._motion.predicted == 0, False
+        continues = self._motion.predicted == 0
         if anchor.keyframes.plane != self._planes.number:
             self._planes.leave(anchor.keyframes.plane)
             self._motion = MotionPredictor(self._shape)
-        return anchor.place_recognised(images, recognised, is_jump or self._planes.has_jumped)
+        found = anchor.place_recognised(images, recognised, continues or self._planes.has_jumped)
+        step = normalised(inverse(self._planes.before) @ found.to_reference)
+        is_photograph = continues and not self._planes.has_jumped and self._is_jump(step)
+        self._footage = _Footage.PHOTOGRAPHS if is_photograph else _Footage.UNKNOWN
+        return replace(found, is_due=is_photograph)
 
     def _accept(
         self, images: Sequence[GreyArray], anchor: KeyframeAnchor, found: Placement

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import cv2
 import numpy as np
 
 from streamkit.geometry.homography import IDENTITY, translation
@@ -38,6 +39,34 @@ def test_photographs_with_half_overlap_are_registered(aerial_ground, make_regist
         found = np.linalg.inv(first) @ plane.homographies[index]
         assert np.abs(found / found[2, 2] - translation(np.array([x - 200.0, y - 300.0])))[:2, 2].max() < 1.0
     plane.close()
+
+
+def over_relief(ground, x, y):
+    """A photograph of uneven ground, whose heights shift it by up to 10 px away from the middle."""
+    heights = cv2.resize(
+        np.random.default_rng(1).normal(size=(40, 52)).astype(np.float32),
+        ground.shape[::-1],
+        interpolation=cv2.INTER_CUBIC,
+    )
+    rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
+    across, down = columns - SHAPE[1] / 2, rows - SHAPE[0] / 2
+    shift = 0.02 * heights[y : y + SHAPE[0], x : x + SHAPE[1]]
+    return cv2.remap(ground, x + columns - shift * across, y + rows - shift * down, cv2.INTER_LINEAR)
+
+
+def test_photographs_over_relief_are_keyframes_however_alike_they_are(aerial_ground, make_registrar):
+    """A row of which most are as alike as frames of a video: each is tied to the one before it."""
+    registrar = make_registrar(reference=ReferenceChoice.FIRST)
+    found = [registrar.register(over_relief(aerial_ground, 200 + 200 * number, 300)) for number in range(6)]
+    assert all(one.keyframe for one in found)
+    plane = registrar.take_plane(current=True)
+    plane.finish()
+    places = [plane.homographies[one.key_index] @ one.to_key for one in found]
+    plane.close()
+    middle = np.array([SHAPE[1] / 2, SHAPE[0] / 2, 1.0])
+    across = [(place @ middle)[0] / (place @ middle)[2] for place in places]
+    # The ground is not flat, the plane is: each step is a little longer.
+    assert all(190.0 < step < 240.0 for step in np.diff(across))
 
 
 def test_a_photograph_of_elsewhere_is_a_cut(aerial_ground, make_registrar):
