@@ -56,8 +56,8 @@ class Comparison(NamedTuple):
 def associate(table: TargetTable, detected: FloatArray, observation: Observation) -> IndexArray:
     """Assigns detections to followed targets, then to dormant ones, and what is left to tentative ones.
 
-    Of a detector's objects, the weak ones are second choice, and start no target: they are often a part of a
-    person, or two at once.
+    Of a detector's objects, the weak ones are second choice, wake no target, and start none: they are often a
+    part of a person, or two at once.
 
     Args:
         table: predicted for this frame; the fields of its detections are filled.
@@ -77,10 +77,10 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
     unlike = _compare_looks(table.models, observation)
     costs = _look_costs(table.models, unlike, observation.are_objects)
-    for group in (known & ~asleep, known & asleep):
+    strong = _assign_group(table, known & ~asleep, strong, detected, costs)
+    _assign_group(table, known & ~asleep, weak, detected, costs)
+    for group in (known & asleep, ~known):
         strong = _assign_group(table, group, strong, detected, costs)
-        weak = _assign_group(table, group, weak, detected, costs)
-    strong = _assign_group(table, ~known, strong, detected, costs)
     _learn_looks(table, unlike, observation)
     return strong
 
@@ -105,7 +105,7 @@ def _assign_group(
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
         return free
-    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)])
+    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)], table.are_objects)
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
@@ -180,17 +180,21 @@ def compare(
     members: IndexArray,
     detected: FloatArray,
     unlike: FloatArray,
+    are_objects: bool,
 ) -> Comparison:
     """Compares targets with detections.
 
     A pair is allowed within the gate; and, as a last choice, where the boxes overlap: a covariance that is
-    too small must not make a second target of what lies upon the first.
+    too small must not make a second target of what lies upon the first. What detections show whole is paired
+    by overlap, and, as a last choice, within the gate: regions of motion, which have no look and come from
+    anything, only where the target was detected in the last look.
 
     Args:
         targets: the table, of which the expected `detection_std` is filled.
         members: intp[t], rows that are compared.
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs; infinite where the look forbids a pair.
+        are_objects: whether a detector has found them.
     """
     shape = len(members), len(detected)
     costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -220,7 +224,8 @@ def compare(
             if distance > GATE:
                 cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > MIN_OVERLAP else np.inf
             if target["whole"]:
-                is_near = cost < LAST_CHOICE and target["frames_undetected"] == 0 and relative < ALIKE
+                is_near = cost < LAST_CHOICE and relative < ALIKE
+                is_near &= are_objects or target["frames_undetected"] == 0
                 cost = LAST_CHOICE + cost if is_near else np.inf
                 if overlap > OBJECT_OVERLAP:
                     cost = GATE * (1.0 - overlap) + unlike[row, column]

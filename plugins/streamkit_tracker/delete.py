@@ -134,7 +134,8 @@ def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     passed_s = np.where(looked, targets["waited_s"], 0.0)
     targets["waited_s"][looked] = 0.0
     targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + looked)
+    coast = table.settings.coast
+    earned_s = coast if table.are_objects else passed_s
     targets["credit_s"] = np.minimum(
-        targets["credit_s"] + np.where(detected, passed_s, -passed_s),
-        table.settings.coast - targets["waited_s"],
+        targets["credit_s"] + np.where(detected, earned_s, -passed_s), coast - targets["waited_s"]
     )

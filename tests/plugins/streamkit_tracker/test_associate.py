@@ -47,7 +47,7 @@ def expected(*, variances: tuple[float, float] = (8.0, 3.0)) -> TargetRows:
 
 def compare(rows: TargetRows, detected: np.ndarray, unlike: np.ndarray) -> associate.Comparison:
     """All rows compared with all detections."""
-    return associate.compare(rows, np.arange(len(rows)), detected, unlike)
+    return associate.compare(rows, np.arange(len(rows)), detected, unlike, are_objects=False)
 
 
 def detected(x: float, y: float, width: float = 20.0, height: float = 10.0) -> list[float]:
@@ -111,6 +111,29 @@ def test_a_weak_detection_continues_a_target_but_starts_none():
         (faded,) = tracker.step(IMAGE, objects((60, 0.2)))
     assert faded.id == reports[0].id
     assert faded.state == "confirmed"
+
+
+def test_an_object_is_found_again_after_a_longer_time_than_it_was_seen():
+    """Seen for 0.4 s and hidden for 1.6 s, it comes back 24 px, more than its width, from its prediction."""
+    tracker = MultiTargetTracker()
+    for _ in range(10):
+        (before,) = tracker.step(IMAGE, objects((60, 0.8)))
+    for _ in range(40):
+        tracker.step(IMAGE, objects())
+    (after,) = tracker.step(IMAGE, objects((84, 0.8)))
+    assert after.id == before.id
+    assert after.state == "confirmed"
+
+
+def test_a_weak_detection_does_not_bring_an_object_back():
+    """After some frames without any, a faint box is as often something else."""
+    tracker = MultiTargetTracker()
+    for _ in range(10):
+        tracker.step(IMAGE, objects((60, 0.8)))
+    for _ in range(6):
+        tracker.step(IMAGE, objects())
+    assert all(report.state != "confirmed" for report in tracker.step(IMAGE, objects((60, 0.1))))
+    assert [report.state for report in tracker.step(IMAGE, objects((60, 0.8)))] == ["confirmed"]
 
 
 def test_a_strong_detection_is_chosen_before_a_weak_one_that_lies_nearer():
