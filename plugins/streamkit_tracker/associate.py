@@ -11,6 +11,7 @@ import scipy
 
 from streamkit_kernels import compiled
 from streamkit_tracker.appearance.look import Look, differences
+from streamkit_tracker.delete import position_doubt
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
     TENTATIVE,
@@ -32,6 +33,7 @@ CROWDED_MISMATCH_STD = 0.5
 LOOK_WEIGHT = 2.0
 LOOK_RATE, OBJECT_LOOK_RATE = 0.2, 0.05  # per detection; what covers an object must not become its look
 ALIKE = 0.5  # difference of the sides, relative
+KNOWN_TO = 1.0  # sides; a gate that is wider says nothing about a place
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
 SCORE_RATE, WEAK_SHARE = 0.02, 0.5  # per frame; of the usual score
 X, Y, LEFT, TOP, RIGHT, BOTTOM = range(6)  # of a detection
@@ -105,7 +107,7 @@ def _assign_group(
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
         return free
-    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)], table.are_objects)
+    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)], gated(table)[members])
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
@@ -116,6 +118,18 @@ def _assign_group(
     owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
     rows[members[taken]] = owners
     return free[left]
+
+
+def gated(table: TargetTable) -> BoolArray:
+    """bool[n]: targets that are found at a distance from their prediction, not only upon it.
+
+    A region of motion has no look, and may come from anything: only those that were detected in the last one.
+    Of objects those that are not dormant, or whose position is known.
+    """
+    rows = table.rows
+    if not table.are_objects:
+        return np.asarray(rows["frames_undetected"] == 0)
+    return np.asarray(~table.dormant | (position_doubt(rows) < KNOWN_TO))
 
 
 def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
@@ -180,21 +194,20 @@ def compare(
     members: IndexArray,
     detected: FloatArray,
     unlike: FloatArray,
-    are_objects: bool,
+    gated: BoolArray,
 ) -> Comparison:
     """Compares targets with detections.
 
     A pair is allowed within the gate; and, as a last choice, where the boxes overlap: a covariance that is
     too small must not make a second target of what lies upon the first. What detections show whole is paired
-    by overlap, and, as a last choice, within the gate: regions of motion, which have no look and come from
-    anything, only where the target was detected in the last look.
+    by overlap, and, as a last choice, within the gate.
 
     Args:
         targets: the table, of which the expected `detection_std` is filled.
         members: intp[t], rows that are compared.
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
         unlike: float64[t, d], added to the costs; infinite where the look forbids a pair.
-        are_objects: whether a detector has found them.
+        gated: bool[t], targets that, if they are whole, may be found within the gate.
     """
     shape = len(members), len(detected)
     costs, distances, mismatch = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -224,8 +237,7 @@ def compare(
             if distance > GATE:
                 cost = LAST_CHOICE + GATE * (1.0 - overlap) if overlap > MIN_OVERLAP else np.inf
             if target["whole"]:
-                is_near = cost < LAST_CHOICE and relative < ALIKE
-                is_near &= are_objects or target["frames_undetected"] == 0
+                is_near = gated[row] and cost < LAST_CHOICE and relative < ALIKE
                 cost = LAST_CHOICE + cost if is_near else np.inf
                 if overlap > OBJECT_OVERLAP:
                     cost = GATE * (1.0 - overlap) + unlike[row, column]

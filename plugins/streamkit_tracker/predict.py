@@ -24,8 +24,8 @@ from streamkit_tracker.window_geometry import (
 
 MIN_SIDE = 10.0  # px, that accelerations are relative to
 ACCELERATION = 2.0  # sides per s^2, of targets drawn by hand
-OBJECT_ACCELERATION = 1.6  # of a detector's objects: people walk more steadily than their boxes show
-REGION_ACCELERATION = 6.0  # of what moves in any way, cars too
+DETECTED_ACCELERATION = 1.6  # of the others at least: people walk more steadily than their boxes show
+TURN_RATE = 1.5  # rad/s, of the others: a car that turns is accelerated by far more sides per s^2
 
 
 def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
@@ -51,7 +51,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
             model.trail = part
         for particles, part in zip(clouds, parts, strict=False):
             particles.positions = part
-    advance(rows, step_s, OBJECT_ACCELERATION if table.are_objects else REGION_ACCELERATION)
+    advance(rows, step_s)
 
 
 def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray) -> None:
@@ -83,17 +83,17 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     window[index, ANGLE] = half_turn(np.arctan2(y, x))
 
 
-def advance(targets: TargetRows, step_s: float, detected: float) -> None:
-    """Moves states ahead; the acceleration is white noise relative to the target's side.
-
-    `detected` is that of targets started by detections, sides per s^2.
+def advance(targets: TargetRows, step_s: float) -> None:
+    """Moves states ahead; the acceleration is white noise relative to the target's side, or to its speed.
 
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking, section 6.3.2.
     """
     motion = np.eye(4) + step_s * np.eye(4, k=2)
     gain = np.concatenate([step_s**2 / 2 * IDENTITY, step_s * IDENTITY])
     sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), MIN_SIDE)
-    acceleration = sides * np.where(targets["manual"], ACCELERATION, detected)
+    turning = TURN_RATE * np.hypot(targets["mean"][:, 2], targets["mean"][:, 3])
+    detected = np.maximum(DETECTED_ACCELERATION * sides, turning)
+    acceleration = np.where(targets["manual"], ACCELERATION * sides, detected)
     targets["mean"] = targets["mean"] @ motion.T
     noise = acceleration[:, None, None] ** 2 * (gain @ gain.T)
     targets["covariance"] = motion @ targets["covariance"] @ motion.T + noise

@@ -47,7 +47,7 @@ def expected(*, variances: tuple[float, float] = (8.0, 3.0)) -> TargetRows:
 
 def compare(rows: TargetRows, detected: np.ndarray, unlike: np.ndarray) -> associate.Comparison:
     """All rows compared with all detections."""
-    return associate.compare(rows, np.arange(len(rows)), detected, unlike, are_objects=False)
+    return associate.compare(rows, np.arange(len(rows)), detected, unlike, np.zeros(len(rows), np.bool_))
 
 
 def detected(x: float, y: float, width: float = 20.0, height: float = 10.0) -> list[float]:
@@ -179,3 +179,25 @@ def test_a_frame_without_registration_is_no_look():
     for _ in range(20):
         reports = tracker.step(image, Observation(0.04, continuity=FrameContinuity.LOST, are_objects=True))
     assert [(report.id, str(report.state)) for report in reports] == [(1, "coasting")]
+
+
+def test_a_car_that_turns_is_found_after_a_gap():
+    """22 px long, 150 px/s, turning by 1.2 rad/s: three missed frames do not end its id."""
+    tracker, image = MultiTargetTracker(), np.full((500, 400), 90, np.uint8)
+    for look in range(60):
+        angle = 1.2 * 0.04 * look
+        middle = np.array([[200 + 125 * np.sin(angle), 325 - 125 * np.cos(angle)]])
+        shown = middle[look % 10 in (6, 7, 8) :]
+        boxes = np.column_stack([shown - np.array([11, 8]), shown + np.array([11, 8])])
+        reports = tracker.step(image, Observation(0.04, centroids=shown, boxes=boxes, are_objects=True))
+    assert [report.id for report in reports] == [1]
+
+
+def test_what_appears_far_away_is_not_an_object_that_left_long_ago():
+    """A gate that is wider than the object allows any place: after 2 s it is not used."""
+    tracker, image = MultiTargetTracker(), np.full((200, 800), 90, np.uint8)
+    for look in range(75):
+        middles = np.array([[100.0 + 8 * look, 100]])[look >= 25 :] if look < 74 else np.array([[400.0, 100]])
+        boxes = np.column_stack([middles - np.array([10, 20]), middles + np.array([10, 20])])
+        reports = tracker.step(image, Observation(0.04, centroids=middles, boxes=boxes, are_objects=True))
+    assert [(report.id, report.provenance.detection) for report in reports] == [(2, 0)]

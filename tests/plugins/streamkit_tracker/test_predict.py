@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from streamkit_tracker.predict import REGION_ACCELERATION, advance, correct, predict
+from streamkit_tracker.predict import advance, correct, predict
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetTable
 
@@ -23,7 +23,7 @@ def follow(steps: list[float], noise: float = 0.5) -> tuple[np.ndarray, np.ndarr
     time = 0.0
     for step in steps:
         time += step
-        advance(rows, step, REGION_ACCELERATION)
+        advance(rows, step)
         rows["measurement"] = np.array([60.0, -25.0]) * time + noise * generator.standard_normal(2)
         correct(rows)
     return rows["mean"][0], rows["covariance"][0]
