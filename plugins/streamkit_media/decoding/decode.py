@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 import enum
-from bisect import insort
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
-from fractions import Fraction
 
 from av.codec.codec import UnknownCodecError
 from av.codec.context import ThreadType
 from av.error import FFmpegError
-from av.packet import Packet
 from av.video.frame import VideoFrame
 
 from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
 from streamkit.handoff.library_threads import available_cores
-from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, extradata_of, size_of
+from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
+from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
-from streamkit_media.decoding.framenumbers import FrameNumbers
-from streamkit_media.decoding.marks import PENDING_LIMIT, FrameMarks, Freshness, InherentDelay
+from streamkit_media.decoding.marks import FrameMarks, Freshness, InherentDelay
 from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
 from streamkit_media.failures import reason_of
-from streamkit_media.nalunits import is_reference
 from streamkit_media.streams import DecodeOnly
 
 # Plain numbers: the arithmetic of flags is slow, and this runs for every frame.
 DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
-KEYFRAME = int(FrameFlags.KEYFRAME)
 SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
 SPARE_THREADS, MAX_THREADS = 2, 16
@@ -80,24 +74,14 @@ class Decode(Transform):
 
     def start(self) -> None:
         """Begins without a decoder; the first packet determines it."""
-        self._decoder: VideoDecoder[Frame] | None = None
+        self._stream: CodedStream | None = None
         self._reader = FrameReader("GRAY8")
-        self._coded_caps: Caps | None = None
-        self._raw_caps: Caps | None = None
-        self._raw_size = (0, 0)
-        self._framerate: Fraction | None = None
-        self._rotation = self._epoch = 0
+        self._raw_caps: Caps | None = None  # of the last frame
         self._marks = FrameMarks()
-        # Of packets without a frame yet, ascending: frames come out in order of presentation.
-        self._sequence_numbers: list[int] = []
-        self._newest_arrival_ns = 0
         self._inherent_delay = InherentDelay()
-        self._h264_frame_numbers: FrameNumbers | None = None
-        self._next_pts = 0
         self._packets = self._frames_decoded = self._frames_shown = 0
-        self._reported: set[str] = set()
+        self._errors: list[str] = []  # of packets, each once
         self._reported_device = ""
-        self._first_error = ""
 
     # Negotiation.
 
@@ -121,8 +105,8 @@ class Decode(Transform):
         self._raw_caps = None
         if sink_caps.get("width") is None or sink_caps.get("height") is None:
             return None
-        self._raw_size = chosen.integer("width"), chosen.integer("height")
-        self._raw_caps = raw_video_caps(self._reader.pixel_format, *self._raw_size, caps_rate(sink_caps))
+        size = chosen.integer("width"), chosen.integer("height")
+        self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, caps_rate(sink_caps))
         return self._raw_caps
 
     # Streaming.
@@ -130,32 +114,30 @@ class Decode(Transform):
     def transform(self, frame: Frame) -> Frame | Iterable[Frame] | None:
         """Decodes one packet; a new format or epoch first drains the old decoder."""
         held: list[Frame] = []
-        if frame.caps is not self._coded_caps or frame.epoch != self._epoch:
+        stream = self._stream
+        if stream is None or frame.caps is not stream.caps or frame.epoch != stream.epoch:
             held = list(self._finish())
-            self._begin(frame)
-        assert self._decoder is not None
+            stream = self._stream = self._begin(frame)
         data, is_keyframe = memoryview(frame.data), bool(frame.flags & KEYFRAME)
         if not data.nbytes:
             self._drop_packet(frame, "empty packet")
             return held
-        if self._h264_frame_numbers is not None and self._h264_frame_numbers.lacks_reference(
-            data, is_keyframe
-        ):
+        if stream.frame_numbers is not None and stream.frame_numbers.lacks_reference(data, is_keyframe):
             frame = frame.replace(flags=frame.flags | CORRUPT)
-        if self.skip is not Skip.NONE and self._is_skipped(frame):
+        if self.skip is not Skip.NONE and self._is_skipped(stream, frame):
             self._drop_packet(frame, f"skip={self.skip}")
             return held
         self._packets += 1
-        self._awaits_keyframe &= not is_keyframe
-        insort(self._sequence_numbers, frame.seq)
-        del self._sequence_numbers[:-PENDING_LIMIT]
-        self._newest_arrival_ns = max(self._newest_arrival_ns, frame.arrival_ns)
+        stream.add(frame)
         try:
-            decoded = self._decoder.decode(frame.data, frame, is_keyframe)
+            decoded = stream.decoder.decode(frame.data, frame, is_keyframe)
         except FFmpegError as error:
-            self._undecodable(frame, error)
+            stream.leave_out(frame)
+            reason = NO_KEYFRAME if stream.awaits_keyframe else reason_of(error)
+            self._drop_packet(frame, f"undecodable packet: {reason}", is_damage=True)
+            self._report_error(reason, f" at {frame.describe()}")
             return held
-        frames = [*held, *self._shown(decoded)]
+        frames = [*held, *self._shown(stream, decoded)]
         return frames[0] if len(frames) == 1 else frames
 
     def drain(self) -> Iterable[Frame]:
@@ -167,16 +149,15 @@ class Decode(Transform):
         yield from self._finish()
         self._report_damage()
         if self._packets and not self._frames_decoded:
-            codec = self._coded_caps.name if self._coded_caps is not None else "unknown caps"
-            reason = f": {self._first_error}" if self._first_error else ""
+            reason = f": {self._errors[0]}" if self._errors else ""
             raise StreamError(
-                f"none of {self._packets} packets of {codec} could be decoded{reason}; "
+                f"none of {self._packets} packets of {self.sink_caps.name} could be decoded{reason}; "
                 "the video is damaged, encrypted or cut short"
             )
 
     def stop(self) -> None:
         """Frees the decoder; reports damage where EOS did not."""
-        self._decoder = None
+        self._stream = None
         self._report_damage()
 
     def _report_damage(self) -> None:
@@ -184,27 +165,23 @@ class Decode(Transform):
         if shown and (damaged := self.outcomes["damaged"]):
             self.post_warning(f"{damaged} of {shown} frames are damaged", "shortfall")
 
-    def _begin(self, frame: Frame) -> None:
+    def _begin(self, frame: Frame) -> CodedStream:
+        """Makes the decoder for the stream that begins with a packet."""
         caps = frame.caps
         try:
-            codec = self._codec = codec_of(caps)
+            codec = codec_of(caps)
             device, name = accelerator(self.hwaccel)
-            self._decoder = VideoDecoder(caps, *self._threads(codec, caps), device, not self.query_live())
+            decoder = VideoDecoder[Frame](
+                caps, *self._threads(codec, caps), device, holds_for_order=not self.query_live()
+            )
         except (KeyError, UnknownCodecError) as error:
             raise StreamError(f"no decoder in this FFmpeg for {caps}: {error}; convert to H.264") from None
-        if device is not None and not self._decoder.is_on_device:
+        if device is not None and not decoder.is_on_device:
             name = f"software: {name} does not decode {codec}"
         if name != self._reported_device:
             self._reported_device = name
             self.post_message("decoder", codec=codec, device=name)
-        self._framerate = caps_rate(caps)
-        rotation = caps.get("rotation", 0)
-        self._rotation = rotation if isinstance(rotation, int) else 0
-        self._coded_caps, self._epoch = caps, frame.epoch
-        self._next_pts = 0
-        self._awaits_keyframe = not extradata_of(caps)  # which then has the parameter sets
-        self._sequence_numbers.clear()
-        self._h264_frame_numbers = FrameNumbers(extradata_of(caps)) if codec == "h264" else None
+        return CodedStream(frame, decoder)
 
     def _threads(self, codec: str, caps: Caps) -> tuple[ThreadType, int]:
         """What the threads share, and their number: the one set, or what suits the stream.
@@ -229,60 +206,49 @@ class Decode(Transform):
         if reason:
             self.count_drop(reason)
 
-    def _is_skipped(self, frame: Frame) -> bool:
-        if frame.flags & KEYFRAME:
+    def _is_skipped(self, stream: CodedStream, packet: Frame) -> bool:
+        if packet.flags & KEYFRAME:
             return False
-        if self.skip is Skip.NON_KEY:
-            return True
-        is_disposable = isinstance(frame.data, Packet) and frame.data.is_disposable
-        data, extradata = memoryview(frame.data), extradata_of(frame.caps)
-        return is_disposable or not is_reference(self._codec, data, extradata)
+        return self.skip is Skip.NON_KEY or not stream.is_needed(packet)
 
-    def _finish(self) -> Iterator[Frame]:
-        if self._decoder is not None:
-            decoder, self._decoder = self._decoder, None
-            try:
-                yield from self._shown(decoder.drain())
-            except FFmpegError as error:
-                self._undecodable(None, error)
-            if decoder.unaccounted:
-                self.count_drop(NO_FRAME, decoder.unaccounted)
-
-    def _undecodable(self, frame: Frame | None, error: FFmpegError) -> None:
-        """Counts a packet that gave no frame; each kind of error is posted once."""
-        reason = NO_KEYFRAME if self._awaits_keyframe and frame is not None else reason_of(error)
-        self._first_error = self._first_error or reason
-        text = f"undecodable packet: {reason}"
-        if frame is not None:
-            with suppress(ValueError):
-                self._sequence_numbers.remove(frame.seq)
-            self._drop_packet(frame, text, is_damage=True)
-        else:
-            self.count_drop(text)
-        if reason not in self._reported:
-            self._reported.add(reason)
-            where = f" at {frame.describe()}" if frame is not None else ""
+    def _report_error(self, reason: str, where: str = "") -> None:
+        """Posts each kind of error of a packet once."""
+        if reason not in self._errors:
+            self._errors.append(reason)
             self.post_warning(f"a packet could not be decoded{where}: {reason}; continuing with the next")
 
-    def _shown(self, decoded: Decoded) -> list[Frame]:
+    def _finish(self) -> Iterator[Frame]:
+        """The frames that the decoder still holds; the next packet begins another stream."""
+        stream, self._stream = self._stream, None
+        if stream is None:
+            return
+        try:
+            yield from self._shown(stream, stream.decoder.drain())
+        except FFmpegError as error:
+            self.count_drop(f"undecodable packet: {reason_of(error)}")
+            self._report_error(reason_of(error))
+        if stream.decoder.unaccounted:
+            self.count_drop(NO_FRAME, stream.decoder.unaccounted)
+
+    def _shown(self, stream: CodedStream, decoded: Decoded) -> list[Frame]:
         self._frames_decoded += len(decoded)
         frames = []
         for video_frame, origin in decoded:
-            number = self._sequence_numbers.pop(0) if self._sequence_numbers else origin.seq
+            number = stream.take_number(origin)
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
-            reason = self._decide_to_hide(origin) if origin.metadata else None
+            reason = self._decide_to_hide(stream, origin) if origin.metadata else None
             if reason is None:
-                frames.append(self._frame(video_frame, origin, number, is_damaged))
+                frames.append(self._frame(stream, video_frame, origin, number, is_damaged))
             else:
                 self._drop_packet(origin, reason)
         return frames
 
-    def _decide_to_hide(self, origin: Frame) -> str | None:
+    def _decide_to_hide(self, stream: CodedStream, origin: Frame) -> str | None:
         """Notes a frame's age; why it is not shown, "" where that is not counted, or None where it is."""
         hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
         # Of the packet that let the decoder give the frame out: a frame that is reordered has not waited.
-        age_ns = self.clock_ns() - self._newest_arrival_ns
+        age_ns = self.clock_ns() - stream.newest_arrival_ns
         if hidden is not None:
             if freshness is not None:
                 self._inherent_delay.add(age_ns)
@@ -291,18 +257,20 @@ class Decode(Transform):
             return TOO_OLD
         return None
 
-    def _frame(self, video_frame: VideoFrame, origin: Frame, number: int, is_damaged: bool) -> Frame:
+    def _frame(
+        self, stream: CodedStream, video_frame: VideoFrame, origin: Frame, number: int, is_damaged: bool
+    ) -> Frame:
         try:
             pixels = self._reader.read(video_frame)
         except OddSize as error:
             raise StreamError(str(error)) from None
         size = video_frame.width, video_frame.height
-        if self._rotation:
-            pixels = rotated(pixels, self._rotation)
-            size = size[::-1] if self._rotation in SIDEWAYS else size
-        if self._raw_caps is None or self._raw_size != size:
-            self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, self._framerate)
-            self._raw_size = size
+        if stream.rotation:
+            pixels = rotated(pixels, stream.rotation)
+            size = size[::-1] if stream.rotation in SIDEWAYS else size
+        caps = self._raw_caps
+        if caps is None or (caps["width"], caps["height"]) != size:
+            caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, stream.framerate)
         flags = origin.flags & ~(KEYFRAME | CORRUPT)
         flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
         flags |= KEYFRAME if video_frame.key_frame else 0
@@ -311,11 +279,8 @@ class Decode(Transform):
         if is_damaged:
             self.outcomes["damaged"] += 1
         duration = origin.duration
-        if duration is None and self._framerate is not None:
-            duration = round(SECOND_NS / self._framerate)
-        pts = self._next_pts if origin.pts is None else origin.pts
-        self._next_pts = pts + (duration or 0)
-        return origin.replace(
-            data=pixels, caps=self._raw_caps, pts=pts, duration=duration, flags=flags, seq=number,
-            epoch=self._epoch,
-        )  # fmt: skip
+        if duration is None and stream.framerate is not None:
+            duration = round(SECOND_NS / stream.framerate)
+        pts = stream.next_pts if origin.pts is None else origin.pts
+        stream.next_pts = pts + (duration or 0)
+        return origin.replace(data=pixels, caps=caps, pts=pts, duration=duration, flags=flags, seq=number)

@@ -1,0 +1,70 @@
+"""Packets of one format and epoch: their decoder, and what their frames need of the packets before."""
+
+from __future__ import annotations
+
+from bisect import insort
+from contextlib import suppress
+
+from av.packet import Packet
+
+from streamkit import Frame, FrameFlags
+from streamkit_media.codecs import caps_rate, codec_of, extradata_of
+from streamkit_media.decoding.framenumbers import FrameNumbers
+from streamkit_media.decoding.marks import PENDING_LIMIT
+from streamkit_media.decoding.videodecoder import VideoDecoder
+from streamkit_media.nalunits import is_reference
+
+KEYFRAME = int(FrameFlags.KEYFRAME)
+
+
+class CodedStream:
+    """What begins anew with each format or epoch of the packets.
+
+    Args:
+        first: a packet of it.
+        decoder: takes its packets, and no others.
+
+    Attributes:
+        caps, epoch: of its packets.
+        framerate: by the caps; None if unknown.
+        rotation: by which frames are to be rotated counter-clockwise, degrees.
+        decoder: as given.
+        awaits_keyframe: whether decoding waits for a keyframe, which brings the parameter sets.
+        frame_numbers: finds missing frames of H.264; None for other codecs.
+        newest_arrival_ns: of the packets so far.
+        next_pts: of a frame whose packet has no time, ns.
+    """
+
+    def __init__(self, first: Frame, decoder: VideoDecoder[Frame]) -> None:
+        caps, extradata = first.caps, extradata_of(first.caps)
+        self.caps, self.epoch = caps, first.epoch
+        self.framerate = caps_rate(caps)
+        rotation = caps.get("rotation", 0)
+        self.rotation = rotation if isinstance(rotation, int) else 0
+        self.decoder = decoder
+        self.awaits_keyframe = not extradata
+        self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None
+        self.newest_arrival_ns = self.next_pts = 0
+        self._numbers: list[int] = []  # of packets without a frame yet, ascending
+
+    def add(self, packet: Frame) -> None:
+        """Notes a packet that the decoder gets."""
+        self.awaits_keyframe &= not packet.flags & KEYFRAME
+        self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
+        insort(self._numbers, packet.seq)
+        del self._numbers[:-PENDING_LIMIT]
+
+    def leave_out(self, packet: Frame) -> None:
+        """Notes that a packet gives no frame."""
+        with suppress(ValueError):
+            self._numbers.remove(packet.seq)
+
+    def take_number(self, origin: Frame) -> int:
+        """The sequence number of the next frame: frames come out in order of presentation."""
+        return self._numbers.pop(0) if self._numbers else origin.seq
+
+    def is_needed(self, packet: Frame) -> bool:
+        """Whether other frames may depend on the one in a packet."""
+        if isinstance(packet.data, Packet) and packet.data.is_disposable:
+            return False
+        return is_reference(codec_of(self.caps), memoryview(packet.data), extradata_of(self.caps))
