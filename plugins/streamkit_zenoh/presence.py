@@ -172,8 +172,10 @@ def wait_for_receivers(
     return False
 
 
-def is_matching(publisher: zenoh.Publisher) -> bool:
-    """Whether a publisher has a subscriber; False once its session is closed."""
+def is_matching(publisher: zenoh.Publisher | None) -> bool:
+    """Whether a publisher has a subscriber; False without a publisher, and once its session is closed."""
+    if publisher is None:
+        return False
     try:
         # zenoh's stub declares a bool; the library returns an object that is always true.
         return bool(getattr(publisher.matching_status, "matching", False))

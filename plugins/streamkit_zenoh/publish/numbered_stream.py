@@ -62,7 +62,7 @@ class NumberedStream:
         self.encoding = zenoh.Encoding(content_type)
         self._owner = publisher
         self._drops: Counter[str] = Counter()
-        self._next_number = self._settled_number = 0
+        self._next_number = 0
         self._published = self._bytes = 0
         self._first_numbers: RecentDict[str, int] = RecentDict()
         self._closed = False
@@ -91,10 +91,6 @@ class NumberedStream:
         self._next_number += 1
         return Stamp(self._owner.run, self._next_number - 1)
 
-    def settle(self, stamp: Stamp) -> None:
-        """Notes that this message and all before it were sent or dropped, or had no subscriber."""
-        self._settled_number = max(self._settled_number, stamp.number + 1)
-
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publishes a message; may block with congestion control `block`.
 
@@ -121,12 +117,12 @@ class NumberedStream:
         if name not in self._first_numbers:
             self._first_numbers[name] = self._next_number
 
-    def status(self, receiver: str | None = None) -> StreamStatus:
-        """Counters; for a known receiver also the first number that it is sent."""
+    def status(self, settled_number: int, receiver: str | None = None) -> StreamStatus:
+        """Counters; all messages with lower numbers than `settled_number` were sent or dropped."""
         return StreamStatus(
             name=self.name,
             run=self._owner.run,
-            settled_number=self._settled_number,
+            settled_number=settled_number,
             published=self._published,
             bytes=self._bytes,
             has_subscriber=int(self.has_subscriber),

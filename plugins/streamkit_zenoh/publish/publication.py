@@ -166,7 +166,7 @@ class Publication:
             epoch=None if frame is None else frame.epoch,
             tracks=records.targets,
             age_ms=records.age_ms,
-            streams=tuple(sender.stream.status(receiver) for sender in self._senders),
+            streams=tuple(sender.status(receiver) for sender in self._senders),
             drops=tuple(drop for sender in self._senders for drop in sender.stream.drop_counts()),
             control=self._control is not None,
             changes=() if self._control is None else self._control.changes(),

@@ -58,12 +58,7 @@ class RecordSender(Sender):
     @property
     @override
     def has_subscriber(self) -> bool:
-        return self.stream.has_subscriber or self.has_track_subscriber
-
-    @property
-    def has_track_subscriber(self) -> bool:
-        """Whether anyone receives single targets."""
-        return self._track_publisher is not None and is_matching(self._track_publisher)
+        return self.stream.has_subscriber or is_matching(self._track_publisher)
 
     @override
     def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
@@ -128,7 +123,7 @@ class RecordSender(Sender):
             self._publish_status()
         if self.publisher.settings.tracks and self.stream.has_subscriber:
             self.stream.put(payload, attachment)
-        if self.has_track_subscriber:
+        if is_matching(self._track_publisher):
             self._send_tracks(record, attachment)
         self.settle(item)
         self.age_ms, self.targets = record.age_ms, len(record.tracks)

@@ -10,6 +10,7 @@ from streamkit import Frame
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
 from streamkit_zenoh.wire.numbering import Stamp
+from streamkit_zenoh.wire.status import StreamStatus
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,7 +29,7 @@ class Sender:
     `periodic` is called in the thread once a second.
 
     Attributes:
-        last: the last frame whose message was sent, or had no subscriber.
+        last: the last frame whose message was sent, or had no subscriber; all before it are settled.
         executor: the thread.
     """
 
@@ -72,9 +73,14 @@ class Sender:
         return ()
 
     def settle(self, item: Outgoing) -> None:
-        """Notes that a message was sent, or had no subscriber."""
-        self.last = item
-        self.stream.settle(item.stamp)
+        """Notes that a message and all before it were sent or dropped, or had no subscriber."""
+        # Without a subscriber a frame is settled at once, while frames before it may still be in the queue.
+        if self.last is None or item.stamp.number > self.last.stamp.number:
+            self.last = item
+
+    def status(self, receiver: str | None = None) -> StreamStatus:
+        """Counters; for a known receiver also the first number that it is sent."""
+        return self.stream.status(0 if self.last is None else self.last.stamp.number + 1, receiver)
 
     def abandon(self) -> None:
         """Drops what waits."""
