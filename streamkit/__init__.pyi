@@ -81,6 +81,8 @@ from streamkit.flow.record_metadata import registration_of as registration_of
 from streamkit.flow.record_metadata import tracks_of as tracks_of
 from streamkit.flow.record_tally import RecordTally as RecordTally
 from streamkit.flow.scaled_metadata import scale_metadata as scale_metadata
+from streamkit.flow.statistics import RunStatistics as RunStatistics
+from streamkit.flow.statistics import read_statistics as read_statistics
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
 from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 from streamkit.cli.stderr import fail_usage
 from streamkit.cli.table import Row, facts, measure_rows
+from streamkit.errors import StreamError
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.element.pad import Pad
     from streamkit.graph.graph import Graph
 
-SIZE_LIMIT = 50_000_000
 SVG_LIMIT_S = 30
 MIN_CAPS_COLUMNS = 20  # columns
 DRAWN_FORMATS = 3  # in the label of a link; the file sources alone have two dozen
@@ -43,18 +43,14 @@ def read_counters(built: Graph, file: Path | None) -> Counters:
     """Reads the counters of `launch --stats-file` for the elements of a graph; exits with 2 if invalid."""
     if file is None:
         return Counters()
-    import msgspec
-
-    from streamkit.flow.statistics import RunStatistics
+    from streamkit.flow.statistics import read_statistics
 
     try:
-        if file.stat().st_size > SIZE_LIMIT:
-            fail_usage(f"{file}: statistics have at most {SIZE_LIMIT} bytes")
-        statistics = msgspec.json.decode(file.read_bytes(), type=RunStatistics)
+        statistics = read_statistics(file)
+    except StreamError as error:
+        fail_usage(str(error))
     except OSError as error:
         fail_usage(f"cannot read the statistics {file}: {error.strerror}")
-    except msgspec.DecodeError as error:
-        fail_usage(f"{file}: no statistics as launch --stats-file writes them: {error}")
     by_name = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
     names = {element: (element.parent, element.name) for element in built.elements}
     rows = {element: by_name[name] for element, name in names.items() if name in by_name}

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import msgspec
+
+from streamkit.errors import StreamError
+
+FILE_LIMIT_BYTES = 50_000_000
 
 
 class PadStatistics(msgspec.Struct, frozen=True):
@@ -128,3 +133,18 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     elements: list[ElementStatistics]
     processes: list[ProcessStatistics] = []
     shortfalls: list[str] = []
+
+
+def read_statistics(file: Path) -> RunStatistics:
+    """The counters in a file that `launch --stats-file` has written.
+
+    Raises:
+        OSError: the file cannot be read.
+        StreamError: it holds something else.
+    """
+    if file.stat().st_size > FILE_LIMIT_BYTES:
+        raise StreamError(f"{file}: statistics have at most {FILE_LIMIT_BYTES} bytes")
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=RunStatistics)
+    except msgspec.DecodeError as error:
+        raise StreamError(f"{file}: no statistics as launch --stats-file writes them: {error}") from None

@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error
+from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error, read_statistics
 from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason
-from streamkit_tracks.report.page import build_page, cost_table, read_costs
+from streamkit_tracks.report.page import build_page, cost_table
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
 MAX_CROPS = 60
@@ -39,7 +39,7 @@ def report(
         found = read_run(file, run)
         if not found.times_s:
             exit_with_error(f"{file}: no record in it")
-        costs = "" if stats is None else cost_table(read_costs(stats))
+        costs = "" if stats is None else cost_table(read_statistics(stats))
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
         write_page(found, file.name, output, frame, crops, costs)
     except (OSError, StreamkitError) as error:

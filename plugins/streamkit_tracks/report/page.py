@@ -6,14 +6,10 @@ import base64
 from collections import Counter
 from collections.abc import Mapping
 from html import escape
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
-
-import msgspec
-
-from streamkit import StreamError
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from streamkit import RunStatistics
     from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
 MAX_TARGETS = 200
@@ -101,41 +97,7 @@ def _table(paths: list[TargetPath], crops: Mapping[int, bytes]) -> str:
     return f"<h2>Targets</h2><table><tr>{head}</tr>{''.join(rows)}</table>{note}"
 
 
-class ElementCost(msgspec.Struct, frozen=True):
-    """Counters of an element; see `streamkit.flow.statistics`."""
-
-    element: str
-    frames_in: int
-    frames_out: int
-    busy_ns: int
-    dropped: dict[str, int]
-    queue: dict[str, Any] | None
-
-
-class RunCosts(msgspec.Struct, frozen=True):
-    """The counters of a run."""
-
-    schema: Literal["streamkit.statistics/1"]
-    elapsed_s: float
-    elements: list[ElementCost]
-
-
-def read_costs(path: Path) -> RunCosts:
-    """The counters in a file.
-
-    Raises:
-        OSError: the file cannot be read.
-        StreamError: it holds something else.
-    """
-    try:
-        return msgspec.json.decode(path.read_bytes(), type=RunCosts)
-    except msgspec.DecodeError as error:
-        raise StreamError(
-            f"--stats {path}: {error}; give the file that streamkit launch --stats-file wrote"
-        ) from None
-
-
-def cost_table(run: RunCosts) -> str:
+def cost_table(run: RunStatistics) -> str:
     """The elements as HTML, the costliest first; queues, whose time is that of waiting, are left out."""
     rows = []
     for item in sorted(run.elements, key=lambda item: -item.busy_ns):
@@ -146,7 +108,7 @@ def cost_table(run: RunCosts) -> str:
                 str(frames),
                 f"{item.busy_ns / 1e6 / max(1, frames):.2f}",
                 f"{share:.1f}",
-                str(sum(item.dropped.values())),
+                str(item.total_dropped),
                 escape(item.element),
             )
             rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
