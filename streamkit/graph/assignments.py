@@ -50,17 +50,8 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
         DescriptionError: the property does not exist (code `no-such-property`), or refuses the value.
     """
     declaration = element.declaration_of(item.name)
-    if declaration is None and item.name == "parent":
-        rule = "the parent of an element is the bin that contains it"
-        raise DescriptionError("could-not-set-property", rule, item.place)
     if declaration is None:
-        from streamkit.element.gstreamer_names import property_hint
-
-        known = ["name", *(known.spelling for known in element.properties.values())]
-        hint = property_hint(element.factory, item.name) or did_you_mean(item.name, known)
-        raise DescriptionError(
-            "no-such-property", f"{element.factory} has no property {item.name!r}", item.place, hint
-        )
+        raise _no_property(element, item)
     value: str | None = unquote_value(item.value)
 
     def collect(message: Message) -> None:
@@ -87,6 +78,20 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
     if not declaration.readonly:
         element.set_in_text[declaration.spelling] = value
     return declaration
+
+
+def _no_property(element: Element, item: Assignment) -> DescriptionError:
+    """The error for a property that an element does not have."""
+    from streamkit.element.gstreamer_names import property_hint
+
+    if item.name == "parent":
+        rule = "the parent of an element is the bin that contains it"
+        return DescriptionError("could-not-set-property", rule, item.place)
+    known = ["name", *(known.spelling for known in element.properties.values())]
+    hint = property_hint(element.factory, item.name) or did_you_mean(item.name, known)
+    return DescriptionError(
+        "no-such-property", f"{element.factory} has no property {item.name!r}", item.place, hint
+    )
 
 
 def load_presets(element: Element, presets: Iterable[Assignment]) -> None:

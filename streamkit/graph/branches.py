@@ -41,14 +41,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     element = graph.element(name)
     taken = {known.name for known in (*graph.elements, *graph.bins)}
     added = build(description, {}, taken)
-    if added.homes or not graph.is_local(element):
-        raise DescriptionError("link", f"{name}: branches join and leave in the main process only")
-    for delayed in added.delayed_links:
-        raise DescriptionError(
-            "link",
-            f"{delayed.description}: a branch cannot wait for a pad that the stream adds later; put "
-            f"{delayed.source.name} into the pipeline, and a tee behind it",
-        )
+    _check_links(graph, element, added)
     _check_names(added, taken)
     entry = find_pad(added.elements[0], Direction.SINK, "", Place())
     src = find_pad(element, Direction.SRC, "", Place())
@@ -63,18 +56,36 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     graph.bins += added.bins
     branch = Branch(src, list(added.elements), added.bins)
     try:
-        check_files(graph.elements)
-        negotiate(graph, {})
-        branch.elements.extend(graph.inserted[before:])
+        _check_files(graph)
+        try:
+            negotiate(graph, {})
+        finally:
+            branch.elements.extend(graph.inserted[before:])
         if playback is not None:
             _start(graph, branch, playback)
-    except (DescriptionError, ElementFailure, FileConflict) as error:
-        branch.elements.extend(graph.inserted[before:])
+    except (DescriptionError, ElementFailure):
         _detach(graph, branch)
-        if isinstance(error, FileConflict):
-            raise DescriptionError("could-not-set-property", str(error)) from None
         raise
     return branch
+
+
+def _check_links(graph: Graph, element: Element, added: Graph) -> None:
+    """Refuses a branch that begins or leads outside of the main process, or waits for a pad."""
+    if added.homes or not graph.is_local(element):
+        raise DescriptionError("link", f"{element.name}: branches join and leave in the main process only")
+    for delayed in added.delayed_links:
+        raise DescriptionError(
+            "link",
+            f"{delayed.description}: a branch cannot wait for a pad that the stream adds later; put "
+            f"{delayed.source.name} into the pipeline, and a tee behind it",
+        )
+
+
+def _check_files(graph: Graph) -> None:
+    try:
+        check_files(graph.elements)
+    except FileConflict as error:
+        raise DescriptionError("could-not-set-property", str(error)) from None
 
 
 def _check_names(added: Graph, taken: set[str]) -> None:

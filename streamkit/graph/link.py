@@ -10,11 +10,9 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.errors import DescriptionError, Place, StreamkitError, did_you_mean
 from streamkit.flow.caps import Caps
-from streamkit.flow.video import misspelt_fields, misspelt_formats
+from streamkit.graph.caps_conflict import caps_conflict
 
 RAW_VIDEO = Caps("video/x-raw")
-CODED_VIDEO = ("video/", "image/")  # begin the media types of coded packets
-MEDIA_SHOWN = 3
 Choice = Pad | PadTemplate
 
 
@@ -97,48 +95,6 @@ def _pair(
             break
     left, right = f"{request.source.name}.{srcs[0].name}", f"{request.sink.name}.{sinks[0].name}"
     raise caps_conflict(left, _caps(srcs[0]), right, _caps(sinks[0]), request.place, request.sink)
-
-
-def caps_conflict(
-    left: str, offered: Caps, right: str, accepted: Caps, place: Place | None, sink: Element
-) -> DescriptionError:
-    """The error for two pads, by path, whose caps have nothing in common; `sink` is the second's element."""
-    text = f"could not link {left} to {right}: they "
-    if remedy := _codec_remedy(offered, accepted, sink):
-        text += f"disagree on media type: {left} offers {_media(offered)}; {right} takes {_media(accepted)}"
-        return DescriptionError("link", text, place, remedy)
-    text += offered.disagreement(accepted, left, right)
-    fields = [*misspelt_fields(offered), *misspelt_fields(accepted)]
-    formats = [*misspelt_formats(offered), *misspelt_formats(accepted)]
-    return DescriptionError("link", text, place, "; ".join(dict.fromkeys(fields + formats)))
-
-
-def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:
-    """What to change where raw video meets coded packets, or these raw video; "" elsewhere."""
-    is_raw = _is_raw(offered)
-    if is_raw is None or _is_raw(accepted) is not (not is_raw):
-        return ""
-    made = [template.caps for template in sink.pad_templates.values() if template.direction is Direction.SRC]
-    if any(not caps.is_any and offered.can_intersect(caps) for caps in made):
-        done = "decoded" if is_raw else "encoded"
-        return f"the video is {done} before {sink.name}: leave {sink.name} out"
-    return f"put {'encode' if is_raw else 'decode'} between"
-
-
-def _is_raw(caps: Caps) -> bool | None:
-    """Whether caps are of raw video, or else of coded video; None where they are of neither, or of both."""
-    names = {structure.name for structure in caps.structures}
-    if names == {"video/x-raw"}:
-        return True
-    is_coded = names and "video/x-raw" not in names and all(name.startswith(CODED_VIDEO) for name in names)
-    return False if is_coded else None
-
-
-def _media(caps: Caps) -> str:
-    """The media types of caps; of many, the first."""
-    names = list(dict.fromkeys(structure.name for structure in caps.structures))
-    left_out = len(names) - MEDIA_SHOWN
-    return ", ".join(names[:MEDIA_SHOWN]) + (f" and {left_out} others" if left_out > 0 else "")
 
 
 def awaits_pads(element: Element) -> bool:

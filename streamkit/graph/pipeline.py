@@ -22,7 +22,8 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.playback import Playback
 from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
-from streamkit.graph.queries import Latency, State, StateChange
+from streamkit.graph.queries import Latency
+from streamkit.graph.states import State, StateChange
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0

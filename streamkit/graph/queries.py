@@ -1,31 +1,13 @@
-"""States of a pipeline, and the latency of a graph."""
+"""What a pipeline is asked of its graph: latency, position and duration."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 
 from streamkit.element.base import Element
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.graph.graph import Graph
-
-
-class State(enum.StrEnum):
-    """State of a pipeline."""
-
-    NULL = "null"
-    READY = "ready"
-    PAUSED = "paused"
-    PLAYING = "playing"
-
-
-class StateChange(enum.StrEnum):
-    """Result of a state change; ASYNC: sinks await their first frame; NO_PREROLL: the pipeline is live."""
-
-    SUCCESS = "success"
-    ASYNC = "async"
-    NO_PREROLL = "no-preroll"
 
 
 @dataclass(frozen=True, slots=True)

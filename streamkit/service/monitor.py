@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from streamkit.flow.messages import Message
 from streamkit.graph.pipeline import Pipeline
-from streamkit.graph.queries import State
+from streamkit.graph.states import State
 from streamkit.service.supervisor import RESTARTS_VARIABLE
 
 SILENCE_LIMIT_S = 10.0  # without a beat of the main loop, which has five a second

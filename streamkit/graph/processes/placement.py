@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NoReturn
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
@@ -26,32 +27,13 @@ def cut(graph: Graph, places: dict[Element, Place]) -> None:
         places: in the text, of elements and bins.
 
     Raises:
-        DescriptionError: an element has to be in the process of the application.
+        DescriptionError: an element or a link cannot be in the process that its bin asks for.
     """
     _assign(graph)
     if not graph.processes:
         return
-    for element in graph.elements:
-        if is_registered(element.factory):
-            what = f"{element.factory} is registered in this program, and no other process can import it"
-            raise DescriptionError(
-                "could-not-set-property",
-                what,
-                places.get(element),
-                "omit process=true, or put it into a package (streamkit new)",
-            )
-    for element, home in graph.homes.items():
-        if element.factory in IN_MAIN:
-            what = f"{element.name} is called by the application and cannot run in another process"
-            raise DescriptionError(
-                "could-not-set-property", what, places.get(element), f"move it out of {home.name}"
-            )
-    for delayed in graph.delayed_links:
-        if graph.homes.get(delayed.source) is not graph.homes.get(delayed.request.sink):
-            what = f"{delayed.description} waits for a pad of the stream, and cannot lead to another process"
-            raise DescriptionError(
-                "link", what, delayed.request.place, "put both elements into one bin, with what follows them"
-            )
+    _check_elements(graph, places)
+    _check_delayed_links(graph)
     for src, sink in list(graph.links()):
         writer, reader = graph.homes.get(src.element), graph.homes.get(sink.element)
         if writer is not reader:
@@ -61,12 +43,34 @@ def cut(graph: Graph, places: dict[Element, Place]) -> None:
             link.renumbers = any(isinstance(element, Source) for element in _before(graph, src, writer))
             graph.process_links[link] = (writer, reader)
     graph.run_only(None)
+
+
+def _check_elements(graph: Graph, places: dict[Element, Place]) -> None:
+    """Refuses elements that cannot be in the process that they are assigned to."""
+
+    def refuse(element: Element, rule: str, remedy: str) -> NoReturn:
+        raise DescriptionError("could-not-set-property", rule, places.get(element), remedy)
+
+    for element in graph.elements:
+        if is_registered(element.factory):
+            rule = f"{element.factory} is registered in this program, and no other process can import it"
+            refuse(element, rule, "omit process=true, or put it into a package (streamkit new)")
     for element, home in graph.homes.items():
+        if element.factory in IN_MAIN:
+            rule = f"{element.name} is called by the application and cannot run in another process"
+            refuse(element, rule, f"move it out of {home.name}")
         if home.restart and isinstance(element, Source) and not element.is_live:
-            what = f"{element.name} would start over when the process of {home.name} is started again"
-            raise DescriptionError(
-                "could-not-set-property", what, places.get(element), "move it out of the bin, or omit restart"
-            )
+            rule = f"{element.name} would start over when the process of {home.name} is started again"
+            refuse(element, rule, "move it out of the bin, or omit restart")
+
+
+def _check_delayed_links(graph: Graph) -> None:
+    """Refuses links between processes that wait for a pad of the stream."""
+    for delayed in graph.delayed_links:
+        if graph.homes.get(delayed.source) is not graph.homes.get(delayed.request.sink):
+            rule = f"{delayed.description} waits for a pad of the stream, and cannot lead to another process"
+            remedy = "put both elements into one bin, with what follows them"
+            raise DescriptionError("link", rule, delayed.request.place, remedy)
 
 
 def _assign(graph: Graph) -> None:

@@ -9,7 +9,7 @@ import pytest
 from streamkit.element.registry import element_class, installed_elements
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.processes.placement import IN_MAIN
-from streamkit.graph.queries import State
+from streamkit.graph.states import State
 
 LIMIT_S = 80.0
 
