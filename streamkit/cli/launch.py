@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from msgspec import Struct
 
     from streamkit.cli.display import Display
+    from streamkit.cli.run import Run
     from streamkit.flow.statistics import RunStatistics
     from streamkit.graph.pipeline import Pipeline
     from streamkit.service.monitor import Monitor
@@ -141,10 +142,7 @@ def launch(
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         with without_collection():
-            from msgspec import structs
-
             from streamkit.cli.run import Run
-            from streamkit.cli.summary import as_text, summarise, written_files
             from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
 
@@ -169,11 +167,28 @@ def launch(
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
     with serve_metrics(monitor, metrics):
         code = run.run()
+    result = _print_results(run, stats, stats_file, summary, strict=strict)
+    _exit(code or result, abandons_start=run.abandons_start)
+
+
+def _print_results(
+    run: Run, stats: Form | None, stats_file: Path | None, summary: Form | None, *, strict: bool
+) -> int:
+    """Prints and writes what a run has counted and made.
+
+    Returns:
+        1 if the counters cannot be written, or with `strict` if something was not made; else 0.
+    """
+    from msgspec import structs
+
+    from streamkit.cli.summary import as_text, summarise, written_files
+
     assert run.statistics is not None
+    code, display = 0, run.display
     statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
     if strict and run.shortfalls:
-        code = code or 1
-        if quiet:  # else they were printed as warnings
+        code = 1
+        if run.quiet:  # else they were printed as warnings
             display.print_each("error", run.shortfalls)
     if stats == "json":
         typer.echo(to_json(statistics))
@@ -181,10 +196,10 @@ def launch(
     if summary == "json":
         typer.echo(to_json(made))
     if stats_file is not None and not _write_counters(stats_file, statistics, display):
-        code = code or 1
-    if summary == "text" or (run.has_played and not quiet):
+        code = 1
+    if summary == "text" or (run.has_played and not run.quiet):
         display.print_line(as_text(made, written_files(statistics)))
-    _exit(code, abandons_start=run.abandons_start)
+    return code
 
 
 @contextlib.contextmanager
