@@ -42,6 +42,8 @@ class PadOwner:
             for template in self.pad_templates.values()
             if template.presence is Presence.ALWAYS
         }
+        # By template: the number after the highest in use. Looking at all pads for each new one takes long
+        # for thousands of branches.
         self._next_numbers: dict[str, int] = {}
 
     def sink_pads(self) -> Iterator[Pad]:
@@ -91,7 +93,7 @@ class PadOwner:
         return pad
 
     def _next_name(self, template: PadTemplate, number: int | None) -> str:
-        """The template's name with a number, else with the one after the highest number in use."""
+        """The template's name with `number`, or where that is None with the one after the highest in use."""
         if "%u" not in template.name:
             return template.name
         if number is None:
