@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 from av.container import InputContainer
 from av.stream import Stream
-from av.video.stream import VideoStream
 
 from streamkit import (
     SECOND_NS,
@@ -27,21 +25,17 @@ from streamkit import (
 from streamkit.output.names import is_network, local_path
 from streamkit_media.codecs import CODED_CAPS
 from streamkit_media.container import check_file, display_rotation, open_container, video_stream
-from streamkit_media.failures import MEDIA_ERRORS, reason_of
-from streamkit_media.files.completeness import Completeness
+from streamkit_media.files.file_part import FilePart
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import (
     AUDIO_CAPS,
     BARE_PACKETS,
-    DECODE_ONLY,
     KLV_CAPS,
     SUBTITLE_CAPS,
     DecodeOnly,
     StreamKind,
     kinds_of,
-    packet_frame,
-    read_packets,
     stream_caps,
     streams_of,
 )
@@ -101,7 +95,6 @@ class FileSrc(Source):
             except ValueError as error:
                 raise ResourceError(f"{error}, got {self._where!r}") from None
         self._caps: dict[StreamKind, Caps] = {}
-        self._offset = self._end = 0
         self._rotation = 0
         with self._open() as container:
             self._kinds, self._duration = kinds_of(container), container.duration
@@ -158,7 +151,9 @@ class FileSrc(Source):
             StreamError: not one packet could be read.
         """
         self._add_pads()
+        end_ns = 0
         while True:
+            begin_ns = end_ns
             try:
                 container = self._open()
             except ResourceError:
@@ -166,10 +161,9 @@ class FileSrc(Source):
                     return
                 raise
             with container:
-                yield from self._play_once(container)
-            if not self.loop or self._end <= self._offset:
+                end_ns = yield from self._play_once(container, begin_ns)
+            if not self.loop or end_ns <= begin_ns:
                 return
-            self._offset = self._end
 
     def interrupt(self) -> None:
         """Cuts a connection that is being opened or read."""
@@ -214,21 +208,27 @@ class FileSrc(Source):
 
     # One round through the file.
 
-    def _play_once(self, container: InputContainer) -> Iterator[Frame | tuple[str, Frame]]:
-        """The frames of the linked pads; an error where none is shown, a warning where some are."""
+    def _play_once(
+        self, container: InputContainer, begin_ns: int
+    ) -> Generator[Frame | tuple[str, Frame], None, int]:
+        """The frames of the linked pads, and the end of the last one.
+
+        Raises:
+            StreamError: no frame is shown; where some are, faults are warned of.
+        """
         wanted = {kind for kind in self._kinds if self._is_linked(kind.value)}
         uses_src_pad = self._is_linked("src") or not wanted
-        streams = streams_of(container, wanted | ({StreamKind.VIDEO} if uses_src_pad else set()))
+        kinds = wanted | ({StreamKind.VIDEO} if uses_src_pad else set())
+        streams = {
+            kind: (stream, self._packet_caps(stream, kind)) for stream, kind in streams_of(container, kinds)
+        }
         where, count, shown = self._where, 0, 0
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
-        self._seek(container, streams[0][0])
-        video = next((stream for stream, _ in streams if isinstance(stream, VideoStream)), None)
-        completeness = (
-            Completeness(container, video, self.start_s, self.stop_s) if video is not None else None
-        )
+        part = FilePart(container, where, streams, self.start_s, self.stop_s, begin_ns)
+        part.seek()
         try:
-            for kind, frame in self._in_range(container, streams, completeness):
+            for kind, frame in part.frames():
                 count += 1
                 shown += frame.get(DecodeOnly) is None
                 if kind in wanted:
@@ -237,12 +237,12 @@ class FileSrc(Source):
                     yield frame
         except StreamError as error:
             if self.stopping.is_set():
-                return
+                return begin_ns
             if not count:
                 raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
-        cut = "" if completeness is None or self._offset else completeness.shortfall()
-        self._report_end(cut, count, shown)
+        self._report_end("" if begin_ns else part.shortfall(), count, shown)
+        return part.end_ns
 
     def _report_end(self, cut: str, count: int, shown: int) -> None:
         """Warns of what is missing at the end of a round; an error where no frame was shown at all."""
@@ -259,65 +259,3 @@ class FileSrc(Source):
                 "the file's own edit list shows none of its frames" if count else "the video holds no packets"
             )
             raise StreamError(f"{self._where}: {fault}; the file is damaged or cut short")
-
-    def _in_range(
-        self,
-        container: InputContainer,
-        streams: list[tuple[Stream, StreamKind]],
-        completeness: Completeness | None,
-    ) -> Iterator[tuple[StreamKind, Frame]]:
-        """Frames with their kinds; video outside of the range is for decoding only."""
-        carried = {stream.index: (kind, self._packet_caps(stream, kind)) for stream, kind in streams}
-        limits = {stream.index: self._limits(stream) for stream, _ in streams}
-        playing, latest = set(carried), None
-        for packet in read_packets(container, *(stream for stream, _ in streams)):
-            decoded = packet.dts if packet.dts is not None else packet.pts
-            shown = packet.pts if packet.pts is not None else decoded
-            begin, end = limits[packet.stream_index]
-            if completeness is not None:
-                completeness.add(packet)
-            if decoded is not None and end is not None and decoded >= end:
-                playing.discard(packet.stream_index)
-                if not playing:
-                    return
-                continue
-            is_inside = shown is None or (begin <= shown and (end is None or shown < end))
-            kind, caps = carried[packet.stream_index]
-            frame = packet_frame(packet, caps)
-            if frame.pts is not None:
-                pts = frame.pts + self._offset
-                self._end = max(self._end, pts + (frame.duration or 0))
-                frame = frame.replace(pts=pts) if self._offset else frame
-                latest = pts if kind is StreamKind.VIDEO else latest
-            elif latest is not None and kind is not StreamKind.VIDEO:
-                frame = frame.replace(pts=latest)  # asynchronous KLV gets the time of the video around it
-            if is_inside:
-                yield kind, frame
-            elif kind is StreamKind.VIDEO:
-                yield kind, frame.attach(DECODE_ONLY)
-
-    def _limits(self, stream: Stream) -> tuple[float, int | None]:
-        """The first tick of a stream that is shown, and the first that is not any more."""
-        begin = _tick(self.start_s, stream) if self.start_s else -math.inf
-        return begin, None if self.stop_s is None else _tick(self.stop_s, stream)
-
-    def _seek(self, container: InputContainer, stream: Stream) -> None:
-        """Goes to the keyframe at or before the start."""
-        if not self.start_s:
-            return
-        try:
-            container.seek(_tick(self.start_s, stream), stream=stream)
-        except MEDIA_ERRORS as error:
-            raise StreamError(
-                f"{self._where}: start-s={self.start_s:g} cannot be reached: {reason_of(error)}; "
-                "this format may not allow seeking"
-            ) from None
-
-
-def _tick(seconds: float, stream: Stream) -> int:
-    """A time from the beginning of the video, in a stream's ticks; other streams count from there too."""
-    video = next((s for s in stream.container.streams if isinstance(s, VideoStream)), stream)
-    start = video.start_time or 0
-    if not stream.time_base or not video.time_base:
-        return start
-    return round(start * video.time_base / stream.time_base) + round(seconds / stream.time_base)

@@ -1,0 +1,111 @@
+"""FilePart: the frames of a file between two times, read once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+from av.container import InputContainer
+from av.stream import Stream
+from av.video.stream import VideoStream
+
+from streamkit import Caps, Frame, StreamError
+from streamkit_media.failures import MEDIA_ERRORS, reason_of
+from streamkit_media.files.completeness import Completeness
+from streamkit_media.streams import DECODE_ONLY, StreamKind, packet_frame, read_packets
+
+
+class FilePart:
+    """Reads the part of a file from `start_s` to `stop_s`, or to its own end.
+
+    Args:
+        container: the file.
+        where: the file as it may be shown.
+        streams: what to read, by kind, each with the caps of its packets.
+        start_s, stop_s: from the beginning of the video.
+        offset_ns: added to all times, as this part follows others.
+
+    Attributes:
+        end_ns: end of the last frame so far.
+    """
+
+    def __init__(
+        self,
+        container: InputContainer,
+        where: str,
+        streams: Mapping[StreamKind, tuple[Stream, Caps]],
+        start_s: float,
+        stop_s: float | None,
+        offset_ns: int,
+    ) -> None:
+        self.end_ns = self._offset_ns = offset_ns
+        self._container, self._where = container, where
+        self._start_s, self._stop_s = start_s, stop_s
+        self._streams = [stream for stream, _ in streams.values()]
+        self._carried = {stream.index: (kind, caps) for kind, (stream, caps) in streams.items()}
+        video = next((stream for stream in self._streams if isinstance(stream, VideoStream)), None)
+        self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
+
+    def shortfall(self) -> str:
+        """What is missing of the video at its end, in words; "" where nothing is."""
+        return "" if self._completeness is None else self._completeness.shortfall()
+
+    def seek(self) -> None:
+        """Goes to the keyframe at or before the start."""
+        if not self._start_s:
+            return
+        stream = self._streams[0]
+        try:
+            self._container.seek(_tick(self._start_s, stream), stream=stream)
+        except MEDIA_ERRORS as error:
+            raise StreamError(
+                f"{self._where}: start-s={self._start_s:g} cannot be reached: {reason_of(error)}; "
+                "this format may not allow seeking"
+            ) from None
+
+    def frames(self) -> Iterator[tuple[StreamKind, Frame]]:
+        """Frames with their kinds; video before the start is for decoding only.
+
+        Raises:
+            StreamError: reading failed; the frames before were good.
+        """
+        limits = {stream.index: self._limits(stream) for stream in self._streams}
+        playing, video_pts = set(limits), None
+        for packet in read_packets(self._container, *self._streams):
+            if self._completeness is not None:
+                self._completeness.add(packet)
+            begin, end = limits[packet.stream_index]
+            decoded = packet.dts if packet.dts is not None else packet.pts
+            if decoded is not None and decoded >= end:
+                playing.discard(packet.stream_index)
+                if not playing:
+                    return
+                continue
+            kind, caps = self._carried[packet.stream_index]
+            frame = packet_frame(packet, caps)
+            if frame.pts is not None:
+                frame = frame.replace(pts=frame.pts + self._offset_ns) if self._offset_ns else frame
+                self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
+            if kind is StreamKind.VIDEO:
+                video_pts = video_pts if frame.pts is None else frame.pts
+            elif frame.pts is None and video_pts is not None:
+                frame = frame.replace(pts=video_pts)  # asynchronous KLV gets the time of the video around it
+            shown = packet.pts if packet.pts is not None else decoded
+            if shown is None or begin <= shown < end:
+                yield kind, frame
+            elif kind is StreamKind.VIDEO:
+                yield kind, frame.attach(DECODE_ONLY)
+
+    def _limits(self, stream: Stream) -> tuple[float, float]:
+        """The first tick of a stream that is shown, and the first that is not any more."""
+        begin = _tick(self._start_s, stream) if self._start_s else -math.inf
+        return begin, math.inf if self._stop_s is None else _tick(self._stop_s, stream)
+
+
+def _tick(seconds: float, stream: Stream) -> int:
+    """A time from the beginning of the video, in a stream's ticks; other streams count from there too."""
+    video = next((s for s in stream.container.streams if isinstance(s, VideoStream)), stream)
+    start = video.start_time or 0
+    if not stream.time_base or not video.time_base:
+        return start
+    return round(start * video.time_base / stream.time_base) + round(seconds / stream.time_base)
