@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, cast
 
@@ -83,7 +83,7 @@ def watch(
     pads = TELEMETRY_PADS[factory]
     telemetry = "  ".join(f"s.{pad} ! appsink name={pad} {full}" for pad in pads)
     text = f"{factory} name=s  s.src ! appsink name=video {full}  {telemetry}"
-    until = time.monotonic() + limit_s
+    until_s = time.monotonic() + limit_s
 
     def watch_for_cut(message: Message) -> None:
         if message.fields.get("name") == "cut-short":
@@ -96,18 +96,7 @@ def watch(
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()
-            is_over = False
-            while not is_over and time.monotonic() < until:
-                frame = _pull(pipeline["video"], POLL_S)
-                is_over = frame is None and (pipeline.ended.is_set() or pipeline.error is not None)
-                if frame is not None:
-                    if not seen.packets and seconds is not None:
-                        until = time.monotonic() + seconds
-                    seen.add_video(frame)
-                for pad in pads:
-                    while (packet := _pull(pipeline[pad], 0.0)) is not None:
-                        seen.add_telemetry(pad, packet)
-                is_over = is_over or (seconds is None and len(seen.packets) >= most_packets)
+            _record(pipeline, seen, pads, until_s, seconds, most_packets)
             seen.carrier = getattr(pipeline["s"], "carrier", "")
             error = pipeline.error
     except StreamkitError as failure:
@@ -118,6 +107,24 @@ def watch(
     # Without the name of the element.
     seen.error = str((error.__cause__ or error) if isinstance(error, ElementFailure) else error or "")
     return seen
+
+
+def _record(
+    pipeline: Pipeline, seen: Seen, pads: Sequence[str], until_s: float, seconds: float | None, most: float
+) -> None:
+    """Takes what comes out until the end, `until_s`, `seconds` after the first packet, or `most` packets."""
+    while len(seen.packets) < most and time.monotonic() < until_s:
+        frame = _pull(pipeline["video"], POLL_S)
+        has_ended = frame is None and (pipeline.ended.is_set() or pipeline.error is not None)
+        if frame is not None:
+            if not seen.packets and seconds is not None:
+                until_s = time.monotonic() + seconds
+            seen.add_video(frame)
+        for pad in pads:
+            while (packet := _pull(pipeline[pad], 0.0)) is not None:
+                seen.add_telemetry(pad, packet)
+        if has_ended:
+            return
 
 
 def _pull(sink: Any, timeout_s: float) -> Frame | None:
