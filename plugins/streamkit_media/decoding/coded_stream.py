@@ -33,6 +33,8 @@ class CodedStream:
         frame_numbers: finds missing frames of H.264; None for other codecs.
         newest_arrival_ns: of the packets so far.
         next_pts: of a frame whose packet has no time, ns.
+        numbers: sequence numbers of the packets without a frame yet, ascending. Frames come out in order of
+            presentation, so each takes the first.
     """
 
     def __init__(self, first: Frame, decoder: VideoDecoder[Frame]) -> None:
@@ -45,23 +47,19 @@ class CodedStream:
         self.awaits_keyframe = not extradata
         self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None
         self.newest_arrival_ns = self.next_pts = 0
-        self._numbers: list[int] = []  # of packets without a frame yet, ascending
+        self.numbers: list[int] = []
 
     def add(self, packet: Frame) -> None:
         """Notes a packet that the decoder gets."""
         self.awaits_keyframe &= not packet.flags & KEYFRAME
         self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
-        insort(self._numbers, packet.seq)
-        del self._numbers[:-PENDING_LIMIT]
+        insort(self.numbers, packet.seq)
+        del self.numbers[:-PENDING_LIMIT]
 
     def leave_out(self, packet: Frame) -> None:
         """Notes that a packet gives no frame."""
         with suppress(ValueError):
-            self._numbers.remove(packet.seq)
-
-    def take_number(self, origin: Frame) -> int:
-        """The sequence number of the next frame: frames come out in order of presentation."""
-        return self._numbers.pop(0) if self._numbers else origin.seq
+            self.numbers.remove(packet.seq)
 
     def is_needed(self, packet: Frame) -> bool:
         """Whether other frames may depend on the one in a packet."""

@@ -234,7 +234,7 @@ class Decode(Transform):
         self._frames_decoded += len(decoded)
         frames = []
         for video_frame, origin in decoded:
-            number = stream.take_number(origin)
+            number = stream.numbers.pop(0) if stream.numbers else origin.seq
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._decide_to_hide(stream, origin) if origin.metadata else None

@@ -28,7 +28,7 @@ from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, 
 
 POLL_S = 0.1
 NOTICE_S = 2.0  # how long a first connection waits before it reports what for
-PARSING = ~cast("int", Flags.no_parse.value)
+NO_PARSE = cast("int", Flags.no_parse.value)
 DATAGRAM_BYTES = 1 << 16
 RESTART_NS = 500_000_000  # decoding times that fall by more are of a sender that has begun again
 # FFmpeg hands on a PES packet in pieces of 200 KB with its header, cut between transport packets.
@@ -59,7 +59,8 @@ class DatagramInput(LiveInput):
     ) -> None:
         super().__init__(location, timeout_s)
         self._counts, self._warn = counts, warn
-        self._is_first, self._low_latency = is_first, low_latency
+        self._low_latency = low_latency
+        self._reports_absence = is_first  # until it has
         self._packets = TransportPackets(counts)
         self._receiver: socket.socket | None = None
         self._held = b""
@@ -102,8 +103,8 @@ class DatagramInput(LiveInput):
             now_s = time.monotonic()
             if now_s > deadline:
                 raise self._silence()
-            if self._is_first and not self._has_come and now_s > notice_s:
-                self._is_first = False
+            if self._reports_absence and not self._has_come and now_s > notice_s:
+                self._reports_absence = False
                 self._warn(
                     f"{self.where}: {self._absence()} yet; waiting up to {self.timeout_s:g} s (timeout-s)"
                 )
@@ -179,15 +180,15 @@ def whole_frames(
 
     Where it is several, or the codec is not known here, FFmpeg's parser takes over.
     """
-    units = AccessUnits(video, has_decoding_times=True) if can_be_joined(video) else None
-    if units is None:
-        container.flags &= PARSING
-    for piece in pieces:
-        if units is None or piece.stream_index != video.index:
-            yield piece
-            continue
-        yield from units.add(piece, is_marked=piece.size <= FULL_PIECE_BYTES)
-        if units.has_several:
-            container.flags &= PARSING
-            yield from units.drain()
-            units = None
+    if can_be_joined(video):
+        units = AccessUnits(video, has_decoding_times=True)
+        for piece in pieces:
+            if piece.stream_index != video.index:
+                yield piece
+                continue
+            yield from units.add(piece, is_marked=piece.size <= FULL_PIECE_BYTES)
+            if units.has_several:
+                yield from units.drain()
+                break
+    container.flags &= ~NO_PARSE
+    yield from pieces
