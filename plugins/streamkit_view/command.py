@@ -57,17 +57,12 @@ def view(
         exit_with_error(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import LOG, Access, is_loopback
     from streamkit_view.basemap import InvalidBasemap, read_basemap
-    from streamkit_view.playback import PlayedPipeline, is_run, is_source, size_conflict, unplayable
+    from streamkit_view.locations import is_source
+    from streamkit_view.playback import PlayedPipeline
 
     sources = [text for text in what if is_source(text)]
     _check_arguments(what, sources, video, connect)
-    if any(map(is_run, sources)) != bool(video):
-        _refuse("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
-    for text in filter(None, [*sources, video]):
-        if reason := unplayable(text, with_records=text == video):
-            exit_with_error(reason)
-    if video and (reason := size_conflict(sources[0], video)):
-        exit_with_error(reason)
+    _check_playable(sources, video)
     try:
         base = None if basemap is None else read_basemap(basemap)
     except InvalidBasemap as error:
@@ -113,6 +108,19 @@ def _check_arguments(what: list[str], sources: list[str], video: str, connect: s
                 publication_root(text)
     except ValueError as error:
         _refuse(str(error))
+
+
+def _check_playable(sources: list[str], video: str) -> None:
+    """Exits where a file cannot be played, or where records and video are not of one run."""
+    from streamkit_view.locations import is_run, size_conflict, unplayable
+
+    if any(map(is_run, sources)) != bool(video):
+        _refuse("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
+    for text in filter(None, [*sources, video]):
+        if reason := unplayable(text, with_records=text == video):
+            exit_with_error(reason)
+    if video and (reason := size_conflict(sources[0], video)):
+        exit_with_error(reason)
 
 
 def _stop_on_signals(server: ViewServer) -> None:

@@ -44,7 +44,7 @@ class PageMessage:
 
     @property
     def identity(self) -> Identity:
-        """Of messages with one identity the newest tells everything, but for video and records."""
+        """What it is about: a later message replaces those of its identity, but for video and records."""
         return self.kind, self.feed, self.part
 
     def is_void_after(self, later: PageMessage) -> bool:

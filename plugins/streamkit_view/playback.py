@@ -11,20 +11,11 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import NamedTuple
 
-from streamkit import (
-    ANY,
-    STREAMKIT_COMMAND,
-    Caps,
-    ElementFailure,
-    Pipeline,
-    RecordFile,
-    choose_source,
-    mask_secrets,
-)
+from streamkit import STREAMKIT_COMMAND, mask_secrets
+from streamkit_view.locations import pipeline_for
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
-PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
 
 
 class PrintedLine(NamedTuple):
@@ -32,84 +23,6 @@ class PrintedLine(NamedTuple):
 
     text: str = ""
     at_s: float = 0.0
-
-
-def is_source(text: str) -> bool:
-    """Whether an argument is a file or the URL of a camera, and not a key."""
-    return "://" in text or Path(text).is_file()
-
-
-def is_run(text: str) -> bool:
-    """Whether an argument is the records of a finished run."""
-    return Path(text).suffix.lower() == ".jsonl"
-
-
-def pipeline_for(location: str) -> tuple[str, str]:
-    """The name of the pipeline for a location, and the element and property that take it."""
-    if is_run(location):
-        return "run.pipe", "tracksrc location"
-    source = choose_source(location)
-    name = "camera.pipe" if source.is_live else "file.pipe"
-    if Path(location).is_file() and media_type_of(location) not in PAGE_CODECS:
-        name = "images.pipe"
-    return name, f"{source.element} {source.property}"
-
-
-def unplayable(location: str, *, with_records: bool = False) -> str:
-    """Why a file cannot be played; "" where it can, and for a URL, which is opened with the page.
-
-    Args:
-        location: file or URL.
-        with_records: whether it is the video of a finished run, of which the page gets the packets.
-    """
-    if "://" in location:
-        return ""
-    try:
-        media_type = media_type_of(location)
-    except ElementFailure as error:
-        return str(error.cause)
-    if with_records and media_type not in PAGE_CODECS:
-        remedy = f"filesrc location={location} ! decode ! videofilesink location=flight.mp4"
-        return f"{location}: browsers decode no {media_type}; convert it: streamkit launch '{remedy}'"
-    return ""
-
-
-def size_conflict(records: str, video: str) -> str:
-    """Why records are not those of a video: frames of another size; "" where none is known to differ."""
-    caps = caps_of(video)
-    size = (caps.get("width"), caps.get("height")) if caps is not None else (None, None)
-    _, record = next(iter(RecordFile(records)), (0, None))
-    recorded = (None, None) if record is None else (record.width, record.height)
-    if None in size or None in recorded or size == recorded:
-        return ""
-    return "{}: the tracks are of frames of {} x {} px, the video has {} x {}; give their own video".format(
-        video, *recorded, *size
-    )
-
-
-def media_type_of(file: str) -> str:
-    """The media type of a file's video, such as video/x-h264, or of its records.
-
-    Raises:
-        ElementFailure: the file cannot be played; `cause` says why.
-    """
-    caps = caps_of(file)
-    return "" if caps is None else str(caps.name)
-
-
-def caps_of(file: str) -> Caps | None:
-    """The caps of a file's packets or records, as far as its head tells.
-
-    Raises:
-        ElementFailure: the file cannot be played; `cause` says why.
-    """
-    element = "tracksrc" if is_run(file) else choose_source(file).element
-    pipeline = Pipeline.parse(f"{element} name=file ! fakesink")
-    pipeline["file"].location = file
-    with pipeline:
-        pipeline.ready()
-        caps: Caps | None = pipeline["file"].negotiate(ANY)
-    return caps
 
 
 class PlayedPipeline:
@@ -120,6 +33,9 @@ class PlayedPipeline:
         key: where it publishes.
         video: the file of a finished run's video, or "".
         command: of streamkit; the process gets `launch` and its arguments.
+
+    Attributes:
+        printed: what the pipeline printed last, for example that a camera is away.
     """
 
     def __init__(
@@ -131,7 +47,7 @@ class PlayedPipeline:
         if self._pipeline == "camera.pipe":
             self._variables["source"] = source
         self._process: subprocess.Popen[bytes] | None = None
-        self._error, self._printed = "", PrintedLine()
+        self._error, self.printed = "", PrintedLine()
         self._lock = threading.Lock()
         self._is_closed = False
 
@@ -140,7 +56,7 @@ class PlayedPipeline:
         with self._lock, as_file(files("streamkit_view") / "pipelines") as folder:
             if self._is_closed or (self._process is not None and self._process.poll() is None):
                 return
-            self._error, self._printed = "", PrintedLine()
+            self._error, self.printed = "", PrintedLine()
             arguments = ["launch", "-f", str(folder / self._pipeline)]
             for name, value in self._variables.items():
                 arguments += ["--set", f"{name}={value}"]
@@ -166,17 +82,12 @@ class PlayedPipeline:
                 return ""
             if self._error or not self._process.poll():
                 return self._error
-            return self._printed.text or f"the pipeline ended with {self._process.returncode}"
+            return self.printed.text or f"the pipeline ended with {self._process.returncode}"
 
     @property
     def progress(self) -> str:
         """What the starting pipeline waits for: its last warning, for example of an element that compiles."""
-        return f"The pipeline is starting. {self._printed.text}".rstrip()
-
-    @property
-    def printed(self) -> PrintedLine:
-        """What the pipeline printed last, for example that a camera is away."""
-        return self._printed
+        return f"The pipeline is starting. {self.printed.text}".rstrip()
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
         """Shows what the pipeline prints in this terminal, too; ends with the pipeline."""
@@ -185,7 +96,7 @@ class PlayedPipeline:
             while line := lines.readline(LINE_LIMIT_BYTES):
                 text = mask_secrets(line.decode(errors="replace").strip())
                 if shown := text.removeprefix("warning: "):
-                    self._printed = PrintedLine(shown, time.monotonic())
+                    self.printed = PrintedLine(shown, time.monotonic())
                 if text.startswith("error: "):
                     self._error = self._error or text
                 print(text, file=sys.stderr, flush=True)

@@ -9,7 +9,6 @@ import struct
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
 from pathlib import PurePath
-from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -82,9 +81,9 @@ class ViewServer:
             )
         )
 
-    async def serve(self, socket: Any) -> None:
+    async def serve(self, bound: socket.socket) -> None:
         """Serves on a bound socket until SIGINT, SIGTERM or `stop`."""
-        await self._server.serve(sockets=[socket])
+        await self._server.serve(sockets=[bound])
 
     def stop(self) -> None:
         """Ends `serve`; may be called from any thread."""

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from streamkit import Pipeline
-from streamkit_view.playback import PlayedPipeline, pipeline_for, size_conflict, unplayable
+from streamkit_view.locations import pipeline_for, size_conflict, unplayable
+from streamkit_view.playback import PlayedPipeline
 
 SCRIPT = """
 import sys, time

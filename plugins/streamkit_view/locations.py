@@ -1,0 +1,87 @@
+"""The files and URLs that the page can play: what each is, its pipeline, and why one cannot be played."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from streamkit import ANY, Caps, ElementFailure, Pipeline, RecordFile, choose_source
+
+PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
+
+
+def is_source(text: str) -> bool:
+    """Whether an argument is a file or the URL of a camera, and not a key."""
+    return "://" in text or Path(text).is_file()
+
+
+def is_run(text: str) -> bool:
+    """Whether an argument is the records of a finished run."""
+    return Path(text).suffix.lower() == ".jsonl"
+
+
+def pipeline_for(location: str) -> tuple[str, str]:
+    """The name of the pipeline for a location, and the element and property that take it."""
+    if is_run(location):
+        return "run.pipe", "tracksrc location"
+    source = choose_source(location)
+    name = "camera.pipe" if source.is_live else "file.pipe"
+    if Path(location).is_file() and media_type_of(location) not in PAGE_CODECS:
+        name = "images.pipe"
+    return name, f"{source.element} {source.property}"
+
+
+def unplayable(location: str, *, with_records: bool = False) -> str:
+    """Why a file cannot be played; "" where it can, and for a URL, which is opened with the page.
+
+    Args:
+        location: file or URL.
+        with_records: whether it is the video of a finished run, of which the page gets the packets.
+    """
+    if "://" in location:
+        return ""
+    try:
+        media_type = media_type_of(location)
+    except ElementFailure as error:
+        return str(error.cause)
+    if with_records and media_type not in PAGE_CODECS:
+        remedy = f"filesrc location={location} ! decode ! videofilesink location=flight.mp4"
+        return f"{location}: browsers decode no {media_type}; convert it: streamkit launch '{remedy}'"
+    return ""
+
+
+def size_conflict(records: str, video: str) -> str:
+    """Why records are not those of a video: frames of another size; "" where none is known to differ."""
+    caps = caps_of(video)
+    size = (caps.get("width"), caps.get("height")) if caps is not None else (None, None)
+    _, record = next(iter(RecordFile(records)), (0, None))
+    recorded = (None, None) if record is None else (record.width, record.height)
+    if None in size or None in recorded or size == recorded:
+        return ""
+    return "{}: the tracks are of frames of {} x {} px, the video has {} x {}; give their own video".format(
+        video, *recorded, *size
+    )
+
+
+def media_type_of(file: str) -> str:
+    """The media type of a file's video, such as video/x-h264, or of its records.
+
+    Raises:
+        ElementFailure: the file cannot be played; `cause` says why.
+    """
+    caps = caps_of(file)
+    return "" if caps is None else str(caps.name)
+
+
+def caps_of(file: str) -> Caps | None:
+    """The caps of a file's packets or records, as far as its head tells.
+
+    Raises:
+        ElementFailure: the file cannot be played; `cause` says why.
+    """
+    element = "tracksrc" if is_run(file) else choose_source(file).element
+    pipeline = Pipeline.parse(f"{element} name=file ! fakesink")
+    pipeline["file"].location = file
+    with pipeline:
+        pipeline.ready()
+        caps: Caps | None = pipeline["file"].negotiate(ANY)
+    return caps
