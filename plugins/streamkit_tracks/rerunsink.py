@@ -54,10 +54,10 @@ class RerunSink(RecordFileSink):
         if self.images and frame.caps.name == "video/x-raw":
             model = "L" if frame.caps["format"] == "GRAY8" else "BGR"
             image = self._rerun.Image(np.asarray(frame.data), color_model=model)
-            self._log("camera", image.compress(jpeg_quality=self.image_quality))
+            self._recording.log("camera", image.compress(jpeg_quality=self.image_quality))
         self._log_targets(record)
         if record.age_ms is not None:
-            self._log("age_ms", self._rerun.Scalars(record.age_ms))
+            self._recording.log("age_ms", self._rerun.Scalars(record.age_ms))
 
     @override
     def end(self) -> None:
@@ -79,20 +79,17 @@ class RerunSink(RecordFileSink):
             recording.set_time("capture", timestamp=np.datetime64(record.capture_ns, "ns"))
 
     def _log_targets(self, record: TrackRecord) -> None:
-        rerun = self._rerun
+        rerun, log = self._rerun, self._recording.log
         shown = [row for row in record.tracks if row.state in SHOWN_STATES]
         labels = [str(row.id) for row in shown]
         boxes = np.array([row.bbox for row in shown]).reshape(-1, 4)
         sizes = boxes[:, 2:] - boxes[:, :2]
-        self._log("camera/tracks", rerun.Boxes2D(mins=boxes[:, :2], sizes=sizes, labels=labels))
-        self._log("plane/tracks", rerun.Points2D(on_plane(record, shown), labels=labels))
+        log("camera/tracks", rerun.Boxes2D(mins=boxes[:, :2], sizes=sizes, labels=labels))
+        log("plane/tracks", rerun.Points2D(on_plane(record, shown), labels=labels))
         places = [(row.geo.lat, row.geo.lon) for row in shown if row.geo is not None]
         if places:
-            self._log("ground/tracks", rerun.GeoPoints(lat_lon=places))
-        self._log("targets", rerun.Scalars(len(shown)))
-
-    def _log(self, entity: str, item: Any) -> None:
-        self._recording.log(entity, item)
+            log("ground/tracks", rerun.GeoPoints(lat_lon=places))
+        log("targets", rerun.Scalars(len(shown)))
 
 
 def on_plane(record: TrackRecord, shown: Sequence[Any]) -> np.ndarray[Any, Any]:
