@@ -129,9 +129,8 @@ class Traffic:
         moments = closing / np.maximum(np.einsum("ijk,ijk->ij", approach, approach), 1e-3)
         closest = apart + approach * moments.clip(0.0, HORIZON)[..., None]
         is_near = (np.hypot(apart[..., 0], apart[..., 1]) < TOO_NEAR) & ~np.eye(len(self), dtype=bool)
-        danger = is_near | (closing > 0.0) & (moments < HORIZON) & (
-            np.hypot(closest[..., 0], closest[..., 1]) < CLEARANCE
-        )
+        is_approaching = (closing > 0.0) & (moments < HORIZON)
+        danger = is_near | (is_approaching & (np.hypot(closest[..., 0], closest[..., 1]) < CLEARANCE))
         side_now, side_then = (
             directions[:, None, 0] * gap[..., 1] - directions[:, None, 1] * gap[..., 0]
             for gap in (apart, closest)
