@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from typing_extensions import override
 
@@ -19,6 +20,15 @@ from streamkit.flow.events import CapsEvent, DiscontinuityEvent, Event, FlushEve
 from streamkit.flow.frame import Frame
 
 KINDS = "video/x-raw(ANY); video/x-bayer(ANY); image/jpeg(ANY); image/png(ANY)"
+
+
+@dataclass
+class HeldFrame:
+    """A frame that is sent for each tick that it is nearest to."""
+
+    frame: Frame
+    time_ns: int  # since the segment's start
+    uses: int = 0  # how often it was sent
 
 
 class VideoRate(Transform):
@@ -57,9 +67,7 @@ class VideoRate(Transform):
 
     def _forget(self) -> None:
         """Starts again with the next frame."""
-        self._held: Frame | None = None
-        self._held_ns = 0
-        self._uses = 0
+        self._held: HeldFrame | None = None
         self._base_ns: int | None = None
         self._ticks = 0
         self._last_ns: int | None = None
@@ -121,6 +129,7 @@ class VideoRate(Transform):
         self._may_estimate = False
         pad = self.src_pad
         held, self._held = self._held, None  # already sent
+        assert held is not None
         if interval_ns <= 0 or self._caps is None:
             return
         caps = self._caps.with_fields(framerate=estimated_rate(interval_ns))
@@ -128,8 +137,8 @@ class VideoRate(Transform):
             return
         self._configure(self.sink_caps, caps)
         pad.send_event(CapsEvent(caps))
-        self._held, self._uses = held, 1
-        self._base_ns, self._ticks, self._last_ns = self._held_ns, 1, None
+        self._held, held.uses = held, 1
+        self._base_ns, self._ticks, self._last_ns = held.time_ns, 1, None
 
     # Frames.
 
@@ -140,11 +149,11 @@ class VideoRate(Transform):
             raise StreamError("the frame has no timestamp, so its place among the others is unknown")
         time_ns = self._relative_ns(frame.pts)
         is_behind = self._last_ns is not None and time_ns < self._last_ns
-        if is_behind or (self._held is not None and time_ns < self._held_ns):
+        if is_behind or (self._held is not None and time_ns < self._held.time_ns):
             self._drop("out of order")
             return None
         if self._may_estimate and self._held is not None:
-            self._estimate_rate(time_ns - self._held_ns)
+            self._estimate_rate(time_ns - self._held.time_ns)
         if self._base_ns is None:
             self._base_ns = time_ns if self.skip_to_first else 0
         return self._for_ticks(frame, time_ns) if self._has_ticks else self._decimated(frame, time_ns)
@@ -167,40 +176,43 @@ class VideoRate(Transform):
 
     def _for_ticks(self, frame: Frame, time_ns: int) -> Iterator[Frame]:
         """Yields the held frame for each tick it is nearest to, then this one; lazily: gaps may be long."""
-        if self._held is None:
+        held = self._held
+        if held is None:
             self._hold(frame, time_ns)
             return
-        if 0 < self.max_duplication_time < time_ns - self._held_ns:
+        if 0 < self.max_duplication_time < time_ns - held.time_ns:
             self._hold(frame, time_ns)
             self._base_ns, self._ticks = time_ns, 0
             yield self._emit()
             self._ticks += 1  # as GStreamer: skips the tick after the end of a gap
             return
-        while self._held_nearer(time_ns) and not self.stopping.is_set():
+        while self._is_nearer(held, time_ns) and not self.stopping.is_set():
             yield self._emit()
         self._hold(frame, time_ns)
         while self._tick_ns() <= time_ns and not self.stopping.is_set():
             yield self._emit()
 
-    def _held_nearer(self, time_ns: int) -> bool:
+    def _is_nearer(self, held: HeldFrame, time_ns: int) -> bool:
+        """Whether the held frame is nearer to the next tick than one of the given time."""
         tick_ns = self._tick_ns()
-        return abs(tick_ns - self._held_ns) < abs(time_ns - tick_ns)
+        return abs(tick_ns - held.time_ns) < abs(time_ns - tick_ns)
 
     def _hold(self, frame: Frame, time_ns: int) -> None:
-        if self._held is not None and not self._uses:
+        if self._held is not None and not self._held.uses:
             self._drop("another is nearer to the tick")
-        self._held, self._held_ns, self._uses = frame, time_ns, 0
+        self._held = HeldFrame(frame, time_ns)
 
     def _emit(self, *, counts_repeat: bool = True) -> Frame:
         """Returns the held frame with the timestamp of the next tick; counts it if it was used before."""
-        assert self._held is not None
+        held = self._held
+        assert held is not None
         start_ns, end_ns = self._tick_ns(), self._tick_ns(1)
         self._ticks += 1
-        self._uses += 1
-        if counts_repeat and self._uses > 1:
+        held.uses += 1
+        if counts_repeat and held.uses > 1:
             self._repeated += 1
             self._post_count("duplicate", self._repeated)
-        return self._numbered(self._held, start_ns, end_ns - start_ns)
+        return self._numbered(held.frame, start_ns, end_ns - start_ns)
 
     def _numbered(self, frame: Frame, time_ns: int, duration_ns: int | None) -> Frame:
         self._out += 1
@@ -214,9 +226,8 @@ class VideoRate(Transform):
             self._drop("above the rate")
             return None
         self._last_ns = time_ns
-        self._held_ns = time_ns
         if self._may_estimate and self._held is None:
-            self._held = frame
+            self._held = HeldFrame(frame, time_ns)
         duration = int(SECOND_NS / self._rate_out) if self._rate_out else frame.duration
         return [self._numbered(frame, time_ns, duration)]
 
@@ -259,18 +270,17 @@ class VideoRate(Transform):
 
     def drain(self) -> Iterable[Frame]:
         """Sends the held frame at EOS, repeated up to the end of the segment, else of the frame itself."""
-        return self._closing() if self._held is not None and self._has_ticks else ()
+        return self._closing(self._held) if self._held is not None and self._has_ticks else ()
 
-    def _closing(self) -> Iterator[Frame]:
-        segment = self.pads["sink"].segment
-        duration_ns = self._held.duration if self._held is not None else None
-        if segment.stop_ns is None and duration_ns is not None and self._uses:
-            yield from self._filling(self._held_ns + int(duration_ns / (self.rate or 1.0)))
+    def _closing(self, held: HeldFrame) -> Iterator[Frame]:
+        segment, duration_ns = self.pads["sink"].segment, held.frame.duration
+        if segment.stop_ns is None and duration_ns is not None and held.uses:
+            yield from self._filling(held.time_ns + int(duration_ns / (self.rate or 1.0)))
             return
         yield self._emit(counts_repeat=False)  # the end of the stream, as GStreamer counts it
         if segment.stop_ns is None:
             return
-        limit_ns = self._held_ns + self.max_closing_segment_duplication_duration
+        limit_ns = held.time_ns + self.max_closing_segment_duplication_duration
         stop_ns = min(self._relative_ns(segment.stop_ns), limit_ns)
         while self._tick_ns() < stop_ns and not self.stopping.is_set():
             yield self._emit()
@@ -282,7 +292,7 @@ class VideoRate(Transform):
 
     def _push_unused(self) -> None:
         """Sends a held frame that no tick has used yet."""
-        if self._held is not None and not self._uses and self._has_ticks:
+        if self._held is not None and not self._held.uses and self._has_ticks:
             self.src_pad.push(self._emit())
 
     def event(self, event: Event) -> None:
