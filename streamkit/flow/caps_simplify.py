@@ -74,7 +74,11 @@ def _is_redundant(index: int, structures: Sequence[Structure]) -> bool:
 
 
 def _simplified(run: list[Structure]) -> list[Structure]:
-    """Structures with the same name and features: each, from the last, is compared with all others."""
+    """Structures with the same name and features, in fewer ones, in place.
+
+    Each, from the last on, loses what another one has, and is removed if that is all; else it is removed if
+    another one can be extended by it.
+    """
     for index in reversed(range(len(run))):
         for other in reversed(range(len(run))):
             if other == index:
