@@ -185,32 +185,53 @@ def open(
     if framerate is not None:
         _check_rate(framerate)
     if isinstance(source, str | os.PathLike):
-        location, items = os.fspath(source), None
-        choice = choose_source(location)
-        if framerate is not None and choice.element != "multifilesrc":
-            raise ValueError(
-                f"framerate= is for images, {mask_secrets(location)} has times of its own; leave it out, or "
-                "give videorate ! video/x-raw, framerate=N/1 as the description"
-            )
-        reading = f"{choice.element} name={SOURCE} ! decode ! queue max-size-buffers=4"
-        head = f"{reading} leaky=downstream" if choice.is_live else reading
+        items = None
+        head, properties = _reading(os.fspath(source), framerate)
     else:
-        if not isinstance(source, Iterable):
-            raise TypeError(
-                f"open takes a file, a URL or an iterable of images, got {source!r}; "
-                "give a camera by its URL, such as rtsp://camera/stream; docs/live-sources.md says how"
-            )
-        shape = getattr(source, "shape", None)
-        if shape is not None and (len(shape) < 3 or (len(shape) == 3 and shape[2] in FORMATS)):
-            raise ValueError(
-                f"open takes several images, got one of shape {list(shape)}; write [image] for one"
-            )
-        location, items = "", _frames(source, framerate)
-        head = f"appsrc name={SOURCE} max-buffers=4 emit-signals=false ! videoconvert"
+        _check_images(source)
+        items = _frames(source, framerate)
+        head, properties = f"appsrc name={SOURCE} max-buffers=4 emit-signals=false ! videoconvert", {}
+    pipeline = _parse(head, description, format)
+    for name, value in properties.items():
+        pipeline[SOURCE].set_property(name, value)
+    return VideoReader(pipeline, items, timeout_s)
+
+
+def _reading(location: str, framerate: float | None) -> tuple[str, dict[str, Any]]:
+    """The description of what reads a location, and the properties of its source."""
+    choice = choose_source(location)
+    properties: dict[str, Any] = {choice.property: location}
+    if choice.element == "multifilesrc":
+        numbers = [number for _, number in FileNames(location).existing()]
+        properties["start-index"] = min(numbers, default=0)
+        if framerate is not None:
+            properties["framerate"] = Fraction(framerate).limit_denominator(1001)
+    elif framerate is not None:
+        raise ValueError(
+            f"framerate= is for images, {mask_secrets(location)} has times of its own; leave it out, or "
+            "give videorate ! video/x-raw, framerate=N/1 as the description"
+        )
+    leaky = " leaky=downstream" if choice.is_live else ""
+    return f"{choice.element} name={SOURCE} ! decode ! queue max-size-buffers=4{leaky}", properties
+
+
+def _check_images(source: object) -> None:
+    if not isinstance(source, Iterable):
+        raise TypeError(
+            f"open takes a file, a URL or an iterable of images, got {source!r}; "
+            "give a camera by its URL, such as rtsp://camera/stream; docs/live-sources.md says how"
+        )
+    shape = getattr(source, "shape", None)
+    if shape is not None and (len(shape) < 3 or (len(shape) == 3 and shape[2] in FORMATS)):
+        raise ValueError(f"open takes several images, got one of shape {list(shape)}; write [image] for one")
+
+
+def _parse(head: str, description: str, format: str) -> Pipeline:
+    """The pipeline with a description between source and sink; errors point into the description."""
     middle = f"\n{description}\n!" if description.strip() else ""
     tail = f"videoconvert ! video/x-raw, format={format} ! appsink name={SINK} max-buffers=4"
     try:
-        pipeline = Pipeline.parse(f"{head} ! {middle} {tail}")
+        return Pipeline.parse(f"{head} ! {middle} {tail}")
     except DescriptionError as error:  # its place is in the second line
         place = dataclasses.replace(error.place, line=max(1, error.place.line - 1))
         if error.code == "link" and place.line > len(description.splitlines()) and not error.hint:
@@ -218,15 +239,6 @@ def open(
             raise DescriptionError("link", error.message, place, hint) from None
         error.place = place
         raise
-    if items is None:
-        pipeline[SOURCE].set_property(choice.property, location)
-        if choice.element == "multifilesrc":
-            numbers = [number for _, number in FileNames(location).existing()]
-            pipeline[SOURCE].set_property("start-index", min(numbers, default=0))
-            if framerate is not None:
-                rate = Fraction(framerate).limit_denominator(1001)
-                pipeline[SOURCE].set_property("framerate", rate)
-    return VideoReader(pipeline, items, timeout_s)
 
 
 def _check_rate(framerate: object) -> None:
