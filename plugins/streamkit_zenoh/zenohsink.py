@@ -107,7 +107,8 @@ class ZenohSink(SessionElement, Sink):
     def render(self, frame: Frame) -> None:
         publication = self._publication
         assert publication is not None, "start() precedes frames"
-        self._wait_for_receivers(publication)
+        if not self._has_waited:
+            self._wait_for_receivers(publication)
         self._tally.note(frame)
         publication.records.submit(frame, self.settings.patience_s)
         if self._publishes_frames and frame.caps.name != TRACKS_CAPS.name:
@@ -131,12 +132,11 @@ class ZenohSink(SessionElement, Sink):
     def _publish_media(self, stream: str, frame: Frame) -> None:
         publication = self._publication
         if publication is not None:
-            self._wait_for_receivers(publication)
+            if not self._has_waited:
+                self._wait_for_receivers(publication)
             publication.media[stream].submit(frame)
 
     def _wait_for_receivers(self, publication: Publication) -> None:
-        if self._has_waited:
-            return
         stream = publication.records.stream
         there = wait_for_receivers(
             stream.publisher, publication.receivers, self.wait_subscribers, self.wait_timeout_s, self.stopping
