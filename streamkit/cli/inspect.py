@@ -19,6 +19,8 @@ from streamkit.output.colour import coloured
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
+    from streamkit.element.pad import PadTemplate
+    from streamkit.element.property import PropertyDeclaration
 
 PARAGRAPH_BREAK = re.compile(r"(?<=\S)\n(?=\S)")  # within a paragraph of a docstring
 MEANT_BY_SHELLS = frozenset('"$`\\')  # within double quotes
@@ -102,31 +104,33 @@ def describe_element(name: str) -> dict[str, Any]:
         "doc": prose.strip(),
         "example": re.split(r"\n\s*\n", python_inspect.cleandoc(example))[0].strip(),
         "kind": next(kind.__name__ for kind in element_kinds() if issubclass(found, kind)),
-        "pads": [
-            {
-                "name": template.name,
-                "direction": str(template.direction),
-                "presence": str(template.presence),
-                "caps": str(template.caps),
-            }
-            for template in found.pad_templates.values()
-        ],
-        "properties": [
-            {
-                "name": declared.spelling,
-                "type": declared.kind.__name__,
-                "values": declared.describe(),
-                "default": declared.to_json(declared.default),
-                "minimum": declared.to_json(declared.minimum),
-                "maximum": declared.to_json(declared.maximum),
-                "unit": declared.unit,
-                "choices": list(declared.choices),
-                "live": declared.live,
-                "readonly": declared.readonly,
-                "doc": declared.doc,
-            }
-            for declared in found.properties.values()
-        ],
+        "pads": [_pad_facts(template) for template in found.pad_templates.values()],
+        "properties": [_property_facts(declared) for declared in found.properties.values()],
+    }
+
+
+def _pad_facts(template: PadTemplate) -> dict[str, str]:
+    return {
+        "name": template.name,
+        "direction": str(template.direction),
+        "presence": str(template.presence),
+        "caps": str(template.caps),
+    }
+
+
+def _property_facts(declared: PropertyDeclaration) -> dict[str, Any]:
+    return {
+        "name": declared.spelling,
+        "type": declared.kind.__name__,
+        "values": declared.describe(),
+        "default": declared.to_json(declared.default),
+        "minimum": declared.to_json(declared.minimum),
+        "maximum": declared.to_json(declared.maximum),
+        "unit": declared.unit,
+        "choices": list(declared.choices),
+        "live": declared.live,
+        "readonly": declared.readonly,
+        "doc": declared.doc,
     }
 
 
