@@ -153,7 +153,7 @@ class Publication:
 
     def _status_record(self, receiver: str | None = None) -> StatusRecord:
         records, frame = self.records, self.records.last_frame
-        playing: Literal["starting", "playing"] = "playing" if records.frames else "starting"
+        playing: Literal["starting", "playing"] = "starting" if frame is None else "playing"
         return StatusRecord(
             schema=STATUS_SCHEMA,
             source=self._publisher.settings.key,
@@ -161,7 +161,7 @@ class Publication:
             run=self._publisher.run,
             published_ns=self._publisher.utc_ns(),
             uptime_s=round(time.monotonic() - self._began_s, 3),
-            frames=records.frames,
+            frames=records.stream.next_stamp.number,  # each frame has one, whether it is sent or not
             seq=None if frame is None else frame.seq,
             epoch=None if frame is None else frame.epoch,
             tracks=records.targets,

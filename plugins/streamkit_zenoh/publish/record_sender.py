@@ -30,7 +30,6 @@ class RecordSender(Sender):
     Attributes:
         age_ms: from capture to publishing, of the last record sent.
         targets: number of targets in the last record sent.
-        frames: frames received.
         last_frame: the last one, without pixels.
 
     Raises:
@@ -41,7 +40,7 @@ class RecordSender(Sender):
         settings, session = publisher.settings, publisher.session
         self._codec = Codec(TrackRecord, TRACKS_SCHEMA, settings.encoding)
         self.age_ms: float | None = None
-        self.targets = self.frames = 0
+        self.targets = 0
         self.last_frame: Frame | None = None
         self._fault: Exception | None = None
         self._publish_status = publish_status
@@ -70,7 +69,6 @@ class RecordSender(Sender):
             ResourceError: another publisher has taken the key.
         """
         self.raise_fault()
-        self.frames += 1
         self.last_frame = without_pixels(frame)
         super().submit(self.last_frame, patience_s)
 
