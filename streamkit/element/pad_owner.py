@@ -59,6 +59,10 @@ class PadOwner:
         """The first src pad: `src`, if there is one."""
         return next(self.src_pads())
 
+    def is_linked(self, name: str) -> bool:
+        """Whether there is a pad of this name, and it is linked."""
+        return name in self.pads and self.pads[name].peer is not None
+
     def upstream(self) -> list[Element]:
         """The elements linked to the sink pads."""
         return [pad.peer.element for pad in self.sink_pads() if pad.peer is not None]

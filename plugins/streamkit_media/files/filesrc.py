@@ -182,20 +182,17 @@ class FileSrc(Source):
         for kind in StreamKind:
             if kind in self._kinds and kind.value not in self.pads:
                 self.add_pad(kind.value)
-            elif kind not in self._kinds and self._is_linked(kind.value):
+            elif kind not in self._kinds and self.is_linked(kind.value):
                 self.post_warning(f"{self._where}: it holds no stream for the pad {kind.value}", "shortfall")
                 self.pads[kind.value].send_event(EosEvent())
         self.no_more_pads()
         second = StreamKind.SECOND_KLV
-        if self._is_linked("klv") and second in self._kinds and not self._is_linked(second.value):
+        if self.is_linked("klv") and second in self._kinds and not self.is_linked(second.value):
             self.post_warning(f"{self._where}: nothing reads its second KLV stream, the pad {second}")
 
     def _video_is_wanted(self) -> bool:
         """Whether the video has a pad, or might get one; not where there are other streams only."""
-        return self._is_linked("src") or StreamKind.VIDEO in self._kinds or not self._kinds
-
-    def _is_linked(self, name: str) -> bool:
-        return name in self.pads and self.pads[name].peer is not None
+        return self.is_linked("src") or StreamKind.VIDEO in self._kinds or not self._kinds
 
     def _packet_caps(self, stream: Stream, kind: StreamKind) -> Caps:
         """The stream's caps; the same object while they are equal, which saves comparing them."""
@@ -216,8 +213,8 @@ class FileSrc(Source):
         Raises:
             StreamError: no frame is shown; where some are, faults are warned of.
         """
-        wanted = {kind for kind in self._kinds if self._is_linked(kind.value)}
-        uses_src_pad = self._is_linked("src") or not wanted
+        wanted = {kind for kind in self._kinds if self.is_linked(kind.value)}
+        uses_src_pad = self.is_linked("src") or not wanted
         kinds = wanted | ({StreamKind.VIDEO} if uses_src_pad else set())
         streams = {
             kind: (stream, self._packet_caps(stream, kind)) for stream, kind in streams_of(container, kinds)

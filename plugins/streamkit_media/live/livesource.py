@@ -164,10 +164,10 @@ class LiveSource(Endpoint, Source):
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))
             own = frame.replace(epoch=self._epoch)
-            is_named = self._is_linked(kind.value)
+            is_named = self.is_linked(kind.value)
             if is_named:
                 yield kind.value, own
-            if kind is StreamKind.VIDEO and (self._is_linked("src") or not is_named):
+            if kind is StreamKind.VIDEO and (self.is_linked("src") or not is_named):
                 yield own
         if not is_connected and not self.over.is_set():
             raise StreamError(f"{self._where}: the server ended before the first packet")
@@ -181,9 +181,6 @@ class LiveSource(Endpoint, Source):
             for name in sorted(self.pads.keys() & self._kinds.difference(found)):
                 self.post_warning(f"{self._where}: it sends no stream for the pad {name}")
             self.no_more_pads()
-
-    def _is_linked(self, name: str) -> bool:
-        return name in self.pads and self.pads[name].peer is not None
 
     def _disconnect(self, limit_s: float) -> None:
         """Ends the connection; one in a call of FFmpeg ends at its own limit."""
