@@ -9,12 +9,10 @@ import sys
 import textwrap
 from collections import Counter
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from streamkit.cli.stderr import fail_usage
-from streamkit.cli.table import Row, facts, measure_rows
-from streamkit.errors import StreamError
+from streamkit.cli.table import Row, facts
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -37,26 +35,6 @@ class Counters:
 def link_caps(src: Pad, sink: Pad) -> str:
     """The common caps of two pads, as known before data flows."""
     return str(sink.query_caps() & src.query_caps())
-
-
-def read_counters(built: Graph, file: Path | None) -> Counters:
-    """Reads the counters of `launch --stats-file` for the elements of a graph; exits with 2 if invalid."""
-    if file is None:
-        return Counters()
-    from streamkit.flow.statistics import read_statistics
-
-    try:
-        statistics = read_statistics(file)
-    except StreamError as error:
-        fail_usage(str(error))
-    except OSError as error:
-        fail_usage(f"cannot read the statistics {file}: {error.strerror}")
-    by_name = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
-    names = {element: (element.parent, element.name) for element in built.elements}
-    rows = {element: by_name[name] for element, name in names.items() if name in by_name}
-    if not rows:
-        fail_usage(f"{file}: none of its elements is in this description; give the one that was run")
-    return Counters(rows, statistics.elapsed_s)
 
 
 def _ids(built: Graph) -> dict[Element, str]:

@@ -17,9 +17,10 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.drawing import as_dot, as_mermaid, as_svg, as_text, link_caps, read_counters
-from streamkit.cli.stderr import print_line
-from streamkit.errors import DescriptionError
+from streamkit.cli.drawing import Counters, as_dot, as_mermaid, as_svg, as_text, link_caps
+from streamkit.cli.stderr import fail_usage, print_line
+from streamkit.cli.table import measure_rows
+from streamkit.errors import DescriptionError, StreamError
 from streamkit.masking import mask_secrets, presentable_value
 
 if TYPE_CHECKING:
@@ -60,8 +61,28 @@ def graph(
         if form == "json":
             drawn = json.dumps(presentable_value(as_json(built), mask_secrets), indent=2)
         else:
-            drawn = draw[form](built, read_counters(built, stats))
+            drawn = draw[form](built, _read_counters(built, stats))
     typer.echo(drawn)
+
+
+def _read_counters(built: Graph, file: Path | None) -> Counters:
+    """Reads the counters of `launch --stats-file` for the elements of a graph; exits with 2 if invalid."""
+    if file is None:
+        return Counters()
+    from streamkit.flow.statistics import read_statistics
+
+    try:
+        statistics = read_statistics(file)
+    except StreamError as error:
+        fail_usage(str(error))
+    except OSError as error:
+        fail_usage(f"cannot read the statistics {file}: {error.strerror}")
+    by_name = {(row.counters.parent, row.counters.element): row for row in measure_rows(statistics)}
+    names = {element: (element.parent, element.name) for element in built.elements}
+    rows = {element: by_name[name] for element, name in names.items() if name in by_name}
+    if not rows:
+        fail_usage(f"{file}: none of its elements is in this description; give the one that was run")
+    return Counters(rows, statistics.elapsed_s)
 
 
 def as_json(built: Graph) -> dict[str, Any]:
