@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import os
 from collections.abc import Callable, Iterable
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 
@@ -26,6 +26,28 @@ class LinkMessage(enum.IntEnum):
     EVENT = 1
     SLOT = 2  # a new slot, with its descriptor
     DONE = 3  # a frame was taken by the elements downstream; see `StreamDecoder.done`
+
+
+class EncodedFrame(NamedTuple):
+    """The fields of a frame's message after its kind, as msgspec reads them.
+
+    Attributes:
+        capture: time and origin, or None.
+        caps: as text where they are others than those of the last frame, else None.
+        data: True and the place of an array, or False and an encoded value.
+        metadata: for each item its type, and its value unless it is the very item of the last frame.
+    """
+
+    pts: Any
+    duration: Any
+    epoch: int
+    seq: int
+    arrival_ns: int
+    capture: Any
+    flags: int
+    caps: str | None
+    data: Any
+    metadata: Any
 
 
 class StreamEncoder:
@@ -53,8 +75,8 @@ class StreamEncoder:
                     return False
             finally:
                 os.close(made.descriptor)
-        metadata, self._last = self._metadata(frame), dict(frame.metadata)
-        return channel.send(self._frame(frame, data, metadata), (), is_cancelled)
+        message = self._encoder.encode((LinkMessage.FRAME, *self._frame(frame, data)))
+        return channel.send(message, (), is_cancelled)
 
     def event(self, event: Event) -> bytes:
         """The message of an event."""
@@ -65,16 +87,15 @@ class StreamEncoder:
             fields = [getattr(value, name) for name in value.__dataclass_fields__]
         return self._encoder.encode((LinkMessage.EVENT, type(event).__name__, fields))
 
-    def _frame(self, frame: Frame, data: Any, metadata: Any) -> bytes:
+    def _frame(self, frame: Frame, data: Any) -> EncodedFrame:
         caps = None
         if frame.caps is not self._caps:
             self._caps, caps = frame.caps, str(frame.caps)
+        metadata, self._last = self._metadata(frame), dict(frame.metadata)
         capture = frame.capture and (frame.capture.utc_ns, frame.capture.origin)
-        return self._encoder.encode(
-            (
-                LinkMessage.FRAME, frame.pts, frame.duration, frame.epoch, frame.seq, frame.arrival_ns,
-                capture, int(frame.flags), caps, data, metadata,
-            )
+        return EncodedFrame(
+            frame.pts, frame.duration, frame.epoch, frame.seq, frame.arrival_ns, capture, int(frame.flags),
+            caps, data, metadata,
         )  # fmt: skip
 
     def _data(self, data: Any) -> tuple[Any, NewSlot | None]:
@@ -91,7 +112,6 @@ class StreamEncoder:
                 raise error from None
 
     def _metadata(self, frame: Frame) -> list[Any]:
-        """For each item its type, and its value unless it is the very item of the last frame."""
         last, encode = self._last, self._values.encode
         return [
             (type_path(kind),) if item is last.get(kind) else (type_path(kind), encode(item))
@@ -123,7 +143,7 @@ class StreamDecoder:
         try:
             kind, *fields = self._decoder.decode(message)
             if kind == LinkMessage.FRAME:
-                return self._frame(*fields)
+                return self._frame(EncodedFrame(*fields))
             if kind == LinkMessage.SLOT:
                 number, size = fields
                 self.slots.add(int(number), int(size), channel.take_descriptor())
@@ -146,27 +166,28 @@ class StreamDecoder:
             return CapsEvent(self._caps)
         return SegmentEvent(Segment(*fields)) if kind is SegmentEvent else kind(*fields)
 
-    def _frame(
-        self, pts: Any, duration: Any, epoch: int, seq: int, arrival_ns: int, capture: Any, flags: int,
-        caps: str | None, data: list[Any], metadata: list[list[Any]],
-    ) -> Frame:  # fmt: skip
-        if caps is not None:
-            self._caps = Caps(caps)
-        decode = self._values.decode
-        found: dict[type, object] = {}
-        last, self._last = self._last, {}
-        for path, *encoded in metadata:
-            pair = (self._values.find_type(path), decode(encoded[0])) if encoded else last[path]
-            self._last[path] = pair
-            found[pair[0]] = pair[1]
-        if data[0]:
-            slot, dtype, shape, strides = data[1:]
-            content: Any = self.slots.read(ArrayPlace(slot, dtype, tuple(shape), tuple(strides)))
-        else:
-            content = decode(data[1])
+    def _frame(self, encoded: EncodedFrame) -> Frame:
+        if encoded.caps is not None:
+            self._caps = Caps(encoded.caps)
         if self._caps is None:
             raise ValueError("the other process has sent a frame before its caps")
+        decode = self._values.decode
+        is_array, *content = encoded.data
+        data = self._array(*content) if is_array else decode(*content)
+        capture = Capture(*encoded.capture) if encoded.capture else None
         return Frame(
-            content, self._caps, decode(pts), decode(duration), epoch, seq, arrival_ns,
-            Capture(*capture) if capture else None, flags, found or NO_METADATA,
+            data, self._caps, decode(encoded.pts), decode(encoded.duration), encoded.epoch, encoded.seq,
+            encoded.arrival_ns, capture, encoded.flags, self._metadata(encoded.metadata) or NO_METADATA,
         )  # fmt: skip
+
+    def _array(self, slot: Any, dtype: Any, shape: list[int], strides: list[int]) -> Any:
+        return self.slots.read(ArrayPlace(slot, dtype, tuple(shape), tuple(strides)))
+
+    def _metadata(self, items: list[list[Any]]) -> dict[type, object]:
+        last, self._last = self._last, {}
+        for path, *encoded in items:
+            if encoded:
+                self._last[path] = self._values.find_type(path), self._values.decode(encoded[0])
+            else:
+                self._last[path] = last[path]
+        return dict(self._last.values())
