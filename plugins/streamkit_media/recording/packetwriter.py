@@ -44,7 +44,6 @@ class PacketWriter:
 
     Attributes:
         file: the file.
-        has_begun: whether the container's head is written; a packet may be left out from then on.
         failure: the first error of a packet. No packet may follow: FFmpeg crashes where the container's head
             could not be written.
 
@@ -66,9 +65,8 @@ class PacketWriter:
         self._annexb, self._codec = AnnexBConverter(codec, extradata), codec
         self.file = file
         self.failure: Exception | None = None
-        self.has_begun = False
         self._is_closed = self._is_after_pause = False
-        self._begin: int | None = None
+        self._begin: int | None = None  # of the first packet, ticks
         self._last_dts: dict[int, int] = {}
         self._format = container
         options = {**ALWAYS, **container.options}
@@ -90,6 +88,11 @@ class PacketWriter:
         except BaseException:
             self.close()
             raise
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the container's head is written; a packet may be left out from then on."""
+        return self._begin is not None
 
     def write_video(self, data: bytes, pts: int, dts: int, duration: int | None, is_keyframe: bool) -> int:
         """Writes one packet; the file's bytes are with the operating system when the next is written.
@@ -156,7 +159,6 @@ class PacketWriter:
         except OverflowError:
             raise BadPacket(f"its time of {pts / TIME_BASE.denominator:.3g} s is none") from None
         self._mux(packet)
-        self.has_begun = True
         self._begin = pts if self._begin is None else self._begin
         if pts - self._begin >= FRAGMENT_TICKS:
             self.file.publish()
