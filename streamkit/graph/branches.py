@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, Presence
-from streamkit.errors import DescriptionError, ElementFailure, Place
+from streamkit.errors import DescriptionError, ElementFailure
 from streamkit.graph.bins import Bin
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, free_name
@@ -43,8 +43,8 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     added = build(description, {}, taken)
     _check_links(graph, element, added)
     _check_names(added, taken)
-    entry = find_pad(added.elements[0], Direction.SINK, "", Place())
-    src = find_pad(element, Direction.SRC, "", Place())
+    entry = find_pad(added.elements[0], Direction.SINK)
+    src = find_pad(element, Direction.SRC)
     if src.template.presence is not Presence.REQUEST:
         raise DescriptionError("link", f"{name} makes no pads on request; put a tee there: tee name=t")
     # No event before its elements have started.

@@ -61,15 +61,15 @@ def choose_pads(request: LinkRequest, *, strict: bool = False) -> tuple[Pad, Pad
         raise DescriptionError("link", str(error), place) from None
 
 
-def find_pad(element: Element, direction: Direction, name: str, place: Place) -> Pad:
-    """A free pad of an element: the one named, else the first free one, else a new request pad.
+def find_pad(element: Element, direction: Direction) -> Pad:
+    """The first free pad of an element, else a new request pad.
 
     Raises:
-        DescriptionError: there is none, or it is linked already.
+        DescriptionError: there is none.
     """
-    for choice in _choices(element, direction, name, place):
+    for choice in _choices(element, direction, "", Place()):
         return _pad(element, choice)
-    raise _nothing_free(element, direction, place)
+    raise _nothing_free(element, direction, Place())
 
 
 def _pair(
