@@ -68,7 +68,8 @@ class RecordSender(Sender):
             StreamError: the data of an earlier frame with record caps is no record.
             ResourceError: another publisher has taken the key.
         """
-        self.raise_fault()
+        if self._fault is not None:
+            self.raise_fault()
         self.last_frame = without_pixels(frame)
         super().submit(self.last_frame, patience_s)
 
