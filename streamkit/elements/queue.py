@@ -219,21 +219,21 @@ class Queue(Element):
         self._pushing_thread = threading.get_ident()
         try:
             while True:
-                item: Frame | Event | None
+                item: Frame | Event | None = None
+                flushes = self.flushes
                 try:
-                    while True:
-                        item, flushes = None, self.flushes
-                        item = self._take()
-                        if isinstance(item, Frame):
-                            src.push(item)
-                        else:
-                            src.send_event(item)
-                            if isinstance(item, EosEvent):
-                                return
+                    item = self._take()
+                    if isinstance(item, Frame):
+                        src.push(item)
+                    else:
+                        src.send_event(item)
                 except Flushing:
                     if item is not None and self.flushes == flushes:
                         raise  # not because of a flush
                     self._park(item)
+                else:
+                    if isinstance(item, EosEvent):
+                        return
         except EndOfStream:
             self._refuse(EndOfStream)
         except NotLinked:
