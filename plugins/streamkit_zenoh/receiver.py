@@ -163,21 +163,8 @@ class MessageReceiver:
         raw = b"" if attachment is None or len(attachment) > ATTACHMENT_LIMIT_BYTES else attachment.to_bytes()
         stamp, header = read_attachment(raw)
         key, size = str(sample.key_expr), len(sample.payload)
-        with self._lock:
-            losses = self._losses
-            continuity = losses.replied(key, stamp) if is_reply else losses.received(key, stamp)
-            if stamp is not None and continuity.is_new:
-                self._latest_run = max(self._latest_run, stamp.run)
-            self._counts.update(
-                received=continuity.is_new,
-                lost=continuity.lost,
-                restarts=continuity.is_restart,
-                interleaved=continuity.is_interleaved,
-                jumps=continuity.is_jump,
-                repeated=not is_reply and not continuity.is_new,
-                bad=continuity.is_new and size > self._limit_bytes,
-            )
-        if not continuity.is_new or size > self._limit_bytes:
+        is_too_large = size > self._limit_bytes
+        if not self._note(key, stamp, is_reply=is_reply, is_too_large=is_too_large):
             return
         message = ReceivedMessage(
             key,
@@ -191,6 +178,24 @@ class MessageReceiver:
         if dropped:
             with self._lock:
                 self._counts["overwritten"] += dropped
+
+    def _note(self, key: str, stamp: Stamp | None, *, is_reply: bool, is_too_large: bool) -> bool:
+        """Counts a message; whether to pass it on."""
+        with self._lock:
+            losses = self._losses
+            continuity = losses.replied(key, stamp) if is_reply else losses.received(key, stamp)
+            if stamp is not None and continuity.is_new:
+                self._latest_run = max(self._latest_run, stamp.run)
+            self._counts.update(
+                received=continuity.is_new,
+                lost=continuity.lost,
+                restarts=continuity.is_restart,
+                interleaved=continuity.is_interleaved,
+                jumps=continuity.is_jump,
+                repeated=not is_reply and not continuity.is_new,
+                bad=continuity.is_new and is_too_large,
+            )
+        return continuity.is_new and not is_too_large
 
     def _alive_changed(self, count: int) -> None:
         with self._lock:
