@@ -27,7 +27,8 @@ class FileOfElement:
         mine, its = local_path(self.location), local_path(other.location)
         if mine.exists() and its.exists():
             return mine.samefile(its)
-        return FileNames(self.location).matches(its) or FileNames(other.location).matches(mine)
+        my_names, its_names = FileNames(self.location), FileNames(other.location)
+        return my_names.matches(its_names.path(0, 0)) or its_names.matches(my_names.path(0, 0))
 
 
 def check_files(elements: Iterable[Element]) -> None:

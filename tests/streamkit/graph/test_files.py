@@ -52,6 +52,30 @@ def test_two_sinks_do_not_share_a_file(tmp_path: Path) -> None:
     Pipeline.parse(text, {"one": "/dev/null", "other": "/dev/null"})
 
 
+@pytest.mark.parametrize(
+    ("one", "other", "is_refused"),
+    [
+        ("p%05d.bin", "p%05d.bin", True),
+        ("p%05d.bin", "p%d.bin", True),
+        ("p-%Y%m%dT%H%M%SZ.bin", "p-%Y%m%dT%H%M%SZ.bin", True),
+        ("p%05d.bin", "q%05d.bin", False),
+    ],
+)
+def test_two_sinks_do_not_share_numbered_files(
+    tmp_path: Path, one: str, other: str, is_refused: bool
+) -> None:
+    """Each would replace the files of the other."""
+    text = (
+        f"videotestsrc ! tee name=t  t. ! multifilesink location={tmp_path}/{one} "
+        f"t. ! multifilesink location={tmp_path}/{other}"
+    )
+    if not is_refused:
+        Pipeline.parse(text)
+        return
+    with pytest.raises(DescriptionError, match="multifilesink1 must not write .*: it is written by"):
+        Pipeline.parse(text)
+
+
 def test_a_location_that_is_set_later_is_checked_at_the_start(tmp_path: Path) -> None:
     """By its ending, and against the others."""
     pipeline = Pipeline.parse(
