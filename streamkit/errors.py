@@ -58,6 +58,8 @@ def write_remedy(error: Exception) -> str:
     number = getattr(error, "errno", None)
     if number in (errno.ENOSPC, errno.EDQUOT):
         return "; free some space"
+    if number == errno.EBUSY:
+        return "; name another file, or end what writes it"
     if number == errno.EFBIG:
         return (
             "; the limit of a file's size is reached (ulimit -f, or the file system's): write several files"

@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from streamkit.output.claim import Claim, check_unclaimed, claim, open_unchanged
 from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, open_fifo, standard_output, wait_writable
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ class OutputFile(io.FileIO):
 
     If the path exists, the file is written as `.NAME.PID.partial` in its folder and renamed by `publish`.
     Missing folders are made. Devices, pipes and sockets are opened directly; symbolic links are followed.
+    A file that another process or sink is writing is left to it.
 
     Args:
         path: of the file; `-` is the standard output.
@@ -40,7 +42,7 @@ class OutputFile(io.FileIO):
         is_new: whether it does not continue an existing file.
 
     Raises:
-        OSError: the file cannot be opened.
+        OSError: the file cannot be opened, or another writer has it.
     """
 
     failure: OSError | None = None
@@ -56,7 +58,9 @@ class OutputFile(io.FileIO):
         self.path, self._reader_wait = path, reader_wait
         self._target = path.resolve()
         self._unpublished: Path | None = None
-        if not is_special(path):
+        self._older = Claim()  # of the file that this one replaces
+        is_file = not is_special(path)
+        if is_file:
             self._target.parent.mkdir(parents=True, exist_ok=True)
             is_there = self._target.exists()
             if is_whole or (is_there and not append):
@@ -69,7 +73,10 @@ class OutputFile(io.FileIO):
             target = standard_output()
         elif path.is_fifo():
             target = open_fifo(path, reader_wait)
-        super().__init__(target, "ab" if append else "wb", closefd=not is_stdout)
+        opener = open_unchanged if is_file else None
+        super().__init__(target, "ab" if append else "wb", closefd=not is_stdout, opener=opener)
+        if is_file:
+            self._claim(is_emptied=not append)
         self._waits_for_reader = not stat.S_ISREG(os.fstat(self.fileno()).st_mode)
         self._pending = bytearray()
         self._tail: Callable[[], bytes] | None = None
@@ -77,6 +84,21 @@ class OutputFile(io.FileIO):
         self._written_tail = b""
         self._due_s = 0.0
         self.is_new = not self._end
+
+    def _claim(self, *, is_emptied: bool) -> None:
+        try:
+            claim(self.fileno())
+        except OSError:
+            self.close()
+            raise
+        if self._unpublished not in (None, self._target):
+            try:
+                self._older.take(self._target)
+            except OSError:
+                self.discard()
+                raise
+        if is_emptied:
+            self.truncate(0)
 
     def write(self, data: ReadableBuffer, /) -> int:
         """Writes all of the data; after a failed write to a pipe nothing more is tried."""
@@ -147,8 +169,14 @@ class OutputFile(io.FileIO):
             self.truncate()
 
     def publish(self) -> None:
-        """Renames the file to its path, replacing an older one; has no effect the second time."""
+        """Renames the file to its path, replacing an older one; has no effect the second time.
+
+        Raises:
+            OSError: another writer has the older one.
+        """
         if self._unpublished is not None and self._unpublished != self._target:
+            self._older.release()
+            check_unclaimed(self._target)
             self._unpublished.replace(self._target)
         self._unpublished = None
 
@@ -180,6 +208,7 @@ class OutputFile(io.FileIO):
 
     def discard(self) -> None:
         """Closes the file and removes it unless it was published; never fails."""
+        self._older.release()
         with suppress(OSError):
             self.close()
         written, self._unpublished = self._unpublished, None
@@ -216,7 +245,8 @@ def check_writable(path: Path) -> None:
     """Checks that a file can be created at a path, without creating it.
 
     Raises:
-        OSError: it is a directory, or its folder (or the nearest existing one) is not writable.
+        OSError: it is a directory, its folder (or the nearest existing one) is not writable, or another
+            writer has it.
     """
     if is_special(path):
         return
@@ -228,3 +258,4 @@ def check_writable(path: Path) -> None:
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
     if not os.access(folder, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+    check_unclaimed(target)

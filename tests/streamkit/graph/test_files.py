@@ -72,7 +72,7 @@ def test_two_sinks_do_not_share_numbered_files(
     if not is_refused:
         Pipeline.parse(text)
         return
-    with pytest.raises(DescriptionError, match="multifilesink1 must not write .*: it is written by"):
+    with pytest.raises(DescriptionError, match=r"multifilesink1 must not write .*: it is written by"):
         Pipeline.parse(text)
 
 

@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import resource
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -32,6 +34,60 @@ def test_an_older_file_stays_until_there_is_something(tmp_path: Path) -> None:
     assert path.read_bytes() == b"new\nmore\n"
     file.finish()
     assert [entry.name for entry in tmp_path.iterdir()] == ["t.jsonl"]
+
+
+@pytest.mark.parametrize("append", [False, True])
+@pytest.mark.parametrize("is_older", [False, True])
+def test_a_file_has_one_writer(tmp_path: Path, append: bool, is_older: bool) -> None:
+    """A second one is refused while the first is open, and changes nothing of what that writes."""
+    path = tmp_path / "t.jsonl"
+    if is_older:
+        path.write_bytes(b"old\n")
+    first = OutputFile(path, append=append)
+    first.append(b"one\n")
+    with pytest.raises(OSError, match="another process or pipeline is writing this file"):
+        OutputFile(path, append=append)
+    with pytest.raises(OSError, match="another process or pipeline is writing this file"):
+        check_writable(path)
+    first.append(b"two\n")
+    first.finish()
+    assert path.read_bytes() == (b"old\n" if is_older and append else b"") + b"one\ntwo\n"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["t.jsonl"]
+    check_writable(path)
+
+
+@pytest.mark.parametrize("is_older", [False, True])
+def test_of_two_that_replace_a_file_the_later_is_refused(tmp_path: Path, is_older: bool) -> None:
+    """Another process, too, and before either has published, as recordings in their first second."""
+    path = tmp_path / "a.mp4"
+    text = "import sys; from pathlib import Path; from streamkit.output.file import OutputFile\n"
+    text += "OutputFile(Path(sys.argv[1])).append(b'x')"
+    command = [sys.executable, "-c", text, str(path)]
+    if is_older:
+        path.write_bytes(b"old")
+    file = OutputFile(path)
+    file.write(b"own")
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "another process or pipeline is writing this file" in done.stderr
+    file.finish()
+    assert path.read_bytes() == b"own"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.mp4"]
+    subprocess.run(command, check=True)
+    assert path.read_bytes() == b"x"
+
+
+def test_a_whole_file_does_not_replace_one_that_is_being_written(tmp_path: Path) -> None:
+    """Which was begun after it."""
+    path = tmp_path / "a.bin"
+    whole, other = OutputFile(path, is_whole=True), OutputFile(path)
+    other.append(b"other")
+    whole.write(b"whole")
+    with pytest.raises(OSError, match="another process or pipeline is writing this file"):
+        whole.finish()
+    whole.discard()
+    other.finish()
+    assert path.read_bytes() == b"other"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
 
 
 def test_folders_are_made_and_links_followed(tmp_path: Path) -> None:
