@@ -148,17 +148,23 @@ def score_files(
         first, last = frames or (1, len(boxes))
         if frames is None:
             _note_longer(found, last)
-        return asdict(one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last]))
+        single = one_pass(longest_lived(found, len(boxes))[first - 1 : last], boxes[first - 1 : last])
+        if not single.success:
+            _note_no_match(found, first, last)
+        return asdict(single)
     targets, classes = read_truth(truth, first_pixel)
     first, last = frames or frames_with_boxes(targets)
     if frames is None:
         _note_longer(found, last)
+    tracked = found
     targets, found = frames_of(targets, first, last), frames_of(found, first, last)
     if frames and not any(len(boxes.ids) for boxes in targets):
         raise ValueError(f"--frames {first}:{last}: the truth has no box there; name frames that it covers")
     if classes:
         found = without_distractors(found, frames_of(classes, first, last))
     higher_order, identities = score_hota(targets, found), score_identities(targets, found, overlap)
+    if identities.misses == identities.truths:
+        _note_no_match(tracked, first, last)
     return asdict(higher_order) | asdict(identities) | {"frames": len(targets)}
 
 
@@ -168,3 +174,15 @@ def _note_longer(found: list[Labelled], last: int) -> None:
     if tracked > last:
         text = f"the tracks go on to frame {tracked}, the truth ends with {last}: the rest is not scored"
         typer.echo(f"note: {text}", err=True)
+
+
+def _note_no_match(tracked: list[Labelled], first: int, last: int) -> None:
+    """Notes on the standard error output why no track matches the truth in the frames that are scored."""
+    begin, end = frames_with_boxes(tracked)
+    if end < begin:
+        text = "there is no track in the whole file"
+    elif not any(len(boxes.ids) for boxes in tracked[first - 1 : last]):
+        text = f"the tracks are in frames {begin} to {end}, scored are {first} to {last}"
+    else:
+        text = "are both of the same video, in pixels of the same size, its first frame being 1?"
+    typer.echo(f"note: no track matches the truth: {text}", err=True)

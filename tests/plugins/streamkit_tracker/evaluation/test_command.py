@@ -185,3 +185,25 @@ def test_tracks_of_distractors_do_not_count(tmp_path: Path):
     truth.write_text("1,1,1,1,10,10,1,1,1.0\n1,2,50,1,10,10,0,12,1.0\n1,3,90,1,10,10,0,9,1.0\n")
     scores = json.loads(run(tracks, truth, "--json").stdout)
     assert (scores["truths"], scores["misses"], scores["false_alarms"]) == (1, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("tracks", "truth", "words"),
+    [
+        ("", "1,1,1,1,10,10,1", "there is no track in the whole file"),
+        ("9,1,1,1,10,10,1", "1,1,1,1,10,10,1", "the tracks are in frames 9 to 9, scored are 1 to 1"),
+        ("1,1,90,1,10,10,1", "1,1,1,1,10,10,1", "are both of the same video"),
+        ("", "1,1,10,10", "there is no track in the whole file"),
+        ("1,1,90,1,10,10,1", "1,1,10,10", "are both of the same video"),
+    ],
+)
+def test_zeros_come_with_their_reason(tmp_path: Path, tracks: str, truth: str, words: str):
+    """Nothing matched: an empty file, frames or pixels that do not fit; none where something has."""
+    found, true = tmp_path / "tracks.txt", tmp_path / "gt.txt"
+    found.write_text(tracks)
+    true.write_text(truth)
+    result = run(found, true)
+    assert result.exit_code == 0
+    assert f"note: no track matches the truth: {words}" in result.stderr
+    found.write_text("1,1,1,1,10,10,1")
+    assert run(found, true).stderr == ""
