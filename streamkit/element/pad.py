@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from streamkit.errors import NotNegotiated
+from streamkit.errors import NotNegotiated, StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import (
     EOS,
@@ -15,6 +15,7 @@ from streamkit.flow.events import (
     CapsEvent,
     EosEvent,
     Event,
+    FlowStop,
     FlushEvent,
     Flushing,
     FlushStart,
@@ -127,7 +128,13 @@ class Pad:
         """Caps that the pad can carry, in the order that the other pads of its element prefer."""
         if self.known_caps is not None:
             return self.known_caps
-        return self.element.query_caps(self) & self.template.caps
+        try:
+            possible = self.element.query_caps(self)
+        except StreamkitError:
+            raise
+        except Exception as cause:
+            raise self.element.failure(cause) from cause
+        return possible & self.template.caps
 
     def peer_caps(self) -> Caps:
         """Caps that the peer can carry; ANY without a peer."""
@@ -203,7 +210,9 @@ class Pad:
                     src.caps = src.peer.caps = None  # the peer is not configured: its next frame fails, too
                 elif isinstance(event, EosEvent) and isinstance(error, Flushing):
                     self.is_eos = src.is_eos = False  # it will be sent once more
-                raise
+                if isinstance(error, StreamkitError | FlowStop):
+                    raise
+                raise src.peer.element.failure(error) from error
 
     def send_eos(self) -> None:
         """Sends EOS downstream; once more if it has met a flush, which drops frames only.

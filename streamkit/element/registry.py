@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any, TypeVar
 
 from streamkit.element.base import Element
+from streamkit.element.code_place import place_in_plugin
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
@@ -95,7 +96,9 @@ def located(place: Place | None) -> Iterator[None]:
     except DescriptionError as error:
         raise error.at(place or error.place) from None
     except PluginBroken as error:
-        raise DescriptionError("plugin-broken", str(error), place) from error
+        raised_at = place_in_plugin(error.__cause__) if error.__cause__ is not None else ""
+        hint = f"raised at {raised_at}" if raised_at else ""
+        raise DescriptionError("plugin-broken", str(error), place, hint) from error
 
 
 def make_element(factory: str, name: str = "", **properties: Any) -> Element:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from streamkit.element.base import Element
 from streamkit.element.pad_owner import walk
 from streamkit.element.registry import element_class, installed_elements, located, make_element
-from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place, did_you_mean
+from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, ElementFailure, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.graph.addresses import factory_for, location_of
 from streamkit.graph.assignments import (
@@ -86,6 +86,12 @@ class GraphBuilder:
 
     def build(self, chains: Sequence[ChainNode]) -> Graph:
         """The graph of all chains; raises `DescriptionError`."""
+        try:
+            return self._build(chains)
+        except ElementFailure as failure:
+            raise self._failed(failure) from failure
+
+    def _build(self, chains: Sequence[ChainNode]) -> Graph:
         members: list[Element] = []
         for chain in chains:
             self._add_chain(chain, members)
@@ -106,6 +112,12 @@ class GraphBuilder:
             self._check_order()
             cut(self.graph, self._places)
         return self.graph
+
+    def _failed(self, failure: ElementFailure) -> DescriptionError:
+        """The error for an element that raises when it is asked for caps."""
+        places = {element.name: place for element, place in self._places.items()}
+        hint = f"raised at {failure.place}" if failure.place else ""
+        return DescriptionError("plugin-broken", str(failure), places.get(failure.element), hint)
 
     def _check_order(self) -> None:
         """Notes elements downstream of one that uses their metadata."""

@@ -3,12 +3,13 @@
 import re
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps, Element, Pipeline, Property, PropertyError, Source
+from streamkit import Caps, Element, Pipeline, Property, PropertyError, Source, Transform
 from streamkit.errors import DescriptionError, ElementFailure
 from streamkit.graph.build import build
 
@@ -255,6 +256,33 @@ def test_a_broken_plugin_points_into_the_text(register: Register, text: str) -> 
     assert caught.value.code == "plugin-broken"
     assert caught.value.place.column == 1
     assert build("fakesrc ! fakesink", {}).elements
+
+
+def test_a_plugin_that_fails_on_import_shows_its_line(
+    register: Register, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that its author finds it; where a library raises, the line that calls it."""
+    path = tmp_path / "halfway.py"
+    path.write_text("import fractions\n\nfractions.Fraction(1, 0)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    register(blur="halfway:Blur")
+    with pytest.raises(DescriptionError, match="ZeroDivisionError") as caught:
+        build("fakesrc ! blur ! fakesink", {})
+    assert caught.value.hint == f"raised at {path}:3"
+
+
+@pytest.mark.parametrize("method", ["transform_caps", "query_caps"])
+def test_an_element_that_raises_when_asked_for_caps_is_named(register: Register, method: str) -> None:
+    """With its place in the text, as other errors of a description."""
+
+    def fail(*_: object) -> Caps:
+        raise ValueError("no such table")
+
+    register(picky=type("Picky", (Transform,), {"sink": "a/b", "src": "a/b", method: fail}))
+    with pytest.raises(DescriptionError, match="picky0: ValueError: no such table") as caught:
+        build("fakesrc ! picky ! fakesink", {})
+    assert (caught.value.code, caught.value.place.column) == ("plugin-broken", 11)
+    assert caught.value.hint.startswith("raised at test_build.py:")
 
 
 def test_an_unknown_element_of_a_graph_lists_those_there() -> None:

@@ -37,6 +37,21 @@ def test_an_unlinked_end_raises_not_linked() -> None:
     assert [stage.element.name for stage, _ in chain.received()] == ["i"]
 
 
+def test_an_element_that_raises_at_an_event_is_named(register: Register) -> None:
+    """Not the element before it; EOS, at which it raises again, ends the thread without a traceback."""
+
+    def fail(*_: object) -> None:
+        raise ValueError("no such table")
+
+    register(picky=type("Picky", (Transform,), {"sink": ANYTHING, "src": ANYTHING, "receive_event": fail}))
+    with (
+        Pipeline.parse("fakesrc ! queue ! picky ! fakesink") as pipeline,
+        pytest.raises(ElementFailure, match=r"^picky0: ValueError: no such table$") as caught,
+    ):
+        pipeline.run(timeout_s=20)
+    assert caught.value.place.startswith("test_chain.py:")
+
+
 class Twice(Transform):
     """Each frame two times, every third none."""
 
