@@ -252,6 +252,8 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
 
 def _application_notes(pipeline: Pipeline) -> Iterator[str]:
     """Notes on elements that wait for calls of an application and on open ends."""
+    from streamkit.graph.link import RAW_VIDEO
+
     for element in pipeline.graph.elements:
         if element.factory == "appsink":
             effect = "drops frames" if getattr(element, "drop", False) else "fills up"
@@ -261,6 +263,11 @@ def _application_notes(pipeline: Pipeline) -> Iterator[str]:
         outputs = list(element.src_pads())
         if outputs and any(element.sink_pads()) and all(pad.peer is None for pad in outputs):
             yield f"{outputs[0].path} is not linked, its frames go nowhere; link it to a sink"
+        sink = element.pads.get("sink")
+        if sink is not None and sink.peer is None and not pipeline.graph.delayed_links:
+            takes_video = not sink.template.caps.is_any and sink.template.caps.can_intersect(RAW_VIDEO)
+            source = "filesrc location=FILE ! decode" if takes_video else "a source"
+            yield f"{sink.path} is not linked, no frame comes; write {source} ! before {element.factory}"
 
 
 def _supervise() -> NoReturn:

@@ -595,6 +595,20 @@ def test_an_open_end_is_noted(launch: Callable[..., Result]) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("element", "source"), [("detectionsrc", "filesrc location=FILE ! decode"), ("queue", "a source")]
+)
+def test_an_open_beginning_is_noted_with_what_to_write(
+    launch: Callable[..., Result], element: str, source: str
+) -> None:
+    """`detectionsrc` sounds like a source, and takes frames."""
+    done = launch(f"{element} ! fakesink")
+    assert done.exit_code == 1
+    note = f"note: {element}0.sink is not linked, no frame comes; write {source} ! before {element}\n"
+    assert done.stderr.startswith(note)
+    assert f"error: {element}0: nothing is linked to its pad sink" in done.stderr
+
+
 def test_log_lines_are_json_objects_on_request(launch: Callable[..., Result]) -> None:
     """Each line of stderr has time, level and message, and the element if it is about one."""
     done = launch(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from streamkit_fleet.batch.command import missing_variable
+from streamkit_fleet.batch.command import missing_variable, unused_variables
 
 
 @pytest.mark.parametrize(
@@ -22,3 +22,10 @@ def test_a_variable_that_is_missing_is_named(text: str, expected: str) -> None:
     assert found.startswith(begin)
     assert found.endswith(end)
     assert bool(found) is bool(expected)
+
+
+def test_a_variable_that_is_not_used_is_noted() -> None:
+    """As `launch` does: a mistyped name leaves the default in force."""
+    text = "a=${input} b=${output} seed=${seed:-0}"
+    note = "--set seeed is not used: the description has no ${seeed}; it has input, output, seed"
+    assert unused_variables(text, {"seeed": "3", "seed": "4"}) == [note]
