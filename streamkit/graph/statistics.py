@@ -12,6 +12,7 @@ from streamkit.element.base import Element
 from streamkit.element.frame_queue import FrameQueue
 from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
+from streamkit.element.registry import installed_elements
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
@@ -139,11 +140,17 @@ def collect_statistics(
 def silent_transforms(rows: dict[Element, ElementStatistics]) -> dict[str, str]:
     """What to say of transforms that took frames until EOS, gave none and counted none, by name.
 
-    To return None is how a transform leaves a frame out, and also what a forgotten `return` does.
+    To return None is how a transform leaves a frame out, and also what a forgotten `return` does. Only
+    elements of other packages have a user who can write it.
     """
+    entries = installed_elements()
+    for_authors = (
+        ", and none is counted as dropped: where `transform` is to pass frames on, `return` them; else count "
+        "them with `count_drop`"
+    )
     return {
-        element.name: f"none of {row.frames_in} frames came out, and none is counted as dropped: where "
-        "`transform` is to pass frames on, `return` them; else count them with `count_drop`"
+        element.name: f"none of {row.frames_in} frames came out"
+        + (for_authors if element.factory not in entries or not entries[element.factory].is_own else "")
         for element, row in rows.items()
         if isinstance(element, Transform)
         and element.src_pad.is_eos

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -49,6 +50,17 @@ def test_a_transform_that_gave_nothing_is_reported(register: Register, counts: b
         messages = [message for message in iter(lambda: pipeline.bus.pop(0), None) if message.is_shortfall]
     assert [message.source for message in messages] == ["forgetful0"] * warnings
     assert all(message.text.startswith("none of 7 frames came out") for message in messages)
+    assert all("`return` them" in message.text for message in messages)
+
+
+def test_advice_for_authors_is_not_given_to_users(tmp_path: Path) -> None:
+    """An element of streamkit has no `return` that its user could write."""
+    Pipeline.parse(f"videotestsrc num-buffers=9 ! videofilesink location={tmp_path}/a.mp4").run(timeout_s=60)
+    with Pipeline.parse(f"filesrc location={tmp_path}/a.mp4 start-s=9 ! decode ! fakesink") as pipeline:
+        pipeline.run(timeout_s=60)
+        messages = [message for message in iter(lambda: pipeline.bus.pop(0), None) if message.is_shortfall]
+    texts = {message.source: message.text for message in messages}
+    assert texts["decode0"] == "none of 9 frames came out"
 
 
 class Counting(Sink):
