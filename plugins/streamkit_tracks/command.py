@@ -50,7 +50,8 @@ class TargetSummary(msgspec.Struct):
     Attributes:
         run: of the file, from 1.
         id: in that run.
-        first_s, last_s: time of its first and last frame in the stream, s; None if unknown.
+        first_s, last_s: time in the stream of its first frame, and of the last before it was lost, s; None if
+            unknown. After an interruption the frame that tells of the loss comes much later.
         states: its frames by state, in the order in which they came.
         length_px, width_px: medians over its frames.
     """
@@ -214,7 +215,8 @@ def list_targets(records: RecordFile) -> list[TargetSummary]:
             row = found.setdefault((run, target.id), TargetSummary(run, target.id))
             row.states[target.state.value] += 1
             sizes[run, target.id].append((target.length, target.width))
-            if record.pts_ns is not None:
+            is_there = target.state is not TrackState.LOST or row.last_s is None
+            if record.pts_ns is not None and is_there:
                 row.last_s = record.pts_ns / 1e9
                 row.first_s = row.last_s if row.first_s is None else row.first_s
     for key, row in found.items():

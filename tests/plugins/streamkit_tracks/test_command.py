@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from streamkit import Pipeline, TrackState
-from streamkit_tracks.command import TargetSummary, table_lines
+from streamkit import Pipeline, RecordFile, TrackState
+from streamkit_tracks.command import TargetSummary, list_targets, table_lines
 from streamkit_tracks.file_readers import MISSING
 from tests.slowness import patience
 
@@ -51,6 +51,26 @@ def test_targets_are_listed(records: Path) -> None:
     (row,) = [json.loads(line) for line in run("tracks", "--json", str(records)).stdout.splitlines()]
     assert (row["run"], row["id"], row["first_s"], row["last_s"]) == (1, 1, 0.0, 0.76)
     assert sum(row["states"].values()) == 20
+
+
+def test_a_target_ends_with_the_last_frame_in_which_it_was_there(tmp_path: Path) -> None:
+    """Not with the one that tells of its loss, which after an interruption of the feed comes much later."""
+    path = tmp_path / "tracks.jsonl"
+    target = {"id": 1, "x": 0, "y": 0, "length": 9, "width": 5, "angle": 0, "bbox": [0, 0, 9, 5]}
+    target |= {"score": 1, "age_ns": 0}
+    frame = {"schema": "streamkit.tracks/1", "source": "t", "epoch": 0, "dropped": 0}
+    rows = [(0, 0.0, "confirmed"), (1, 0.04, "coasting"), (2, 25.0, "lost")]
+    path.write_text(
+        "".join(
+            json.dumps(
+                frame | {"seq": seq, "pts_ns": round(time_s * 1e9), "tracks": [target | {"state": state}]}
+            )
+            + "\n"
+            for seq, time_s, state in rows
+        )
+    )
+    (row,) = list_targets(RecordFile(path))
+    assert (row.first_s, row.last_s, row.states["lost"]) == (0.0, 0.04, 1)
 
 
 def test_the_table_fits_80_columns() -> None:
