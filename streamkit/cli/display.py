@@ -7,6 +7,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import typer
@@ -34,9 +35,11 @@ class Display:
 
     Attributes:
         every_s: minimum interval between updates, s.
+        is_timed: whether each line begins with the time.
     """
 
     every_s = REDRAW_EVERY_S
+    is_timed = False
 
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline = pipeline
@@ -66,7 +69,12 @@ class Display:
 
     def print_line(self, line: str) -> None:
         """Prints a line on stderr, above the display."""
-        typer.echo(coloured(presentable(line)), err=True)
+        typer.echo(self._stamp() + coloured(presentable(line)), err=True)
+
+    def _stamp(self) -> str:
+        if not self.is_timed:
+            return ""
+        return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z "
 
     def print_each(self, level: str, texts: Iterable[str]) -> None:
         """Prints a line "level: text" for each text."""
@@ -209,7 +217,7 @@ class Table(Display):
         if self._live is None:
             super().print_line(line)
         else:
-            self._live.console.print(presentable(line), markup=False, highlight=False)
+            self._live.console.print(self._stamp() + presentable(line), markup=False, highlight=False)
 
     @override
     def end(self, whole: RunStatistics) -> None:

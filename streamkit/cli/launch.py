@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 
 Form = Literal["text", "json"]
+LogFormat = Literal["text", "timed", "json"]
 
 
 class LaunchCommand(TyperCommand):
@@ -124,7 +125,10 @@ def launch(
         ),
     ] = None,
     log_format: Annotated[
-        Form, typer.Option("--log-format", help="json: each line on stderr is a JSON object.")
+        LogFormat,
+        typer.Option(
+            "--log-format", help="Lines on stderr: timed begin with the time (UTC), json are JSON objects."
+        ),
     ] = "text",
     supervise: Annotated[
         bool, typer.Option("--supervise", help="Run in a child; start it again when it fails, with back-off.")
@@ -292,7 +296,7 @@ def serve_metrics(monitor: Monitor, address: str | None) -> contextlib.AbstractC
         fail_usage(str(error))
 
 
-def choose_display(pipeline: Pipeline, stats: Form | None, log_format: Form, *, quiet: bool) -> Display:
+def choose_display(pipeline: Pipeline, stats: Form | None, log_format: LogFormat, *, quiet: bool) -> Display:
     """The display for a terminal, a file or a program."""
     from streamkit.cli.display import Display, JsonDisplay, Lines, Progress, Table, Totals
 
@@ -300,8 +304,12 @@ def choose_display(pipeline: Pipeline, stats: Form | None, log_format: Form, *, 
         return JsonDisplay(pipeline)
     for_terminal, for_file = (Table, Lines) if stats == "text" else (Progress, Display)
     if quiet:
-        return (Totals if stats == "text" else Display)(pipeline)
-    return (for_terminal if sys.stderr.isatty() else for_file)(pipeline)
+        chosen = Totals if stats == "text" else Display
+    else:
+        chosen = for_terminal if sys.stderr.isatty() else for_file
+    display = chosen(pipeline)
+    display.is_timed = log_format == "timed"
+    return display
 
 
 def _write_counters(file: Path, statistics: RunStatistics, display: Display) -> bool:

@@ -9,7 +9,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator
-from datetime import datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -607,6 +607,15 @@ def test_an_open_beginning_is_noted_with_what_to_write(
     note = f"note: {element}0.sink is not linked, no frame comes; write {source} ! before {element}\n"
     assert done.stderr.startswith(note)
     assert f"error: {element}0: nothing is linked to its pad sink" in done.stderr
+
+
+def test_log_lines_begin_with_the_time_on_request(launch: Callable[..., Result]) -> None:
+    """So that a log file tells when a feed was lost; UTC, as in JSON lines."""
+    done = launch("--log-format", "timed", "fakesrc num-buffers=3 ! identity error-after=1 ! fakesink")
+    lines = done.stderr.splitlines()
+    assert [line.split(" ")[1] for line in lines] == ["error:", "0"]
+    ages = [datetime.now(UTC) - datetime.fromisoformat(line.split(" ")[0]) for line in lines]
+    assert timedelta(0) <= min(ages) <= max(ages) < timedelta(minutes=1)
 
 
 def test_log_lines_are_json_objects_on_request(launch: Callable[..., Result]) -> None:
