@@ -27,6 +27,7 @@ class Bus:
         self.counts: Counter[tuple[str, MessageKind]] = Counter()
         self._queue = BoundedQueue[Message](CAPACITY, choose_dropped=_choose_dropped)
         self._watchers: list[Callable[[Message], None]] = []
+        self._faulty: list[Callable[[Message], None]] = []
 
     @property
     def lost(self) -> int:
@@ -37,10 +38,19 @@ class Bus:
         """Queues a message; watchers are called with it in the posting thread."""
         self.counts[message.source, message.kind] += 1
         for watcher in tuple(self._watchers):
-            watcher(message)
+            try:
+                watcher(message)
+            except Exception:  # the element or thread that posts has no part in it
+                self._log_once(watcher, message)
         if message.kind is MessageKind.ERROR and not self._watchers:
             self._unread_error = self._unread_error or message
         self._queue.put(message)
+
+    def _log_once(self, watcher: Callable[[Message], None], message: Message) -> None:
+        if watcher not in self._faulty:
+            self._faulty.append(watcher)
+            text = "a function given to bus.watch has raised, at the message %s of %s; the pipeline goes on"
+            log.exception(text, message.kind, message.source or "the pipeline")
 
     def log_unread_error(self) -> None:
         """Logs the first error that the program has not read, so that a script without `wait` hears of it."""
@@ -56,7 +66,7 @@ class Bus:
         self._unread_error = None
 
     def watch(self, watcher: Callable[[Message], None]) -> None:
-        """Calls a function with every message, in the thread that posts it."""
+        """Calls a function with every message, in the thread that posts it; the first exception is logged."""
         self._watchers.append(watcher)
 
     def pop(self, timeout_s: float | None = 0.0, kinds: tuple[MessageKind, ...] = ()) -> Message | None:

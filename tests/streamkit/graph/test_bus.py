@@ -2,6 +2,8 @@
 
 import threading
 
+import pytest
+
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import CAPACITY, Bus
 
@@ -79,6 +81,26 @@ def test_watchers_see_messages_at_once() -> None:
     bus.post(note(4))
     assert seen == [(threading.get_ident(), "4")] * 2
     assert bus.pop() == note(4)
+
+
+@pytest.mark.parametrize("kind", list(MessageKind))
+def test_a_watcher_that_raises_changes_nothing(kind: MessageKind, caplog: pytest.LogCaptureFixture) -> None:
+    """Least of all hides an error, without which the pipeline would never end; it is logged once."""
+    bus = Bus()
+    seen: list[Message] = []
+
+    def fail(message: Message) -> None:
+        raise ValueError("in watch")
+
+    bus.watch(fail)
+    bus.watch(seen.append)
+    messages = [Message(kind, "x", "1"), Message(kind, "x", "2")]
+    for message in messages:
+        bus.post(message)
+    assert seen == [bus.pop(), bus.pop()] == messages
+    (record,) = caplog.records
+    assert "function given to bus.watch has raised" in record.message
+    assert "in watch" in caplog.text
 
 
 def test_flush_discards_unread_messages() -> None:
