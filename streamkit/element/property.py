@@ -118,6 +118,8 @@ class PropertyDeclaration(Traits):
         kind = self.kind
         if value is None and self.optional:
             return None
+        if self.file and isinstance(value, os.PathLike):
+            value = os.fspath(value)
         try:
             if isinstance(value, str) and kind is not str:
                 value = value_from_text(kind, value, minimum=self.minimum, maximum=self.maximum)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any, Self
 
 from streamkit.element.base import Element
@@ -67,7 +68,7 @@ class Pipeline:
     def parse(
         cls,
         text: str,
-        variables: Mapping[str, str] | None = None,
+        variables: Mapping[str, str | float | PathLike[str]] | None = None,
         clock: Clock | None = None,
         watchdog_s: float = WATCHDOG_S,
     ) -> Self:
@@ -75,7 +76,7 @@ class Pipeline:
 
         Args:
             text: in gst-launch's language, with `#` comments and `${VARIABLES}`.
-            variables: values of `${NAME}`.
+            variables: values of `${NAME}`: texts, numbers or paths.
             clock: instead of the system clock.
             watchdog_s: time limit of an element's calls, s; 0 is none.
 
@@ -84,7 +85,8 @@ class Pipeline:
         """
         from streamkit.graph.build import build
 
-        return cls(build(text, variables or {}), clock, watchdog_s)
+        texts = {name: str(value) for name, value in (variables or {}).items()}
+        return cls(build(text, texts), clock, watchdog_s)
 
     def __getitem__(self, name: str) -> Any:
         return self.graph.element(name)

@@ -106,3 +106,16 @@ def test_what_cannot_be_a_file_name_is_refused(element: str, location: str) -> N
         Pipeline.parse(f"{element} location={location}")
     with pytest.raises(PropertyError, match="location cannot be"):
         make_element(element).set_property("location", location)
+
+
+def test_files_are_named_by_paths_too(tmp_path: Path) -> None:
+    """As a program has them: a `Path` in a property or a variable, a number in a variable."""
+    text = (
+        "videotestsrc num-buffers=${count} ! tee name=t  t. ! filesink location=${one}  t. ! filesink name=f"
+    )
+    with Pipeline.parse(text, {"one": tmp_path / "one.raw", "count": 2}) as pipeline:
+        pipeline["f"].location = tmp_path / "two.raw"
+        pipeline.run(timeout_s=20)
+    assert (tmp_path / "one.raw").read_bytes() == (tmp_path / "two.raw").read_bytes() != b""
+    with pytest.raises(PropertyError, match="property key cannot be PosixPath"):
+        make_element("zenohsrc").set_property("key", tmp_path)
