@@ -23,6 +23,7 @@ from streamkit.flow.events import (
     Segment,
     SegmentEvent,
 )
+from streamkit.flow.video import conversion_remedy
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
@@ -180,9 +181,10 @@ class Pad:
     def refusal(self, offered: Caps, accepted: Caps) -> NotNegotiated:
         """The error for a src pad and its peer without common caps: names both and the field in conflict."""
         sink = self.peer.path if self.peer is not None else "nothing"
+        remedy = conversion_remedy(offered, accepted)
         return NotNegotiated(
             f"{self.path} -> {sink}: not negotiated, the pads "
-            f"{offered.disagreement(accepted, self.path, sink)}"
+            f"{offered.disagreement(accepted, self.path, sink)}" + (f"; {remedy}" if remedy else "")
         )
 
     def not_linked(self, frame: Frame) -> None:

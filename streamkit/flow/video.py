@@ -25,6 +25,12 @@ FIELDS = (
     "pixel-aspect-ratio", "chroma-site", "colorimetry", "multiview-mode", "multiview-flags",
 )  # fmt: skip
 
+CONVERTERS = {
+    "videoscale": ("width", "height"),
+    "videorate": ("framerate",),
+    "videoscale ! videorate": ("width", "height", "framerate"),
+}
+
 
 def misspelt_fields(caps: Caps) -> list[str]:
     """A line for each field of raw video that it does not have, and whose name is like one that it has.
@@ -52,6 +58,16 @@ def misspelt_formats(caps: Caps) -> list[str]:
     unknown = [name for name in formats if isinstance(name, str) and name.upper() not in FORMATS]
     hints = [(name, did_you_mean(name, FORMATS)) for name in unknown]
     return [f"no element of streamkit has the format {name}; {hint}" for name, hint in hints if hint]
+
+
+def conversion_remedy(offered: Caps, accepted: Caps) -> str:
+    """What to put between raw video of two sizes or rates, as "put videoscale between", or ""."""
+    if any(structure.name != "video/x-raw" for caps in (offered, accepted) for structure in caps.structures):
+        return ""
+    for element, fields in CONVERTERS.items():
+        if offered.without_fields(*fields).can_intersect(accepted.without_fields(*fields)):
+            return f"put {element} between"
+    return ""
 
 
 def raw_video_caps(pixel_format: str, width: int, height: int, framerate: Fraction | None = None) -> Caps:

@@ -18,6 +18,10 @@ from streamkit.graph.build import build
         ("filesrc location=a num-buffers=3 ! fakesink", "here: stop-s=SECONDS, or identity eos-after=NUMBER"),
         ("videotestsrc ! videoconvert sync=false ! fakesink", "here: sync= of a sink, or identity sync=true"),
         ("dronetestsrc width=640 ! fakesink", "here: a caps filter behind it: video/x-raw with width"),
+        (
+            "videotestsrc ! videoscale width=64 ! fakesink",
+            "here: a caps filter behind it: video/x-raw with width",
+        ),
         ("compositor name=c sink_1::xpos=320 ! fakesink", "here: nothing; inputs are side by side"),
     ],
 )

@@ -47,3 +47,22 @@ def test_caps_that_fit_are_accepted() -> None:
     src.check_accepted(Caps("a/b, width=9, height=2"))
     alone = Pad(Element("e"), PadTemplate("src", Direction.SRC), "src")
     assert "nothing" in str(alone.refusal(Caps(), Caps()))
+
+
+@pytest.mark.parametrize(
+    ("accepted", "remedy"),
+    [
+        ("video/x-raw, width=8", "; put videoscale between"),
+        ("video/x-raw, framerate=5/1", "; put videorate between"),
+        ("video/x-raw, width=8, framerate=5/1", "; put videoscale ! videorate between"),
+        ("video/x-raw, format=RGB", ""),
+        ("video/x-raw, format=RGB, width=8", ""),
+    ],
+)
+def test_video_of_another_size_or_rate_gets_a_remedy(accepted: str, remedy: str) -> None:
+    """Nothing is scaled unless the description says so: the error says how."""
+    src, _ = pads("video/x-raw", accepted)
+    fixed = Caps("video/x-raw, format=GRAY8, width=4, height=4, framerate=25/1")
+    with pytest.raises(NotNegotiated) as caught:
+        src.check_accepted(fixed)
+    assert str(caught.value).partition("down.sink takes ")[2] == f"{Caps(accepted)}{remedy}"
