@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import difflib
 import errno
 
-from av.error import FFmpegError, HTTPForbiddenError, HTTPServerError, HTTPUnauthorizedError, InvalidDataError
+from av.error import (
+    FFmpegError,
+    HTTPForbiddenError,
+    HTTPServerError,
+    HTTPUnauthorizedError,
+    InvalidDataError,
+    ProtocolNotFoundError,
+)
 
 from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit.output.names import is_network, local_path
 
+PROTOCOLS = ("rtsp", "rtsps", "udp", "tcp", "rtmp", "http", "https", "file")
 # Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
 MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
 
@@ -63,6 +72,8 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
         return access_refused(where, reason_of(error))
     if getattr(error, "errno", None) == errno.EPROTONOSUPPORT and is_network(location):
         return UnsupportedTransport(f"{where}: the server does not send over the transport asked for")
+    if isinstance(error, ProtocolNotFoundError):
+        return ResourceError(f"{where}: no such protocol; {protocol_remedy(where.partition('://')[0])}")
     if limit_s is not None:
         return TimedOut(
             f"{where}: no video within {limit_s:g} s: the other side is silent or does not answer in full; "
@@ -76,6 +87,14 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
         f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
         "check that it is a whole video file"
     )
+
+
+def protocol_remedy(scheme: str) -> str:
+    """What to write in place of a protocol that FFmpeg does not have here."""
+    if scheme == "srt":
+        return "pass it on to a UDP port, as in srt-live-transmit srt://HOST:9000 udp://127.0.0.1:5000"
+    near = difflib.get_close_matches(scheme, PROTOCOLS, n=1)
+    return f"did you mean {near[0]}://?" if near else f"write one of {', '.join(PROTOCOLS)}"
 
 
 def reason_of(error: Exception) -> str:

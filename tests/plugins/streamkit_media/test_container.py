@@ -135,3 +135,23 @@ def test_a_server_that_fails_is_not_the_fault_of_the_address() -> None:
     assert str(open_failure("rtsp://a/b", failed, None)).endswith("; check the log of the server")
     missing = av.error.HTTPNotFoundError(0, "Server returned 404")
     assert str(open_failure("rtsp://a/b", missing, None)).endswith("; check address, port and path")
+
+
+@pytest.mark.parametrize(
+    ("location", "remedy"),
+    [
+        ("rstp://user:secret@a/b", "did you mean rtsp://?"),
+        (
+            "srt://a:9000",
+            "pass it on to a UDP port, as in srt-live-transmit srt://HOST:9000 udp://127.0.0.1:5000",
+        ),
+        ("gopher2://a/b", "write one of rtsp, rtsps, udp, tcp, rtmp, http, https, file"),
+    ],
+)
+def test_a_protocol_that_is_not_there_gets_a_remedy(location: str, remedy: str) -> None:
+    """Address, port and path have no part in it."""
+    with pytest.raises(av.error.ProtocolNotFoundError) as caught:
+        av.open(location)
+    text = str(open_failure(location, caught.value, None))
+    assert text.endswith(f": no such protocol; {remedy}")
+    assert "secret" not in text
