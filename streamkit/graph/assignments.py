@@ -67,6 +67,9 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
             if value[:1] == value[-1:] == "'" and len(value) > 1:
                 rule = "keeps its single quotes, as in gst-launch: use double ones"
                 warnings.append(("quotes", f"{element.name}: {item.name} {rule}"))
+            if value == "!":
+                rule = 'has no value and takes the next word, "!", as in gst-launch: give it one, if only ""'
+                warnings.append(("no-value", f"{element.name}: {item.name} {rule}"))
         element.set_property(item.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):

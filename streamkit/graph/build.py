@@ -56,11 +56,23 @@ def build(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -
     try:
         graph = GraphBuilder(taken).build(parse(text, variables))
     except DescriptionError as error:
-        conceal(error, text)
-        raise
+        found = _without_value(error, text)
+        conceal(found, text)
+        raise found from error.__cause__
     graph.text, graph.variables = text, variables
     graph.warnings[:] = [(code, presentable(what)) for code, what in graph.warnings]
     return graph
+
+
+def _without_value(error: DescriptionError, text: str) -> DescriptionError:
+    """The error, with a hint where the last word is a property without a value, as of an unset variable."""
+    written = text.rstrip()
+    words = written[:-1].split()[-1:] if written.endswith("=") else []
+    if not words or error.message != f'no element "{words[0]}"':
+        return error
+    return DescriptionError(
+        error.code, error.message, error.place, f'{words[0]}= has no value; write one, or ""'
+    )
 
 
 @dataclass(frozen=True, slots=True)

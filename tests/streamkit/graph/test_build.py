@@ -258,6 +258,17 @@ def test_a_broken_plugin_points_into_the_text(register: Register, text: str) -> 
     assert build("fakesrc ! fakesink", {}).elements
 
 
+def test_a_property_without_a_value_is_noticed() -> None:
+    """As of a shell variable that is not set: the next word is its value, as in gst-launch."""
+    with pytest.raises(DescriptionError, match=r'no element "location"; location= has no value; write one'):
+        build("videotestsrc ! filesink location=", {})
+    with pytest.raises(DescriptionError, match=r'no element "location"$'):
+        build("videotestsrc ! location", {})
+    (warning,) = build("filesrc location= ! decode ! fakesink", {}).warnings
+    assert warning[0] == "no-value"
+    assert warning[1].startswith('filesrc0: location has no value and takes the next word, "!"')
+
+
 def test_a_plugin_that_fails_on_import_shows_its_line(
     register: Register, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
