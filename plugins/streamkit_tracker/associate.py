@@ -176,11 +176,12 @@ def _learn_looks(table: TargetTable, unlike: FloatArray, observation: Observatio
     if observation.features is None:
         return
     rate = OBJECT_LOOK_RATE if observation.are_objects else LOOK_RATE
+    vectors = np.nan_to_num(np.asarray(observation.features, np.float64))
     for row, detection in enumerate(table.rows["detection"].tolist()):
         if detection < 0:
             continue
         model = table.models[row]
-        vector = np.nan_to_num(np.asarray(observation.features[detection], np.float64))
+        vector = vectors[detection].copy()  # by itself: a row would keep all of them
         difference = unlike.item(row, detection)
         if model.look is None or math.isnan(difference):
             model.look = Look(vector, observation.features_version)
