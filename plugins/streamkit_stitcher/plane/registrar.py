@@ -252,13 +252,13 @@ class FrameRegistrar:
         recognised = anchor.recognise(images)
         if recognised is None:
             return None
-        continues = self._motion.predicted == 0
+        is_previous_known = self._motion.predicted == 0
         if anchor.keyframes.plane != self._planes.number:
             self._planes.leave(anchor.keyframes.plane)
             self._motion = MotionPredictor(self._shape)
-        found = anchor.place_recognised(images, recognised, continues or self._planes.has_jumped)
+        found = anchor.place_recognised(images, recognised, is_previous_known or self._planes.has_jumped)
         step = normalised(inverse(self._planes.before) @ found.to_reference)
-        is_photograph = continues and not self._planes.has_jumped and self._is_jump(step)
+        is_photograph = is_previous_known and not self._planes.has_jumped and self._is_jump(step)
         self._footage = _Footage.PHOTOGRAPHS if is_photograph else _Footage.UNKNOWN
         return replace(found, is_due=is_photograph)
 

@@ -42,7 +42,7 @@ def test_photographs_with_half_overlap_are_registered(aerial_ground, make_regist
 
 
 def over_relief(ground, x, y):
-    """A photograph of uneven ground, whose heights shift it by up to 10 px away from the middle."""
+    """A photograph of uneven ground, whose heights shift it by several px away from the middle."""
     heights = cv2.resize(
         np.random.default_rng(1).normal(size=(40, 52)).astype(np.float32),
         ground.shape[::-1],
