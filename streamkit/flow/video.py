@@ -60,9 +60,14 @@ def misspelt_formats(caps: Caps) -> list[str]:
     return [f"no element of streamkit has the format {name}; {hint}" for name, hint in hints if hint]
 
 
+def is_raw_video(caps: Caps) -> bool:
+    """Whether all structures of caps are of raw video."""
+    return {structure.name for structure in caps.structures} == {"video/x-raw"}
+
+
 def conversion_remedy(offered: Caps, accepted: Caps) -> str:
     """What to put between raw video of two sizes or rates, as "put videoscale between", or ""."""
-    if any(structure.name != "video/x-raw" for caps in (offered, accepted) for structure in caps.structures):
+    if not (is_raw_video(offered) and is_raw_video(accepted)):
         return ""
     for element, fields in CONVERTERS.items():
         if offered.without_fields(*fields).can_intersect(accepted.without_fields(*fields)):

@@ -6,7 +6,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
-from streamkit.flow.video import misspelt_fields, misspelt_formats
+from streamkit.flow.video import is_raw_video, misspelt_fields, misspelt_formats
 
 RAW = "video/x-raw"
 CODED_VIDEO = ("video/", "image/")  # begin the media types of coded packets
@@ -29,9 +29,9 @@ def caps_conflict(
 
 def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:
     """What to change where raw video meets an element for coded packets, or the other way; "" elsewhere."""
-    if _is_raw_video(offered) and _is_coded_video(accepted):
+    if is_raw_video(offered) and _is_coded_video(accepted):
         converter, done = "encode", "decoded"
-    elif _is_coded_video(offered) and _is_raw_video(accepted):
+    elif _is_coded_video(offered) and is_raw_video(accepted):
         converter, done = "decode", "encoded"
     else:
         return ""
@@ -39,10 +39,6 @@ def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:
     if any(not caps.is_any and offered.can_intersect(caps) for caps in made):
         return f"the video is {done} before {sink.name}: leave {sink.name} out"
     return f"put {converter} between"
-
-
-def _is_raw_video(caps: Caps) -> bool:
-    return {structure.name for structure in caps.structures} == {RAW}
 
 
 def _is_coded_video(caps: Caps) -> bool:
