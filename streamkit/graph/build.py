@@ -66,12 +66,13 @@ def build(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -
 
 def _without_value(error: DescriptionError, text: str) -> DescriptionError:
     """The error, with a hint where the last word is a property without a value, as of an unset variable."""
-    written = text.rstrip()
-    words = written[:-1].split()[-1:] if written.endswith("=") else []
-    if not words or error.message != f'no element "{words[0]}"':
+    if error.code != "no-such-element":
+        return error
+    written = text.split("\n")[error.place.line - 1][error.place.column - 1 :].rstrip()
+    if len(written) != error.place.length + 1 or not written.endswith("="):
         return error
     return DescriptionError(
-        error.code, error.message, error.place, f'{words[0]}= has no value; write one, or ""'
+        error.code, error.message, error.place, f'{written} has no value; write one, or ""'
     )
 
 
