@@ -89,6 +89,7 @@ from streamkit.flow.video import raw_video_caps as raw_video_caps
 from streamkit.geometry.pose import Pose as Pose
 from streamkit.geometry.registration_status import RegistrationStatus as RegistrationStatus
 from streamkit.graph.pipeline import Pipeline as Pipeline
+from streamkit.graph.variables import unused_variables as unused_variables
 from streamkit.graph.variables import variable_names as variable_names
 from streamkit.masking import mask_secrets as mask_secrets
 from streamkit.reader import SourceChoice as SourceChoice

@@ -16,7 +16,6 @@ import typer
 
 from streamkit.cli.stderr import USAGE_EXIT, fail_usage, print_line, prints_json
 from streamkit.errors import DescriptionError
-from streamkit.graph.variables import variable_names
 from streamkit.output.colour import coloured
 from streamkit.output.pipe import STANDARD_INPUT
 
@@ -54,17 +53,6 @@ class Description:
     text: str
     name: str
     variables: dict[str, str]
-
-    def unused_variables(self) -> list[str]:
-        """A line for each variable that the text does not use; its name is probably mistyped."""
-        used = variable_names(self.text)
-        known = f"it has {', '.join(used)}" if used else "it has no variables"
-        return [
-            f"--set {name} is not used: the description has no ${{{name}}}; "
-            + (f"write it for ${name}" if re.search(rf"\${re.escape(name)}\b", self.text) else known)
-            for name in self.variables
-            if name not in used
-        ]
 
 
 def join_arguments(arguments: Sequence[str]) -> str:

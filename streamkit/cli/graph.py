@@ -21,6 +21,7 @@ from streamkit.cli.drawing import Counters, as_dot, as_mermaid, as_svg, as_text,
 from streamkit.cli.stderr import fail_usage, print_line
 from streamkit.cli.table import measure_rows
 from streamkit.errors import DescriptionError, StreamError
+from streamkit.graph.variables import unused_variables
 from streamkit.masking import mask_secrets, presentable_value
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ def graph(
         built = build(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=form == "json")
-    for note in source.unused_variables():
+    for note in unused_variables(source.text, source.variables):
         print_line(f"note: {note}")
     draw = {"dot": as_dot, "mermaid": as_mermaid, "svg": as_svg, "text": as_text}
     with contextlib.nullcontext() if built.has_loop() else remembered_caps(built):

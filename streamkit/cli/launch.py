@@ -27,6 +27,7 @@ from streamkit.cli.description import (
 )
 from streamkit.cli.stderr import fail, fail_usage, lines_in, print_line
 from streamkit.errors import DescriptionError, StreamkitError
+from streamkit.graph.variables import unused_variables
 from streamkit.handoff.library_threads import share_cores
 from streamkit.masking import mask_secrets, presentable_value
 from streamkit.output.pipe import STANDARD_INPUT
@@ -166,7 +167,8 @@ def launch(
     pipeline.watchdog_s = watchdog_s
     display = choose_display(pipeline, stats, log_format, quiet=quiet)
     if not quiet:
-        display.print_each("note", (*source.unused_variables(), *_application_notes(pipeline)))
+        unused = unused_variables(source.text, source.variables)
+        display.print_each("note", (*unused, *_application_notes(pipeline)))
     monitor = Monitor(pipeline)
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
     with serve_metrics(monitor, metrics):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from streamkit.errors import DescriptionError, Place
@@ -90,6 +90,18 @@ def _pieces(text: str) -> Iterator[re.Match[str]]:
 def variable_names(text: str) -> list[str]:
     """The names of the variables in a description, each once."""
     return list(dict.fromkeys(match["name"] for match in _pieces(text) if match["name"] is not None))
+
+
+def unused_variables(text: str, given: Iterable[str]) -> list[str]:
+    """A line for each variable given by `--set` that a description does not use; it is probably mistyped."""
+    used = variable_names(text)
+    known = f"it has {', '.join(used)}" if used else "it has no variables"
+    return [
+        f"--set {name} is not used: the description has no ${{{name}}}; "
+        + (f"write it for ${name}" if re.search(rf"\${re.escape(name)}\b", text) else known)
+        for name in given
+        if name not in used
+    ]
 
 
 def _inserted(text: str, match: re.Match[str], variables: Mapping[str, str]) -> str:

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from streamkit import DescriptionError, Pipeline, StreamkitError, exit_with_error, variable_names
+from streamkit import (
+    DescriptionError,
+    Pipeline,
+    StreamkitError,
+    exit_with_error,
+    unused_variables,
+    variable_names,
+)
 from streamkit.masking import presentable
 
 if TYPE_CHECKING:
@@ -135,17 +142,6 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
     for note in unused_variables(text, variables):
         typer.echo(f"note: {note}", err=True)
     return BatchRecipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)
-
-
-def unused_variables(text: str, given: Mapping[str, str]) -> list[str]:
-    """A line for each variable that a description does not use; its name is probably mistyped."""
-    used = variable_names(text)
-    known = f"it has {', '.join(used)}"
-    return [
-        f"--set {name} is not used: the description has no ${{{name}}}; {known}"
-        for name in given
-        if name not in used
-    ]
 
 
 def missing_variable(text: str, given: Mapping[str, str]) -> str:
