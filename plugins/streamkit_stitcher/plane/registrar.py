@@ -1,12 +1,9 @@
 """Registration of each frame of a stream to a reference plane."""
 
-import enum
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
-
-import numpy as np
 
 from streamkit.geometry.homography import (
     IDENTITY,
@@ -18,6 +15,7 @@ from streamkit.geometry.homography import (
 )
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.anchoring import SURE_SHARE, KeyframeAnchor, Placement, placed
+from streamkit_stitcher.plane.footage import Footage
 from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistration
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
@@ -45,16 +43,6 @@ _FREQUENT_TRIES: Final = 4
 _RARE_PERIOD: Final = 16
 # Part of the width that successive photographs are apart, and frames of a video are not.
 _MIN_JUMP: Final = 0.15
-# Correlation with the previous frame above which a frame that nothing matches is not a photograph.
-_MAX_LIKENESS: Final = 0.7
-
-
-class _Footage(enum.Enum):
-    """What the last frames were: each continued the one before, or each was taken elsewhere."""
-
-    UNKNOWN = enum.auto()
-    VIDEO = enum.auto()
-    PHOTOGRAPHS = enum.auto()
 
 
 class FrameRegistrar:
@@ -88,6 +76,7 @@ class FrameRegistrar:
         self._planes = Planes(settings)
         self._previous: FrameRegistration | None = None
         self._std_before = 0.0  # predicted error of the previous frame, px
+        self._footage = Footage()
         self._reset((0, 0))
 
     def _reset(self, shape: tuple[int, int]) -> None:
@@ -96,7 +85,8 @@ class FrameRegistrar:
         self._level = working_level(shape, self._settings.registration_width)
         self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
         self._last: WorkingImage | None = None
-        self._motion, self._footage = MotionPredictor(shape), _Footage.UNKNOWN
+        self._motion = MotionPredictor(shape)
+        self._footage.restart()
         self._lost = self._unmeasured = self._since_key = 0
 
     def restart(self) -> None:
@@ -138,7 +128,13 @@ class FrameRegistrar:
         self._planes.begin_frame()
         self._set_shape((int(grey.shape[0]), int(grey.shape[1])))
         images = pyramid((grey,), self._levels)
-        image, last, anchor = self._working_image(images), self._last, self._planes.anchor
+        image = self._working_image(images)
+        found = self._register(images, image)
+        self._footage.add(image, found.to_previous)
+        return found
+
+    def _register(self, images: Sequence[GreyArray], image: WorkingImage) -> FrameRegistration:
+        last, anchor = self._last, self._planes.anchor
         if anchor is None or last is None:
             return self._start_plane(images)
         self._adopt_adjustment(anchor)
@@ -147,8 +143,8 @@ class FrameRegistrar:
             found = placed(anchor.keyframes.active, near)
             is_jump = self._is_jump(normalised(inverse(self._planes.before) @ found.to_reference))
             # The overlap of two photographs alone does not fix the whole frame: these are left to features.
-            if self._footage is _Footage.VIDEO or not is_jump:
-                self._footage = _Footage.VIDEO
+            if self._footage.is_video or not is_jump:
+                self._footage.continued()
                 return self._accept(images, anchor, replace(found, is_due=is_jump))
         if image.is_blank:
             return self._predict()
@@ -164,7 +160,8 @@ class FrameRegistrar:
             return self._accept(images, anchor, found)
         self._lost += 1
         self._unmeasured += 1
-        if motion.is_cut or is_photograph or self._lost > _MAX_LOST:
+        is_cut = motion.is_cut and self._footage.is_abrupt(image)
+        if is_cut or is_photograph or self._lost > _MAX_LOST:
             self.restart()
             return self._start_plane(images)
         return self._predict()
@@ -227,14 +224,9 @@ class FrameRegistrar:
         return corner_shift(step, self._shape) > _MIN_JUMP * self._shape[1]
 
     def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
-        """Whether a frame that no keyframe matches is one: after photographs, or unlike the last frame.
-
-        Photographs are far apart, and none is followed from one to the next.
-        """
-        if self._footage is _Footage.VIDEO or (motion.model is not None and not self._is_jump(motion.matrix)):
-            return False
-        likeness = float(np.corrcoef(last.thumbnail.ravel(), image.thumbnail.ravel())[0, 1])
-        return self._footage is _Footage.PHOTOGRAPHS or likeness < _MAX_LIKENESS
+        """Whether a frame that no keyframe matches is one."""
+        continues = motion.model is not None and not self._is_jump(motion.matrix)
+        return not continues and self._footage.is_photograph(last, image)
 
     def _is_search_due(self, motion: PairwiseMotion) -> bool:
         """Whether features are compared with those of the keyframes.
@@ -259,7 +251,7 @@ class FrameRegistrar:
         found = anchor.place_recognised(images, recognised, is_previous_known or self._planes.has_jumped)
         step = normalised(inverse(self._planes.before) @ found.to_reference)
         is_photograph = is_previous_known and not self._planes.has_jumped and self._is_jump(step)
-        self._footage = _Footage.PHOTOGRAPHS if is_photograph else _Footage.UNKNOWN
+        self._footage.recognised(is_photograph)
         return replace(found, is_due=is_photograph)
 
     def _accept(
