@@ -1,13 +1,15 @@
 """One target from a window: success, precision, false confirmations and time, against OpenCV's trackers.
 
     STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 1] [--sequences 6] [--first 500]
-        [--peers FOLDER] [--only TEXT] [--frames 9999] [--grey] [--set SETTING=NUMBER]
+        [--peers FOLDER] [--only TEXT] [--frames 9999] [--grey] [--backwards]
+        [--set SETTING=NUMBER]
 
 Real sequences (data/sot and data/sot_video) run once for each seed of ours; rendered ones once for each of
 `--sequences`. The real ones are dealt into five folds by name: choose a setting by four of them, and judge it
 by the fifth. `elsewhere` is the share of the frames reported as confirmed that do not overlap the truth,
 `confirmed` the share of the frames that overlap it which are reported as confirmed; a peer confirms all of
-its boxes. `--peers` names a folder that `tracking_peers.py` has filled. One thread.
+its boxes. `--peers` names a folder that `tracking_peers.py` has filled. `--backwards` plays the real
+sequences from their ends: nothing was chosen on them so. One thread.
 """
 
 import argparse
@@ -190,6 +192,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="sequences whose name has this in it")
     parser.add_argument("--frames", type=int, default=9999)
     parser.add_argument("--grey", action="store_true", help="withhold the colour")
+    parser.add_argument("--backwards", action="store_true", help="play the real sequences backwards")
     parser.add_argument("--set", action="append", default=[], metavar="SETTING=NUMBER")
     options = parser.parse_args()
     cv2.setNumThreads(1)
@@ -198,7 +201,8 @@ def main() -> None:
     }
     settings = dataclasses.replace(TrackerSettings(auto_start=False), **changes)
     seeds = range(options.first, options.first + options.sequences)
-    summary(table([each for each in sequences(seeds) if options.only in each[0]], settings, options))
+    chosen = [each for each in sequences(seeds, options.backwards) if options.only in each[0]]
+    summary(table(chosen, settings, options))
     if options.only in "removed":
         removed(range(options.first, options.first + 10), settings)
 

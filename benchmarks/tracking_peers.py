@@ -1,6 +1,6 @@
 """Runs a tracker of OpenCV over the sequences; a file of boxes for each, which is not made twice.
 
-    python benchmarks/tracking_peers.py FOLDER CSRT|KCF|MIL FIRST_SEED SEEDS
+    python benchmarks/tracking_peers.py FOLDER CSRT|KCF|MIL FIRST_SEED SEEDS [backwards]
 
 CSRT and KCF need opencv-contrib-python, which cannot be installed with opencv-python: give it an
 environment of its own. `tracking.py --peers FOLDER` reads the files.
@@ -21,7 +21,7 @@ def main() -> None:
     folder = Path(sys.argv[1]) / name
     folder.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)
-    for label, make in sequences(range(first, first + count)):
+    for label, make in sequences(range(first, first + count), "backwards" in sys.argv[5:]):
         path = folder / f"{label}.npz"
         if path.exists():
             continue

@@ -50,8 +50,23 @@ def shared_data() -> Path:
     return folder
 
 
-def real(name: str) -> Iterator[Step]:
-    """A real sequence; its published pixels start at 1. Pictures have an even width and height."""
+def real(name: str, backwards: bool = False) -> Iterator[Step]:
+    """A real sequence; its published pixels start at 1. Pictures have an even width and height.
+
+    Args:
+        name: of its folder.
+        backwards: from the last frame with a truth to the first one: another sequence with the same truth.
+    """
+    if not backwards:
+        yield from _forwards(name)
+        return
+    steps = list(_forwards(name))
+    while steps[-1].hidden:
+        steps.pop()
+    yield from reversed(steps)
+
+
+def _forwards(name: str) -> Iterator[Step]:
     boxes = np.genfromtxt(_folder(name) / "groundtruth.txt", delimiter=",")[:, :4] - [1, 1, 0, 0]
     for picture, box in zip(_pictures(_folder(name)), boxes, strict=False):
         rows, columns = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
@@ -201,14 +216,15 @@ def returns(
     return [float(wait[0]) if len(wait) else np.inf for wait in waits]
 
 
-def sequences(seeds: range) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
+def sequences(seeds: range, backwards: bool = False) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
     """Name and maker of every sequence that has a truth to the end.
 
     Args:
         seeds: of the rendered ones.
+        backwards: whether the real ones are played backwards.
     """
     made: list[tuple[str, Callable[[], Iterator[Step]]]] = []
-    made += [(name, lambda n=name: real(n)) for name in real_names()]
+    made += [(name, lambda n=name: real(n, backwards)) for name in real_names()]
     for kind in KINDS[:3]:
         made += [(f"{kind} {seed}", lambda k=kind, s=seed: rendered(k, s)) for seed in seeds]
     return made
