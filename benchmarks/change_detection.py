@@ -5,9 +5,10 @@ with a truth inside the sequence's temporal region is scored. In the truth 50 is
 lies outside the region of interest are left out. framediff has its defaults and grey frames. Of each peer the
 best of eight settings per sequence stands in the table: grey or colour, with or without shadows, raw or with
 a 5 x 5 median; their figures are computed once and kept in a file. Besides F the table lists what happened to
-framediff's model.
+framediff's model. `--variant` changes the sequences in a way on which nothing was chosen.
 
-    STREAMKIT_DATA=... python benchmarks/change_detection.py [sequence ...] [--still] [--set noise-gain=3]
+    STREAMKIT_DATA=... python benchmarks/change_detection.py [sequence ...] [--still] [--variant noise]
+        [--set noise-gain=3]
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from change_sequences import MOVING, SHARED, Score, Sequence
+from change_sequences import MOVING, SHARED, VARIANTS, Score, Sequence
 
 from streamkit import Frame, raw_video_caps
 from streamkit.testing import Harness
@@ -80,7 +81,7 @@ def peers(sequence: Sequence) -> list[float]:
     ]
 
 
-def main(names: list[str], with_shaken: bool, settings: dict[str, str]) -> None:
+def main(names: list[str], with_shaken: bool, variant: str, settings: dict[str, str]) -> None:
     """Prints the table and its summary."""
     cv2.setNumThreads(1)
     columns = [f"{name}{kind}" for name in PEERS for kind in (" grey", "")]
@@ -92,6 +93,7 @@ def main(names: list[str], with_shaken: bool, settings: dict[str, str]) -> None:
     )
     for name in names or sorted(path.name for path in SHARED.iterdir()):
         still = Sequence.read(SHARED / name)
+        still = still.changed(variant) if variant else still
         for sequence in (still, still.shaken()) if with_shaken else (still,):
             score, events, ms = own(sequence, settings)
             others = peers(sequence)
@@ -119,6 +121,9 @@ if __name__ == "__main__":
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("sequence", nargs="*", help="names of folders; all if there is none")
     parser.add_argument("--still", action="store_true", help="leaves out the shaken ones")
+    parser.add_argument("--variant", choices=VARIANTS, help="of the sequences; without shaken ones")
     parser.add_argument("--set", action="append", default=[], metavar="PROPERTY=VALUE", help="of framediff")
     arguments = parser.parse_args()
-    main(arguments.sequence, not arguments.still, dict(text.split("=", 1) for text in arguments.set))
+    shaken = not arguments.still and arguments.variant is None
+    settings = dict(text.split("=", 1) for text in arguments.set)
+    main(arguments.sequence, shaken, arguments.variant or "", settings)
