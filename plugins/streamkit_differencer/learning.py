@@ -101,8 +101,7 @@ def learn(
         update_background(ground, values, known, alpha)
         if rates[1] > 0.0:
             learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
-        _find_open(values, marks, states, np.uint8(limits[2]), candidates)
-        _add_provisional(values, states, candidates, known)
+        _find_open(values, marks, states, np.uint8(limits[2]), candidates, known)
         _count(known, frames)
         found, others = columns[: _find_set(candidates, columns)], (other[row, part], other_frames[row, part])
         _choose(found, values, marks, ground, states, frames, *others, limits)
@@ -123,8 +122,9 @@ def _find_open(
     valid: ByteLine,
     same: np.uint8,
     is_open: ByteLine,
+    shown: ByteLine,
 ) -> None:
-    """The pixels to choose a value for.
+    """The pixels to choose a value for; those that show their provisional value are added to `shown`.
 
     They are foreground, quiet ground that is not known, and ground that differs from its provisional value.
     """
@@ -138,14 +138,7 @@ def _find_open(
         is_seen = SET if value > np.uint8(UNSEEN) else np.uint8(0)
         decides = mask[index] | (quiet[index] & (is_known ^ SET)) | (is_provisional & differs)
         is_open[index] = decides & is_seen
-
-
-@compiled
-def _add_provisional(image: ByteLine, valid: ByteLine, is_open: ByteLine, mask: ByteLine) -> None:
-    """Adds provisional background that shows to a mask."""
-    for index in range(mask.size):
-        is_seen = (valid[index] == np.uint8(PROVISIONAL)) & (image[index] > np.uint8(UNSEEN))
-        mask[index] |= is_open[index] ^ SET if is_seen else np.uint8(0)
+        shown[index] |= is_provisional & (differs ^ SET) & is_seen
 
 
 @compiled
@@ -195,24 +188,22 @@ def _choose(
         limit = int(np.int64(thresholds[here]))
         limit = min(limit, same) if is_provisional else limit
         is_refused = False
-        if is_provisional and abs(value - ground) <= limit:
-            known = min(known + 1, most)
-        elif valid[here] != UNKNOWN:
-            is_like = abs(value - int(np.int64(other[here]))) <= limit
-            # A value that does not show loses a frame; without any left, another one takes its place.
-            begins = not is_like and count <= 1
-            if begins:
-                count, other[here] = int(is_provisional), value
-            elif is_like:
+        if valid[here] != UNKNOWN and not (is_provisional and abs(value - ground) <= limit):
+            shows_other = abs(value - int(np.int64(other[here]))) <= limit
+            if shows_other:
                 count = min(count + int(is_provisional or is_quiet), most)
-            else:
+            elif count > 1:
                 count -= 1
-            # What is quiet was there for quiet_frames.
-            age = max(count, quiet_frames) if is_provisional and is_quiet else count
-            if is_provisional:
-                wins = (is_like or begins or is_quiet) and age > known and age >= min_frames
             else:
-                wins = is_quiet and (is_like or begins) and age >= min(known, absorb_frames)
+                # The other value has no frame left: this one takes its place.
+                shows_other, count, other[here] = True, int(is_provisional), value
+            if is_provisional:
+                # What is quiet was there for quiet_frames.
+                age = max(count, quiet_frames) if is_quiet else count
+                wins = (shows_other or is_quiet) and age > known and age >= min_frames
+            else:
+                age = count
+                wins = is_quiet and shows_other and age >= min(known, absorb_frames)
             if is_foreground and wins:
                 background[here], other[here] = value, ground
                 known, count = age, min(known, most)
