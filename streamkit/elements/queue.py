@@ -131,7 +131,7 @@ class Queue(Element):
         self.lock.acquire()  # here and in `_take`, `with` would be a tenth of what a frame costs
         try:
             if self._refusal is not None:
-                raise self._refusal(self.name)
+                raise self._refused(self._refusal)
             if not self.pending.is_full():
                 self._append(frame)
                 return
@@ -170,8 +170,14 @@ class Queue(Element):
             with self.waiting():
                 self._wait()
         if self._refusal is not None:
-            raise self._refusal(self.name)
+            raise self._refused(self._refusal)
         return True
+
+    def _refused(self, refusal: type[FlowStop]) -> FlowStop:
+        """What to raise for a frame that is refused; a stop loses it here, a flush where it comes from."""
+        if self.stopping.is_set():
+            self.count_drop("pipeline stopped")
+        return refusal(self.name)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Queues an event; a flush overtakes the frames."""

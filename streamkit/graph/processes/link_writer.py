@@ -67,16 +67,27 @@ class LinkWriter:
         Raises:
             FlowStop: the reader wants no more, or the pipeline stops.
         """
-        with self._link.waiting():
-            while True:
-                with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
-                    connection = self._connection()
-                    self._wait_for_room(connection)
-                    if self._has_gap:
-                        frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-                    if self._send(frame, connection):
-                        self._has_gap = False
-                        return
+        link = self._link
+        with link.waiting():
+            try:
+                while not self._has_put(frame):
+                    continue
+            except Flushing:
+                if link.stopping.is_set():  # a flush is counted where the frame comes from
+                    link.count_drop("pipeline stopped")
+                raise
+
+    def _has_put(self, frame: Frame) -> bool:
+        """Sends a frame to the present reader; False if that has ended meanwhile."""
+        with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
+            connection = self._connection()
+            self._wait_for_room(connection)
+            if self._has_gap:
+                frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
+            if self._send(frame, connection):
+                self._has_gap = False
+                return True
+        return False
 
     def _connection(self) -> Connection:
         """The open connection; a new reader gets caps and segment first.

@@ -315,6 +315,18 @@ def test_downstream_runs_in_another_thread(register: Register) -> None:
     assert names == ["streamkit:q"]
 
 
+def test_a_frame_that_waits_for_room_is_counted_at_a_stop() -> None:
+    """Each frame that came is sent on, or dropped for a reason."""
+    text = "fakesrc ! queue name=q max-size-buffers=2 ! appsink name=out max-buffers=1"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        assert pipeline["out"].pull() is not None
+        while pipeline["q"].current_level_buffers < 2:
+            time.sleep(0.001)
+    row = next(row for row in pipeline.statistics() if row.element == "q")
+    assert row.frames_in == row.frames_out + row.dropped["pipeline stopped"]
+
+
 def test_a_queue_is_empty_after_a_stop() -> None:
     """fs-reuse: three rounds of ten frames, none left over from one that was cut short, but counted."""
     pipeline = Pipeline.parse("fakesrc num-buffers=10 ! queue name=q ! appsink name=out max-buffers=1")
