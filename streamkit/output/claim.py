@@ -15,17 +15,24 @@ class Claim:
         self._descriptor: int | None = None
 
     def take(self, path: Path) -> None:
-        """Claims a file; one that is not there, or cannot be read, needs no claim.
+        """Claims the file that a path has now; it may be another one than at the last call.
+
+        One that is not there, or cannot be read, needs no claim.
 
         Raises:
             OSError: another writer has it.
         """
         try:
-            self._descriptor = os.open(path, os.O_RDONLY)
+            found = os.open(path, os.O_RDONLY)
         except OSError:
             return
+        if self._descriptor is not None and os.path.sameopenfile(found, self._descriptor):
+            os.close(found)
+            return
+        self.release()
+        self._descriptor = found
         try:
-            claim(self._descriptor)
+            claim(found)
         except OSError:
             self.release()
             raise

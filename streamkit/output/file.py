@@ -57,24 +57,24 @@ class OutputFile(io.FileIO):
     ) -> None:
         self.path, self._reader_wait = path, reader_wait
         self._target = path.resolve()
-        self._unpublished: Path | None = None
+        self._written = self._target  # where the bytes are until the file is published
+        self._is_published = True
         self._older = Claim()  # of the file that this one replaces
         is_file = not is_special(path)
         if is_file:
             self._target.parent.mkdir(parents=True, exist_ok=True)
             is_there = self._target.exists()
+            self._is_published = is_there and append and not is_whole
             if is_whole or (is_there and not append):
                 name = f".{self._target.name[:MAX_NAME_LENGTH]}.{os.getpid()}.partial"
-                self._unpublished = self._target.with_name(name)
-            elif not is_there:
-                self._unpublished = self._target
-        target: Path | int = self._unpublished or path
+                self._written = self._target.with_name(name)
+        opened: Path | int = self._written if is_file else path
         if is_stdout := str(path) == STANDARD_OUTPUT:
-            target = standard_output()
+            opened = standard_output()
         elif path.is_fifo():
-            target = open_fifo(path, reader_wait)
+            opened = open_fifo(path, reader_wait)
         opener = open_unchanged if is_file else None
-        super().__init__(target, "ab" if append else "wb", closefd=not is_stdout, opener=opener)
+        super().__init__(opened, "ab" if append else "wb", closefd=not is_stdout, opener=opener)
         if is_file:
             self._claim(is_emptied=not append)
         self._waits_for_reader = not stat.S_ISREG(os.fstat(self.fileno()).st_mode)
@@ -91,7 +91,7 @@ class OutputFile(io.FileIO):
         except OSError:
             self.close()
             raise
-        if self._unpublished not in (None, self._target):
+        if self._written != self._target:
             try:
                 self._older.take(self._target)
             except OSError:
@@ -174,11 +174,11 @@ class OutputFile(io.FileIO):
         Raises:
             OSError: another writer has the older one.
         """
-        if self._unpublished is not None and self._unpublished != self._target:
+        if not self._is_published and self._written != self._target:
+            self._older.take(self._target)
+            self._written.replace(self._target)
             self._older.release()
-            check_unclaimed(self._target)
-            self._unpublished.replace(self._target)
-        self._unpublished = None
+        self._is_published = True
 
     def finish(self) -> None:
         """Writes pending data, closes the file and publishes it; has no effect the second time.
@@ -198,12 +198,13 @@ class OutputFile(io.FileIO):
     @property
     def hides_older(self) -> bool:
         """Whether an older file is still at the path, which this one replaces when it is published."""
-        return self._unpublished not in (None, self._target) and self._target.exists()
+        return not self._is_published and self._written != self._target and self._target.exists()
 
     def abandon(self) -> None:
         """Closes the file after an error; keeps what is written unless there is an older file."""
-        if self._unpublished == self._target and not self.closed and self.tell():
-            self._unpublished = None
+        is_in_place = not self._is_published and self._written == self._target
+        if is_in_place and not self.closed and self.tell():
+            self._is_published = True
         self.discard()
 
     def discard(self) -> None:
@@ -211,10 +212,10 @@ class OutputFile(io.FileIO):
         self._older.release()
         with suppress(OSError):
             self.close()
-        written, self._unpublished = self._unpublished, None
-        if written is not None:
+        is_published, self._is_published = self._is_published, True
+        if not is_published:
             with suppress(OSError):
-                written.unlink(missing_ok=True)
+                self._written.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, content: bytes) -> None:

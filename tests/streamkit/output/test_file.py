@@ -76,6 +76,26 @@ def test_of_two_that_replace_a_file_the_later_is_refused(tmp_path: Path, is_olde
     assert path.read_bytes() == b"x"
 
 
+def test_an_older_file_is_claimed_until_it_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A writer that comes amid the replacement is refused."""
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"old")
+    replace = Path.replace
+
+    def replace_amid_another(self: Path, target: Path) -> Path:
+        with pytest.raises(OSError, match="another process or pipeline is writing this file"):
+            OutputFile(path, append=True)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace_amid_another)
+    file = OutputFile(path)
+    file.write(b"new")
+    file.finish()
+    assert path.read_bytes() == b"new"
+
+
 def test_a_whole_file_does_not_replace_one_that_is_being_written(tmp_path: Path) -> None:
     """Which was begun after it."""
     path = tmp_path / "a.bin"
