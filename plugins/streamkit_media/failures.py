@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import errno
 
 from av.error import (
@@ -15,6 +14,7 @@ from av.error import (
 )
 
 from streamkit import ResourceError, StreamError, mask_secrets
+from streamkit.errors import did_you_mean
 from streamkit.output.names import is_network, local_path
 
 PROTOCOLS = ("rtsp", "rtsps", "udp", "tcp", "rtmp", "http", "https", "file")
@@ -93,8 +93,7 @@ def protocol_remedy(scheme: str) -> str:
     """What to write in place of a protocol that FFmpeg does not have here."""
     if scheme == "srt":
         return "pass it on to a UDP port, as in srt-live-transmit srt://HOST:9000 udp://127.0.0.1:5000"
-    near = difflib.get_close_matches(scheme, PROTOCOLS, n=1)
-    return f"did you mean {near[0]}://?" if near else f"write one of {', '.join(PROTOCOLS)}"
+    return did_you_mean(scheme, PROTOCOLS) or f"write one of {', '.join(PROTOCOLS)}"
 
 
 def reason_of(error: Exception) -> str:
