@@ -20,7 +20,7 @@ import pywt
 
 from streamkit import Detections, Frame, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_wavelet_eigen.appearance import SpaceLearner
+from streamkit_wavelet_eigen.appearance import AppearanceSettings, SpaceLearner
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
 from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, prepare_gallery
 from streamkit_wavelet_eigen.preprocessing import prepare
@@ -119,7 +119,7 @@ def whole_frame(title: str, **properties: object) -> None:
 def learning() -> None:
     """Milliseconds of one update with 32 windows."""
     recipe = Recipe(32)
-    learner = SpaceLearner(recipe, batch=32, forgetting=0.95)
+    learner = SpaceLearner(AppearanceSettings(recipe, batch=32, forgetting=0.95))
     prepared = prepare(windows(32, 32), recipe.preprocessing)
     learner.add(prepared)
     print(f"update with 32 windows of 32x32: {seconds(lambda: learner.add(prepared)) * 1e3:.2f} ms")

@@ -41,54 +41,55 @@ class AppearanceSettings:
 class SpaceLearner:
     """Learns a space from a stream of prepared windows.
 
-    The first windows are learnt as soon as two are there, so that a stream has features from its start;
-    later ones every `batch` windows. A call makes at most one update and at most `batch` windows are pending.
+    Two windows give the first space, so that a stream has features from its start. From then on `batch`
+    windows are collected, and update it together. No call gives more than completes a batch.
 
     Args:
-        recipe: how to make the space; without a Fisher step.
-        batch: windows per update, at least 2.
-        forgetting: weight of the past at each update, 0 < forgetting <= 1.
+        settings: recipe (without a Fisher step), batch and forgetting.
         start: initial space, or None.
+
+    Attributes:
+        space: the newest space; None before the first.
     """
 
-    def __init__(
-        self, recipe: Recipe, *, batch: int, forgetting: float, start: WaveletEigenSpace | None = None
-    ) -> None:
+    def __init__(self, settings: AppearanceSettings, start: WaveletEigenSpace | None = None) -> None:
         self.space = start
-        self._untruncated = start.spaces if start else ()
-        self._components = min(recipe.components + EXTRA_COMPONENTS, recipe.block_values)
-        self._recipe = recipe
-        self._batch = batch
-        self._forgetting = forgetting
-        self._pending: list[FloatBatch] = []
+        self._settings = settings
+        self._extended = start.spaces if start else ()  # those of `space`, with `EXTRA_COMPONENTS`
+        self._collected: list[FloatBatch] = []
 
-    def add(self, prepared: FloatBatch, at_most: int | None = None) -> WaveletEigenSpace | None:
-        """Adds windows float32[n, h, w] and returns the newest space, None before the first.
-
-        Windows beyond `at_most` and beyond the batch are left out evenly, so that a crowded frame neither
-        delays the stream nor counts for more than one batch.
-        """
-        for limit in (at_most or self._batch, self._batch - len(self._pending)):
-            if len(prepared) > limit:
-                prepared = prepared[np.linspace(0, len(prepared) - 1, limit).round().astype(int)]
-        self._pending.extend(window.copy() for window in prepared)
-        if len(self._pending) >= (FIRST_BATCH if self.space is None else self._batch):
-            self._update(np.stack(self._pending))
-            self._pending.clear()
+    def add(self, prepared: FloatBatch) -> WaveletEigenSpace | None:
+        """Adds windows float32[n, h, w], a selection of more than complete a batch; returns the space."""
+        batch = self._settings.batch
+        self._collected.extend(
+            window.copy() for window in even_selection(prepared, batch - len(self._collected))
+        )
+        if len(self._collected) >= (FIRST_BATCH if self.space is None else batch):
+            self.space = self._updated(np.stack(self._collected))
+            self._collected.clear()
         return self.space
 
-    def _update(self, prepared: FloatBatch) -> None:
-        recipe, before = self._recipe, self.space
+    def _updated(self, prepared: FloatBatch) -> WaveletEigenSpace:
+        recipe, before = self._settings.recipe, self.space
+        components = min(recipe.components + EXTRA_COMPONENTS, recipe.block_values)
         batches = vectors_by_space(prepared, recipe)
         if before is None:
-            self._untruncated = tuple(learn_eigenspace(vectors, self._components) for vectors in batches)
+            self._extended = tuple(learn_eigenspace(vectors, components) for vectors in batches)
         else:
-            self._untruncated = tuple(
-                update_eigenspace(space, vectors, self._components, self._forgetting)
-                for space, vectors in zip(self._untruncated, batches, strict=True)
+            self._extended = tuple(
+                update_eigenspace(space, vectors, components, self._settings.forgetting)
+                for space, vectors in zip(self._extended, batches, strict=True)
             )
-        spaces = tuple(space.truncated(recipe.components, recipe.energy) for space in self._untruncated)
-        self.space = WaveletEigenSpace(spaces, recipe, before.version + 1 if before else 1)
+        spaces = tuple(space.truncated(recipe.components, recipe.energy) for space in self._extended)
+        return WaveletEigenSpace(spaces, recipe, before.version + 1 if before else 1)
+
+
+def even_selection(windows: FloatBatch, limit: int) -> FloatBatch:
+    """At most `limit` windows, evenly from the first to the last."""
+    if len(windows) <= limit:
+        return windows
+    selection: FloatBatch = windows[np.linspace(0, len(windows) - 1, limit).round().astype(int)]
+    return selection
 
 
 class AppearanceModel:
@@ -102,7 +103,7 @@ class AppearanceModel:
         gallery: labelled windows; may be empty.
 
     Attributes:
-        space: the newest space; None before the first.
+        learner: has the newest space.
 
     Raises:
         ValueError: there are too many labelled windows.
@@ -112,12 +113,9 @@ class AppearanceModel:
         self, settings: AppearanceSettings, start: WaveletEigenSpace | None, gallery: Gallery
     ) -> None:
         self.settings = settings
-        self._learner = SpaceLearner(
-            settings.recipe, batch=settings.batch, forgetting=settings.forgetting, start=start
-        )
+        self.learner = SpaceLearner(settings, start)
         self._prepared_gallery = prepare_gallery(gallery, settings.recipe)
         self._recogniser: Recogniser | None = None
-        self.space = start
 
     @property
     def gallery(self) -> Gallery:
@@ -141,19 +139,22 @@ class AppearanceModel:
         prepared = prepare(windows.patches, recipe.preprocessing)
         usable = ~windows.flat & (windows.clipped <= MAX_CLIPPED)
         if learn and not recipe.discriminative:
-            # Consecutive frames are similar, and an update per frame would dominate the run time.
-            at_most = max(self.settings.batch // FRAMES_PER_BATCH, FIRST_BATCH) if self.space else None
-            self.space = self._learner.add(prepared[usable], at_most)
+            learnt = prepared[usable]
+            if self.learner.space is not None:
+                # Consecutive frames are similar, and an update per frame would dominate the run time.
+                learnt = even_selection(learnt, max(self.settings.batch // FRAMES_PER_BATCH, FIRST_BATCH))
+            self.learner.add(learnt)
         if label:
             gallery = self.gallery.with_windows(windows.patches[usable], label, self.settings.gallery_limit)
             if gallery is not self.gallery:
                 self._prepared_gallery = prepare_gallery(gallery, recipe, self._prepared_gallery)
-        if self.space is None:
+        space = self.learner.space
+        if space is None:
             return None
-        projection = self.space.project(prepared, windows.flat)
+        projection = space.project(prepared, windows.flat)
         if not self._prepared_gallery.gallery.labels:
             return projection, None
-        return projection, self._recognise(projection.vectors, self.space)
+        return projection, self._recognise(projection.vectors, space)
 
     def _recognise(self, vectors: FloatBatch, space: WaveletEigenSpace) -> Matches:
         current = self._recogniser

@@ -143,7 +143,7 @@ class WaveletEigen(Transform):
         targets = self._targets_of(frame)
         if targets is not None:
             frame = self._with_features(frame, targets, appearance)
-        space = appearance.space
+        space = appearance.learner.space
         return frame if space is None else frame.attach_as(FeatureSpace, space)
 
     def _with_features(self, frame: Frame, targets: Targets, appearance: AppearanceModel) -> Frame:
@@ -155,7 +155,7 @@ class WaveletEigen(Transform):
             clipped=int(np.count_nonzero(windows.clipped)),
         )
         processed = appearance.process(windows, learn=self.learn, label=self.label)
-        if processed is None or appearance.space is None:
+        if processed is None or appearance.learner.space is None:
             return frame
         projection, matches = processed
         labels: tuple[str, ...] = ()
@@ -165,7 +165,7 @@ class WaveletEigen(Transform):
             names = zip(matches.labels, margins >= self.min_margin, strict=True)
             labels = tuple(name if is_certain else "" for name, is_certain in names)
         details = TargetFeatures(
-            targets.kind, targets.ids, targets.boxes, appearance.space.version,
+            targets.kind, targets.ids, targets.boxes, appearance.learner.space.version,
             windows.flat, windows.clipped, windows.tiny,
             projection.errors, projection.energy, labels, distances, margins,
         )  # fmt: skip
@@ -178,7 +178,7 @@ class WaveletEigen(Transform):
     def drain(self) -> Iterable[Frame]:
         self._save()
         appearance = self._appearance
-        space = appearance.space if appearance else None
+        space = appearance.learner.space if appearance else None
         version, rank = (space.version, space.rank) if space else (0, 0)
         labelled = len(appearance.gallery) if appearance else 0
         self.post_message("windows", **self._counts, version=version, rank=rank, labelled=labelled)
@@ -218,7 +218,7 @@ class WaveletEigen(Transform):
 
     def _save(self) -> None:
         appearance = self._appearance
-        space = appearance.space if appearance else None
+        space = appearance.learner.space if appearance else None
         if not self.save or appearance is None or space is None:
             return
         state = (space.version, len(appearance.gallery))

@@ -56,8 +56,8 @@ def test_known_windows_are_labelled_in_every_version() -> None:
             matches = seen[1]
             assert matches is not None
             assert matches.labels == (name, name)
-        assert under_test.space is not None
-        versions.add(under_test.space.version)
+        assert under_test.learner.space is not None
+        versions.add(under_test.learner.space.version)
     assert len(versions) == 6
 
 
@@ -65,7 +65,7 @@ def test_learning_can_be_paused() -> None:
     """Without `learn` the space is the same object, whatever is processed."""
     under_test = _appearance(batch=2)
     under_test.process(_windows(4), learn=True, label="")
-    space = under_test.space
+    space = under_test.learner.space
     for seed in range(5):
         under_test.process(_windows(9, seed), learn=False, label="")
-    assert under_test.space is space
+    assert under_test.learner.space is space

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import subspace_angles
 
-from streamkit_wavelet_eigen.appearance import SpaceLearner
+from streamkit_wavelet_eigen.appearance import AppearanceSettings, SpaceLearner
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
 from streamkit_wavelet_eigen.recipe import Basis, Mode, Preprocessing, Recipe, Views
 
@@ -20,7 +20,7 @@ def _windows(count: int, seed: int = 0) -> np.ndarray:
 
 
 def _learner(batch: int = 6, start: WaveletEigenSpace | None = None) -> SpaceLearner:
-    return SpaceLearner(RECIPE, batch=batch, forgetting=0.9, start=start)
+    return SpaceLearner(AppearanceSettings(RECIPE, batch=batch, forgetting=0.9), start)
 
 
 def test_first_space_needs_two_windows() -> None:
@@ -74,7 +74,7 @@ def test_learning_goes_on_from_a_given_space() -> None:
 def test_blocks_are_learnt_from_a_stream(basis: Basis) -> None:
     """Updates in batches reach the space that one batch of everything gives, in each block."""
     recipe = replace(RECIPE, blocks=2, basis=basis, components=16)
-    under_test = SpaceLearner(recipe, batch=10, forgetting=1.0)
+    under_test = SpaceLearner(AppearanceSettings(recipe, batch=10, forgetting=1.0))
     windows = _windows(42)
     under_test.add(windows[:2])
     for first in range(2, 42, 10):
@@ -132,7 +132,7 @@ def test_a_stream_follows_the_batch(streamkit_data: Path, name: str) -> None:
     recipe = Recipe(32, Preprocessing(Mode.RAW), components=16)
     for seed in range(3):
         chosen = np.random.default_rng(seed).permutation(images)[:200]
-        under_test = SpaceLearner(recipe, batch=5, forgetting=1.0)
+        under_test = SpaceLearner(AppearanceSettings(recipe, batch=5, forgetting=1.0))
         under_test.add(chosen[:5])
         for first in range(5, 200, 5):
             under_test.add(chosen[first : first + 5])
