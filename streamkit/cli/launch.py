@@ -190,12 +190,12 @@ def _print_results(
     from streamkit.cli.summary import as_text, summarise, written_files
 
     assert run.statistics is not None
-    code, display = 0, run.display
-    statistics = structs.replace(run.statistics, shortfalls=run.shortfalls)
-    if strict and run.shortfalls:
+    code, display, printer = 0, run.display, run.printer
+    statistics = structs.replace(run.statistics, shortfalls=printer.shortfalls)
+    if strict and printer.shortfalls:
         code = 1
-        if run.quiet:  # else they were printed as warnings
-            display.print_each("error", run.shortfalls)
+        if printer.quiet:  # else they were printed as warnings
+            display.print_each("error", printer.shortfalls)
     if stats == "json":
         typer.echo(to_json(statistics))
     made = summarise(statistics)
@@ -203,7 +203,7 @@ def _print_results(
         typer.echo(to_json(made))
     if stats_file is not None and not _write_counters(stats_file, statistics, display):
         code = 1
-    if summary == "text" or (run.has_played and not run.quiet):
+    if summary == "text" or (run.has_played and not printer.quiet):
         display.print_line(as_text(made, written_files(statistics)))
     return code
 

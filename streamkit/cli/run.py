@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from streamkit.cli.crash_report import CrashReport
+from streamkit.cli.message_printer import MessagePrinter
 from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError, StreamkitError
-from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.messages import MessageKind
 from streamkit.service.monitor import Monitor
 from streamkit.service.signals import handling_signals
 
@@ -43,7 +44,7 @@ class Run:
         has_played: whether the pipeline has started.
         interrupts: number of Ctrl-C, SIGTERM, SIGHUP, and calls of `interrupt`.
         statistics: counters at the end; what elements have counted while they stopped is in them.
-        shortfalls: warnings that something the pipeline is for was not made.
+        printer: prints what the pipeline says.
         abandons_start: whether an interrupted start has not returned, such as one that compiles loops.
     """
 
@@ -60,25 +61,18 @@ class Run:
         self.pipeline = pipeline
         self.display = display
         self.eos_on_shutdown = eos_on_shutdown
-        self.verbose = verbose
-        self.quiet = quiet
         self.monitor = monitor or Monitor(pipeline)
+        self.printer = MessagePrinter(pipeline, display, verbose=verbose, quiet=quiet)
         self.interrupts = 0
         self._signalled_s = -math.inf
         self.has_played = self.abandons_start = False
         self.statistics: RunStatistics | None = None
-        self.shortfalls: list[str] = []
         self._is_watching = False
-        self._printed: list[Message] = []  # of the start
-        pipeline.bus.watch(self._print_of_start)
-        self._caps: dict[str, str] = {}
-        self._retrying: set[str] = set()  # elements that have lost their connection
 
     def run(self) -> int:
         """Plays to the end and stops; returns the exit code."""
         code = 0
-        if not self.quiet:
-            self.display.print_each("note", (text for _, text in self.pipeline.graph.warnings))
+        self.printer.print_notes(text for _, text in self.pipeline.graph.warnings)
         report = CrashReport(self.pipeline.graph.elements)
         try:
             with self._signals(report):
@@ -102,6 +96,7 @@ class Run:
         try:
             self.pipeline.play()
             self.has_played = True
+            self.printer.end_start()
             self.display.begin()
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
@@ -114,7 +109,7 @@ class Run:
             return self._fail(str(error), error)
         finally:
             self._is_watching = False
-            self._print_caps()
+            self.printer.print_caps()
             self.statistics = self.display.measure()
             gc.unfreeze()
 
@@ -154,8 +149,8 @@ class Run:
         while True:
             message = self.pipeline.bus.pop(POLL_S)
             if message is not None:
-                self._print_message(message)
-            self._print_caps()
+                self.printer.print(message)
+            self.printer.print_caps()
             self.display.show()
             self.monitor.beat()
             if message is not None:
@@ -199,62 +194,14 @@ class Run:
     def _print_interrupt(self, text: str) -> None:
         """Answers an interrupt; from now on a further one counts, however soon."""
         self._signalled_s = -math.inf
-        if not self.quiet:
-            self.display.print_line(f"interrupt: {text}")
+        self.printer.print_interrupt(text)
 
     def _print_remaining(self) -> None:
         """Prints messages posted while stopping."""
         while (message := self.pipeline.bus.pop(0.0)) is not None:
-            if message.kind is not MessageKind.ERROR:
-                self._print_message(message)
-
-    def _print_caps(self) -> None:
-        """With -v: prints new caps of links."""
-        if not self.verbose:
-            return
-        for src, sink in self.pipeline.graph.links():
-            caps = str(src.caps) if src.caps is not None and not src.caps.is_any else ""
-            if caps and self._caps.get(src.path) != caps:
-                self._caps[src.path] = caps
-                self.display.print_line(f"caps: {src.path} -> {sink.path}: {caps}")
-
-    def _print_of_start(self, message: Message) -> None:
-        """Prints a warning at once: it may announce minutes of compiling loops."""
-        if not self.has_played and message.kind is MessageKind.WARNING:
-            self._print_message(message)
-            self._printed.append(message)
-
-    def _print_message(self, message: Message) -> None:
-        if any(message is other for other in self._printed):
-            return
-        if message.is_shortfall:
-            self.shortfalls.append(f"{message.source}: {message.text}")
-        if message.kind is MessageKind.WARNING and not self.quiet:
-            self.display.print_line(f"warning: {message.source or 'pipeline'}: {message.text}")
-        elif message.fields.get("name") == "note":
-            if not self.quiet:
-                self.display.print_line(f"note: {message.source}: {message.fields.get('text')}")
-        elif self.verbose and message.kind is not MessageKind.ERROR:
-            known = "state" if message.kind is MessageKind.STATE else "name"  # in the text already
-            fields = " ".join(f"{name}={value}" for name, value in message.fields.items() if name != known)
-            line = f"{message.kind}: {message.source or 'pipeline'}: {message.text} {fields}"
-            self.display.print_line(line.rstrip())
-        elif not self.quiet and message.fields.get("name") == "connection":
-            self._print_connection(message.source, message.fields.get("state"))
-
-    def _print_connection(self, source: str, state: object) -> None:
-        """Says that an element is connected again, after the warning that it was not."""
-        if state == "retrying":
-            self._retrying.add(source)
-        elif state == "connected" and source in self._retrying:
-            self._retrying.discard(source)
-            self.display.print_line(f"note: {source}: connected again")
+            self.printer.print(message)
 
     def _fail(self, text: str, error: Exception | None = None) -> int:
-        """Prints an error; of an unexpected exception also the place, and with -v the traceback."""
-        if isinstance(error, ElementFailure) and error.place:
-            if self.verbose:
-                self.display.print_line(error.traceback)
-            text += f" ({error.place})"
-        self.display.print_line(f"error: {text}")
+        """Prints an error; returns the exit code."""
+        self.printer.print_error(text, error)
         return 1
