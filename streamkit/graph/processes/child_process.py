@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import signal
 import subprocess
@@ -18,15 +17,8 @@ import msgspec
 
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.errors import ProcessDied
-from streamkit.graph.processes.orders import (
-    ENCODER,
-    REPORTS,
-    Order,
-    OrderResult,
-    Report,
-    Setup,
-    decode_failure,
-)
+from streamkit.graph.processes.answers import Answers
+from streamkit.graph.processes.orders import ENCODER, REPORTS, Order, OrderResult, Report, Setup
 from streamkit.handoff.library_threads import thread_variables
 
 CHILD = "streamkit.graph.processes.child"
@@ -37,15 +29,16 @@ ANSWER_LIMIT_S = 30.0  # a loaded machine may need long
 
 
 class ChildProcess(threading.Thread):
-    """Starts a child, reads what it reports, and outlives it.
+    """Starts a child and sets it up, reads what it reports until its channel closes, and waits for its end.
 
-    The thread that starts a child has to live as long, because the kernel ends the child with it.
+    An order waits until the child is set up, and for its answer until the child has ended. The thread has to
+    live as long as the child, because the kernel ends the child with the thread that started it.
 
     Attributes:
         silence_limit_s: after which the process is killed, if it does not answer; 0 is never. Holds once it
             is set up: importing may hold the interpreter for long.
         reason: why the process has ended, in words; "" while it runs.
-        has_died: whether it has ended in another way than by an order to stop, or was killed for its silence.
+        has_died: whether it has ended in another way than by an order to stop.
         is_reported: whether its end was reported, as it came while the pipeline did not stop.
 
     Args:
@@ -73,15 +66,11 @@ class ChildProcess(threading.Thread):
         self._home = home
         self._setup, self._marks, self._processes = setup, marks, processes
         self._reported, self._ended = reported, ended
-        self._numbers = itertools.count(1)
-        self._lock = threading.Lock()
-        self._answers: dict[int, Future[Any]] = {}  # guarded by `_lock`
-        self._is_over = False
-        self._is_set_up = threading.Event()
+        self._answers = Answers()
+        self._takes_orders = threading.Event()  # it is set up, or has ended
         self._process: subprocess.Popen[bytes] | None = None
         ours, self._theirs = Channel.pair()
         self._control = Channel(ours)
-        self._silent_polls: int | None = None  # since the newest report; None before the first
 
     # Called from other threads.
 
@@ -98,26 +87,20 @@ class ChildProcess(threading.Thread):
             A future that gets the answer, or the exception that ended the order or the process.
         """
         deadline = time.monotonic() + limit_s
-        number, answer = next(self._numbers), Future[Any]()
-        is_sent = self._is_set_up.wait(limit_s)
-        with self._lock:
-            if self._is_over:
-                answer.set_exception(self.death())
-                return answer
-            self._answers[number] = answer
-        if is_sent:
+        number, answer = self._answers.expect()
+        is_sent = self._takes_orders.wait(limit_s)
+        if is_sent and not answer.done():
             message = ENCODER.encode(Order(number, name, list(arguments)))
             with contextlib.suppress(ChannelClosed):  # the thread then ends the answer
                 is_sent = self._control.send(message, descriptors, lambda: time.monotonic() > deadline)
-        if not is_sent and self._take_answer(number) is not None:
+        if not is_sent:
             text = f"the process of {self._home} has not answered for {limit_s:g} s"
-            answer.set_exception(ProcessDied(text))
+            self._answers.fail(number, text)
         return answer
 
     def kill(self, reason: str = "") -> None:
         """Ends the process at once."""
-        if not self.reason:
-            self.reason, self.has_died = reason, bool(reason)
+        self.reason = self.reason or reason
         process = self._process
         if process is not None and process.poll() is None:
             process.kill()
@@ -135,12 +118,8 @@ class ChildProcess(threading.Thread):
             self._control.send(
                 ENCODER.encode(self._setup), (self._marks,), lambda: process.poll() is not None
             )
-            self._is_set_up.set()
-            while True:
-                messages = self._control.receive(POLL_S)
-                for message in messages:
-                    self._take_report(REPORTS.decode(message))
-                self._check_silence(bool(messages))
+            self._takes_orders.set()
+            self._read_reports()
         except ChannelClosed:
             pass
         except (msgspec.DecodeError, ValueError) as error:
@@ -150,12 +129,8 @@ class ChildProcess(threading.Thread):
         finally:
             os.close(self._marks)
             self._reap()
-            with self._lock:
-                self._is_over = True
-            self._is_set_up.set()
-            for number in list(self._answers):
-                if (answer := self._take_answer(number)) is not None:
-                    answer.set_exception(self.death())
+            self._answers.end(str(self.death()))
+            self._takes_orders.set()
             self._ended(self)
 
     def _spawn(self) -> subprocess.Popen[bytes]:
@@ -174,35 +149,34 @@ class ChildProcess(threading.Thread):
         finally:
             self._theirs.close()
 
-    def _check_silence(self, has_spoken: bool) -> None:
-        """Asks a silent child for an answer; kills one that gives none.
+    def _read_reports(self) -> None:
+        """Takes reports, and ends a child that is silent for too long, until the channel closes.
 
-        Time is counted in polls, because a suspended process does not hang.
+        Silence is counted in polls, because a suspended process does not hang, and from the first report on.
         """
-        if has_spoken:
-            self._silent_polls = 0
-        elif self.silence_limit_s and self._silent_polls is not None:
-            self._silent_polls += 1
-            if self._silent_polls % PING_POLLS == 1:
-                self._control.send(ENCODER.encode(Order(0, "ping")), (), lambda: True)
-            elif self._silent_polls * POLL_S >= self.silence_limit_s:
-                self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
+        silent_polls: int | None = None
+        while True:
+            messages = self._control.receive(POLL_S)
+            for message in messages:
+                self._take_report(REPORTS.decode(message))
+            if messages:
+                silent_polls = 0
+            elif self.silence_limit_s and silent_polls is not None:
+                silent_polls += 1
+                self._break_silence(silent_polls)
+
+    def _break_silence(self, silent_polls: int) -> None:
+        """Asks a silent child for an answer now and then; kills it at the limit."""
+        if silent_polls % PING_POLLS == 1:
+            self._control.send(ENCODER.encode(Order(0, "ping")), (), lambda: True)
+        elif silent_polls * POLL_S >= self.silence_limit_s:
+            self.kill(f"has not answered for {self.silence_limit_s:g} s and was killed")
 
     def _take_report(self, report: Report) -> None:
-        if not isinstance(report, OrderResult):
-            self._reported(report)
-            return
-        answer = self._take_answer(report.number)
-        if answer is None:
-            return
-        if report.failure is None:
-            answer.set_result(report.value)
+        if isinstance(report, OrderResult):
+            self._answers.arrived(report)
         else:
-            answer.set_exception(decode_failure(report.failure))
-
-    def _take_answer(self, number: int) -> Future[Any] | None:
-        with self._lock:
-            return self._answers.pop(number, None)
+            self._reported(report)
 
     def _reap(self) -> None:
         """Waits for the end of the process, and notes what has ended it."""
@@ -216,8 +190,8 @@ class ChildProcess(threading.Thread):
             with contextlib.suppress(subprocess.TimeoutExpired):  # one that waits for a device ends later
                 self._process.wait(END_LIMIT_S)
         self._control.close()
+        self.has_died = self._process.returncode != 0
         code = self._process.returncode or 0
-        self.has_died = self.has_died or code != 0
         if code < 0:
             name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
             self.reason = self.reason or f"was ended by signal {-code} ({name})"
