@@ -1,5 +1,6 @@
 """Caps in other forms: without lists, or in as few structures as possible; difference and union of values.
 
+Pipelines need none of it; `streamkit caps` and programs that know GStreamer's caps do.
 Source: GStreamer's documentation of gst_caps_normalize, gst_caps_simplify and of its value functions, and
 what GStreamer 1.22 returns.
 """
@@ -74,30 +75,35 @@ def _is_redundant(index: int, structures: Sequence[Structure]) -> bool:
 
 
 def _simplified(run: list[Structure]) -> list[Structure]:
-    """Structures with the same name and features, in fewer ones, in place.
-
-    Each, from the last on, loses what another one has, and is removed if that is all; else it is removed if
-    another one can be extended by it.
-    """
+    """Structures with the same name and features in fewer ones, in place; the last is merged first."""
     for index in reversed(range(len(run))):
-        for other in reversed(range(len(run))):
-            if other == index:
-                continue
-            rest = _without(run[index], run[other])
-            if rest is not None and len(rest) == 1:
-                run[index] = rest[0]
-                continue
-            union = run[other] if rest == [] else join_structures(run[other], run[index])
-            if union is not None:
-                run[other] = union
-                del run[index]
-                break
+        _merge_into_others(run, index)
     return run
 
 
-def _without(structure: Structure, other: Structure) -> list[Structure] | None:
-    """The difference as structures; None if the two do not overlap."""
-    found: list[Structure] = []
+def _merge_into_others(run: list[Structure], index: int) -> None:
+    """Removes from a structure what others have, and the structure if nothing is left or one can take it."""
+    for place in reversed(range(len(run))):
+        if place == index:
+            continue
+        excess = _excess(run[index], run[place])
+        if excess is not None and len(excess) == 1:
+            run[index] = run[index].with_field(*excess.popitem())
+        elif excess == {}:
+            del run[index]
+            return
+        elif (joined := join_structures(run[place], run[index])) is not None:
+            run[place] = joined
+            del run[index]
+            return
+
+
+def _excess(structure: Structure, other: Structure) -> dict[str, Value] | None:
+    """What a structure has beyond another, by field; None if they are disjoint, as far as values can say.
+
+    If that is one field, the difference of the two is one structure: the first with this value of the field.
+    """
+    found: dict[str, Value] = {}
     for name, value in other.fields.items():
         if name not in structure.fields:
             return None
@@ -107,7 +113,7 @@ def _without(structure: Structure, other: Structure) -> list[Structure] | None:
             continue
         if values_equal(rest, mine):
             return None
-        found.append(structure.with_field(name, rest))
+        found[name] = rest
     return found
 
 
