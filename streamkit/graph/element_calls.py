@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -35,14 +36,18 @@ class CallLimits:
 
 
 class ElementCall(threading.Thread):
-    """A call of `start` or `stop` of an element; it begins when it is made."""
+    """A call of `start` or `stop` of an element; it begins when it is made.
+
+    Attributes:
+        error: what the call raised.
+    """
 
     def __init__(self, element: Element, method: str, limits: CallLimits) -> None:
         super().__init__(name=f"streamkit:{element.name}:{method}")
+        self.error: Exception | None = None
         self._element = element
         self._method = method
         self._limits = limits
-        self._error: Exception | None = None
         self.start()
 
     def run(self) -> None:
@@ -51,27 +56,23 @@ class ElementCall(threading.Thread):
             with self._element.calling(self._method):
                 getattr(self._element, self._method)()
         except Exception as error:
-            self._error = error
+            self.error = error
         except BaseException as error:  # SystemExit must not end the process in silence
-            self._error = RuntimeError(f"its {self._method} raised {error!r}")
+            self.error = RuntimeError(f"its {self._method} raised {error!r}")
 
-    def wait(self, limit_s: float | None = None) -> None:
+    def wait(self, limit_s: float = math.inf) -> None:
         """Waits until the call returns, is cancelled, or reaches its limit; warns once.
 
         Time is counted in polls, because a suspended process does not hang.
         """
         limits, polls = self._limits, 0
+        warned_at = math.ceil(limits.watchdog_s / POLL_S)
         self.join(POLL_S)
-        while self.is_alive() and not limits.cancelled.is_set():
+        while self.is_alive() and not limits.cancelled.is_set() and polls * POLL_S < limit_s:
             polls += 1
-            seconds = polls * POLL_S
-            if limits.watchdog_s and seconds - POLL_S < limits.watchdog_s <= seconds:
+            if polls == warned_at:
                 limits.post(hang_warning(self._element, hang_of(self._method, limits.watchdog_s)))
-            if limit_s is not None and seconds >= limit_s:
-                return
             self.join(POLL_S)
-        if limit_s is not None and self.is_alive():
-            self.join(min(1.0, limit_s))
 
     def interrupt(self) -> None:
         """Makes the element end its waits, and gives the call some time to return."""
@@ -80,13 +81,11 @@ class ElementCall(threading.Thread):
             self._element.interrupt()
         self.join(CANCEL_GRACE_S)
 
-    def check(self, limit_s: float) -> None:
-        """Raises the error of the call, or `HangDetected` if it has not returned."""
-        if self.is_alive():
-            what = f"its {self._method} has not returned within {limit_s:.0f} s; its thread is abandoned"
-            raise HangDetected(what)
-        if self._error is not None:
-            raise self._error
+    def abandoned(self, limit_s: float) -> HangDetected:
+        """The error for a call that has not returned within a limit."""
+        return HangDetected(
+            f"its {self._method} has not returned within {limit_s:.0f} s; its thread is abandoned"
+        )
 
 
 def start_element(element: Element, started: list[Element], limits: CallLimits) -> None:
@@ -107,19 +106,15 @@ def start_element(element: Element, started: list[Element], limits: CallLimits) 
     except BaseException:  # Ctrl-C in the calling thread: `start` must not overlap with `stop`
         call.interrupt()
         raise
-    was_cancelled = limits.cancelled.is_set()
-    if was_cancelled:
+    if limits.cancelled.is_set():
         call.interrupt()
-    try:
-        call.check(CANCEL_GRACE_S)
-    except HangDetected as cause:
-        started.remove(element)  # its `stop` must not run beside its `start`
-        raise element.failure(cause) from cause
-    except Exception as cause:
-        if not was_cancelled:
-            raise (cause if isinstance(cause, ElementFailure) else element.failure(cause)) from cause
-    if was_cancelled:
+        if call.is_alive():
+            started.remove(element)  # its `stop` must not run beside its `start`
+            raise element.failure(call.abandoned(CANCEL_GRACE_S))
         raise element.failure(StartCancelled(f"{element.name}: its start was interrupted"))
+    if call.error is not None:
+        is_named = isinstance(call.error, ElementFailure)
+        raise (call.error if is_named else element.failure(call.error)) from call.error
 
 
 def wake_elements(elements: Iterable[Element], post: Callable[[Message], None]) -> None:
@@ -144,21 +139,27 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
     stuck = []
     while elements:
         element = elements.pop()
-        try:
-            if _overrides(element, "stop"):
-                call = ElementCall(element, "stop", limits)
-                call.wait(limits.stop_s)
-                call.check(limits.stop_s)
-        except HangDetected as cause:
+        if _overrides(element, "stop") and not _stop_returns(element, limits):
             stuck.append(element.name)
-            limits.post(hang_warning(element, cause))
-        except Exception as cause:
-            failure = element.failure(cause)
-            limits.post(Message(MessageKind.WARNING, element.name, f"stop failed: {failure}"))
         element.is_playing = False
         for pad in list(element.pads.values()):
             pad.known_caps = None
     return stuck
+
+
+def _stop_returns(element: Element, limits: CallLimits) -> bool:
+    """Calls `stop`; posts a warning if it fails or does not return."""
+    call = ElementCall(element, "stop", limits)
+    call.wait(limits.stop_s)
+    if limits.cancelled.is_set():
+        call.join(CANCEL_GRACE_S)
+    if call.is_alive():
+        limits.post(hang_warning(element, call.abandoned(limits.stop_s)))
+        return False
+    if call.error is not None:
+        text = f"stop failed: {element.failure(call.error)}"
+        limits.post(Message(MessageKind.WARNING, element.name, text))
+    return True
 
 
 def _overrides(element: Element, method: str) -> bool:
