@@ -81,7 +81,7 @@ class FileSrc(Source):
     loop: bool = Property(False, doc="Repeat forever; times continue.")
 
     _is_opening = False
-    _duration: int | None = None
+    _duration_us: int | None = None
     _sockets: ConnectionSockets | None = None
 
     def start(self) -> None:
@@ -97,7 +97,7 @@ class FileSrc(Source):
         self._caps: dict[StreamKind, Caps] = {}
         self._rotation = 0
         with self._open() as container:
-            self._kinds, self._duration = kinds_of(container), container.duration
+            self._kinds, self._duration_us = kinds_of(container), container.duration
             if self._video_is_wanted():
                 video = video_stream(container, self.location)
                 self._rotation = display_rotation(container, video)
@@ -135,9 +135,9 @@ class FileSrc(Source):
 
     def duration_ns(self) -> int | None:
         """Duration of the part that is played."""
-        if self.loop or self._duration is None:
+        if self.loop or self._duration_us is None:
             return None
-        end_s = self._duration / 1e6 if self.stop_s is None else min(self.stop_s, self._duration / 1e6)
+        end_s = self._duration_us / 1e6 if self.stop_s is None else min(self.stop_s, self._duration_us / 1e6)
         return max(0, round((end_s - self.start_s) * SECOND_NS))
 
     def negotiate(self, allowed: Caps) -> Caps | None:
@@ -247,7 +247,7 @@ class FileSrc(Source):
             self.post_warning(f"{self._where}: {cut}", "shortfall")
             self.post_message("cut-short", text=cut)
         elif not shown and self.start_s:
-            length = "" if self._duration is None else f"; it is {self._duration / 1e6:.1f} s long"
+            length = "" if self._duration_us is None else f"; it is {self._duration_us / 1e6:.1f} s long"
             self.post_warning(
                 f"{self._where}: there is no frame from start-s={self.start_s:g} on{length}", "shortfall"
             )

@@ -27,7 +27,7 @@ class TransportPackets:
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
-        self._phase = 0  # bytes before the next sync byte: some senders cut packets in two
+        self._phase = 0  # bytes of the next datagram before a packet begins: some senders cut packets in two
         self._source = b""
         self._next_number = 0
 
@@ -52,12 +52,14 @@ class TransportPackets:
         return True
 
     def _finds_packets(self, datagram: bytes) -> bool:
-        """Finds sync bytes where the last datagram, a beginning, or any phase has them; keeps the phase."""
+        """Whether packets begin where the last datagram left off, else at the start, else anywhere.
+
+        Each begins with a sync byte; where none is expected, one such byte alone would be chance.
+        """
         for phase in (self._phase, *range(PACKET_BYTES)):
             marks = datagram[phase::PACKET_BYTES]
-            is_expected = phase == self._phase or (phase == 0 and len(marks) > 0)
-            # Elsewhere one byte alone would be chance.
-            if marks.count(SYNC) == len(marks) and (is_expected or len(marks) > 1):
+            needed = 0 if phase == self._phase else 1 if phase == 0 else 2
+            if len(marks) >= needed and marks.count(SYNC) == len(marks):
                 self._phase = (phase - len(datagram)) % PACKET_BYTES
                 return True
         return False
