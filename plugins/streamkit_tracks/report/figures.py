@@ -7,6 +7,8 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from streamkit.geometry.earth import metres_per_degree
+
 if TYPE_CHECKING:
     from array import array
 
@@ -21,7 +23,6 @@ STATUS_COLOURS = {
 MAX_ROWS = 120
 MAX_LABELS = 50  # more cannot be read one below the other
 MAX_POINTS = 1000  # of one trail
-METRES_PER_DEGREE = 111_320.0
 
 
 def draw_figures(run: RecordedRun) -> dict[str, tuple[str, bytes]]:
@@ -70,10 +71,10 @@ def _draw_map(axes: Any, run: RecordedRun) -> str:
     plane = run.main_plane()
     if grounds:
         lon, lat = grounds[0].ground[1], grounds[0].ground[2]
-        east_m = METRES_PER_DEGREE * math.cos(math.radians(lat))
+        north_m, east_m = metres_per_degree(lat)
         for path in grounds:
             xs, ys = _trail(path.ground)
-            east, north = [(x - lon) * east_m for x in xs], [(y - lat) * METRES_PER_DEGREE for y in ys]
+            east, north = [(x - lon) * east_m for x in xs], [(y - lat) * north_m for y in ys]
             _draw_trail(axes, path, east, north)
         axes.set_xlabel("metres east")
         axes.set_ylabel("metres north")
