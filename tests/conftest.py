@@ -1,12 +1,9 @@
 """Fixtures shared by every test."""
 
-import importlib.metadata
 import os
 import signal
 import subprocess
-import sys
 import sysconfig
-import types
 import venv
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -16,6 +13,7 @@ import pytest
 
 from streamkit import Element
 from streamkit.element import registry
+from tests.entry_points import adding_entry_points
 from tests.process_option import use_processes
 from tests.slowness import patience, slowness
 
@@ -128,24 +126,12 @@ def _forget() -> None:
 @pytest.fixture
 def register(monkeypatch: pytest.MonkeyPatch) -> Iterator[Register]:
     """Makes classes usable in descriptions, `register(name=Class)`: in this test only, before all others."""
-    module = types.ModuleType(MODULE)
-    monkeypatch.setitem(sys.modules, MODULE, module)
-    entry_points = importlib.metadata.entry_points
-    added: list[importlib.metadata.EntryPoint] = []
-
-    def with_added(**selection: str) -> list[importlib.metadata.EntryPoint]:
-        mine = [entry for entry in added if entry.group == selection.get("group", entry.group)]
-        return [*mine, *entry_points(**selection)]
+    add_entry_point = adding_entry_points(monkeypatch, MODULE)
 
     def add(**classes: type[Element] | str) -> None:
         for name, found in classes.items():
-            target = found
-            if not isinstance(found, str):
-                setattr(module, name, found)
-                target = f"{MODULE}:{name}"
-            added.append(importlib.metadata.EntryPoint(name, str(target), registry.GROUP))
+            add_entry_point(registry.GROUP, name, found)
         _forget()
 
-    monkeypatch.setattr(importlib.metadata, "entry_points", with_added)
     yield add
     _forget()

@@ -14,8 +14,9 @@ from streamkit_zenoh.configuration import SessionFailure, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
 from streamkit_zenoh.wire.numbering import Stamp
-from tests.acceptance.zenoh_links import BINARY, router, wait_for
+from tests.acceptance.zenoh_links import BINARY, router
 from tests.ports import free_port
+from tests.waiting import wait_for
 
 FOLDER = Path(__file__).parents[2] / "docs" / "examples" / "zenoh"
 KEY = "uav/1"

@@ -14,9 +14,10 @@ import zenoh
 from streamkit_zenoh.configuration import SessionMode, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.subscriber import TrackSubscriber
-from tests.acceptance.zenoh_links import BINARY, Router, router, wait_for
+from tests.acceptance.zenoh_links import BINARY, Router, router
 from tests.ports import free_port
 from tests.slowness import patience
+from tests.waiting import wait_for
 
 KEY = "acceptance/endings"
 LIMIT_S = 3.0

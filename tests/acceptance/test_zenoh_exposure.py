@@ -18,8 +18,9 @@ import zenoh
 
 from streamkit_zenoh.configuration import Reach, SessionMode, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
-from tests.acceptance.zenoh_links import BINARY, wait_for
+from tests.acceptance.zenoh_links import BINARY
 from tests.ports import free_port
+from tests.waiting import wait_for
 
 KEY = "acceptance/exposure"
 SCOUTING_GROUP = ("224.0.0.224", 7446)

@@ -17,8 +17,8 @@ from streamkit_zenoh.wire.encodings import BadPayload, Codec, Encoding, encoding
 from streamkit_zenoh.wire.frame_header import frame_header, read_header
 from streamkit_zenoh.wire.images import ImageFormat, decode_image, encode_image
 from streamkit_zenoh.wire.numbering import read_attachment
-from tests.acceptance.zenoh_links import wait_for
 from tests.ports import free_port
+from tests.waiting import wait_for
 
 KEY = "acceptance/hostile"
 COUNT = 10_000

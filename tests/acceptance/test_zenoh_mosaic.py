@@ -11,8 +11,8 @@ import zenoh
 from streamkit import Pipeline
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
-from tests.acceptance.zenoh_links import wait_for
 from tests.ports import free_port
+from tests.waiting import wait_for
 
 KEY = "acceptance/mosaic"
 

@@ -9,8 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +24,6 @@ print("up", flush=True)
 sys.stdin.read()
 session.close()
 """
-
-
-def wait_for(condition: Callable[[], bool], limit_s: float = 20.0) -> bool:
-    """Whether a condition becomes true within the time limit."""
-    deadline_s, never = time.monotonic() + limit_s, threading.Event()
-    while not condition():
-        if time.monotonic() > deadline_s:
-            return False
-        never.wait(0.01)
-    return True
 
 
 class Router:

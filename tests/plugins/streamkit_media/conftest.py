@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.plugins.streamkit_media.web_server import serving
+
 SYSTEM_PYTHON = "/usr/bin/python3"
 RTSP_SERVER = Path(__file__).with_name("rtsp") / "gst_server.py"
 HAS_RTSP_SERVER = """
@@ -248,6 +250,13 @@ def clip(tmp_path_factory: pytest.TempPathFactory, klv_packet: Callable[..., byt
                 container.mux(packet)
         container.mux(video.encode(None))
     return path
+
+
+@pytest.fixture
+def serve_folder(tmp_path: Path) -> Iterator[str]:
+    """A server of the test's folder; its address."""
+    with serving(tmp_path) as address:
+        yield address
 
 
 @pytest.fixture

@@ -18,17 +18,9 @@ from streamkit_zenoh.configuration import (
     error_line,
 )
 from streamkit_zenoh.session import close_session, open_session
+from tests.waiting import wait_for
 
 Opener = Callable[..., zenoh.Session]
-
-
-def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> bool:
-    never = threading.Event()
-    for _ in range(int(limit_s / 0.01)):
-        if condition():
-            return True
-        never.wait(0.01)
-    return False
 
 
 def _peers(session: zenoh.Session) -> set[str]:
@@ -42,7 +34,7 @@ def test_sessions_meet_without_endpoints(open_test_session: Opener) -> None:
     names = {str(session.info.zid()) for session in sessions}
     for session in sessions:
         expected = names - {str(session.info.zid())}
-        assert _wait_for(lambda session=session, expected=expected: _peers(session) >= expected)
+        assert wait_for(lambda session=session, expected=expected: _peers(session) >= expected)
 
 
 @pytest.mark.usefixtures("meeting_ports")
@@ -50,7 +42,7 @@ def test_many_sessions_meet_without_multicast(open_test_session: Opener) -> None
     """A machine with twenty feeds: the first session is connected to all others."""
     first, *others = [open_test_session() for _ in range(20)]
     names = {str(session.info.zid()) for session in others}
-    assert _wait_for(lambda: _peers(first) >= names, 30)
+    assert wait_for(lambda: _peers(first) >= names, 30)
 
 
 @pytest.mark.usefixtures("meeting_ports")
@@ -63,7 +55,7 @@ def test_a_client_without_endpoints_finds_a_session_of_this_machine(
     client = open_test_session(mode=SessionMode.CLIENT)
     received = threading.Event()
     client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
-    assert _wait_for(lambda: publisher.matching_status.matching)
+    assert wait_for(lambda: publisher.matching_status.matching)
     publisher.put(b"x")
     assert received.wait(5)
 
@@ -96,7 +88,7 @@ def test_sessions_that_open_at_once_meet(open_test_session: Opener) -> None:
     for thread in threads:
         thread.join(20)
     one, other = sessions
-    assert _wait_for(lambda: str(other.info.zid()) in _peers(one))
+    assert wait_for(lambda: str(other.info.zid()) in _peers(one))
 
 
 @pytest.mark.usefixtures("meeting_ports")
@@ -123,7 +115,7 @@ def test_peers_meet_at_an_endpoint_in_either_order(open_test_session: Opener, en
     """A peer retries: the one that connects may start first."""
     first = open_test_session(connect=endpoint)
     second = open_test_session(listen=endpoint)
-    assert _wait_for(lambda: str(second.info.zid()) in _peers(first))
+    assert wait_for(lambda: str(second.info.zid()) in _peers(first))
 
 
 def test_a_client_connects_to_a_publisher_directly(
@@ -134,7 +126,7 @@ def test_a_client_connects_to_a_publisher_directly(
     client = open_test_session(mode=SessionMode.CLIENT, connect=endpoint)
     received = threading.Event()
     client.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
-    assert _wait_for(lambda: publisher.matching_status.matching)
+    assert wait_for(lambda: publisher.matching_status.matching)
     publisher.put(b"x")
     assert received.wait(5)
 
@@ -157,7 +149,7 @@ def test_peers_meet_through_a_router(
     one, other = open_test_session(connect=endpoint), open_test_session(connect=endpoint)
     publisher, received = one.declare_publisher(key), threading.Event()
     other.declare_subscriber(key, zenoh.handlers.Callback(lambda _: received.set(), indirect=False))
-    assert _wait_for(lambda: publisher.matching_status.matching)
+    assert wait_for(lambda: publisher.matching_status.matching)
     publisher.put(b"x")
     assert received.wait(5)
     assert not router.is_closed()
@@ -269,7 +261,7 @@ def test_a_configuration_file_is_the_base(open_test_session: Opener, endpoint: s
     path.write_text(json.dumps({"mode": "peer", "listen": {"endpoints": [endpoint]}}))
     listener = open_test_session(config=str(path))
     other = open_test_session(connect=endpoint)
-    assert _wait_for(lambda: str(listener.info.zid()) in _peers(other))
+    assert wait_for(lambda: str(listener.info.zid()) in _peers(other))
 
 
 @pytest.mark.parametrize("content", [None, "{mode: ", '{"mode": "king"}'])

@@ -1,7 +1,6 @@
 """TrackSubscriber: the newest record of every publisher, typed, and counts of all losses."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -24,6 +23,7 @@ from streamkit_zenoh.subscriber import TrackSubscriber
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
+from tests.waiting import wait_for
 
 Opener = Callable[..., zenoh.Session]
 
@@ -49,13 +49,6 @@ def sink(key: str, endpoint: str) -> Iterator[Callable[..., Harness]]:
     yield started
     for harness in open_ones:
         harness.close()
-
-
-def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> None:
-    never, deadline_s = threading.Event(), time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline_s, "has not come true in time"
-        never.wait(0.01)
 
 
 def test_it_is_a_name_of_the_package() -> None:
@@ -87,7 +80,7 @@ def test_a_slow_reader_sees_the_newest(sink: Callable[..., Harness], key: str, e
         harness = sink(wait_subscribers=1)
         for seq in range(50):
             harness.push(_frame(seq))
-        _wait_for(lambda: subscriber.counts.received == 50)
+        assert wait_for(lambda: subscriber.counts.received == 50)
         record = subscriber.get(5)
         assert record is not None
         assert record.seq == 49
@@ -101,9 +94,9 @@ def test_the_keys_of_other_publishers_are_found(
     """As for a subscriber whose key is wrong; those in reach, and none after the end."""
     harness = sink()
     with TrackSubscriber("nowhere", connect=endpoint) as subscriber:
-        _wait_for(lambda: subscriber.published_keys() == [key])
+        assert wait_for(lambda: subscriber.published_keys() == [key])
         harness.close()
-        _wait_for(lambda: subscriber.published_keys() == [])
+        assert wait_for(lambda: subscriber.published_keys() == [])
 
 
 def test_a_late_subscriber_gets_the_last_record(
@@ -132,7 +125,7 @@ def test_the_queried_record_overtakes_no_other(sink: Callable[..., Harness], key
         with TrackSubscriber(key, connect=endpoint, ring=5000) as subscriber:
             for seq in range(first, first + 300):
                 harness.push(_frame(seq, TrackState.CONFIRMED))
-            _wait_for(lambda: subscriber.counts.publishers == 1)
+            assert wait_for(lambda: subscriber.counts.publishers == 1)
             last = first + 299
             numbers: list[int] = []
             while (not numbers or numbers[-1] < last) and (record := subscriber.get(10)) is not None:
@@ -147,13 +140,13 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
-        _wait_for(lambda: publication.records.has_subscriber)
+        assert wait_for(lambda: publication.records.has_subscriber)
         confirmed, tentative, lost = TrackState.CONFIRMED, TrackState.TENTATIVE, TrackState.LOST
         harness.push(_frame(0, confirmed, tentative, confirmed))
         harness.push(_frame(1, confirmed, confirmed, lost))
         harness.push(_frame(2, confirmed))
         harness.drain()
-        _wait_for(lambda: subscriber.counts.publishers == 0)
+        assert wait_for(lambda: subscriber.counts.publishers == 0)
         found = []
         while (update := subscriber.update(0.2)) is not None:
             record = update.record
@@ -170,7 +163,7 @@ def test_drops_of_the_publisher_are_losses_of_the_receiver(
     with TrackSubscriber(key, connect=endpoint, ring=5000, ends_with_publisher=True) as subscriber:
         harness = sink(wait_subscribers=1, max_queue=2)
         harness.push(_frame(0))
-        _wait_for(lambda: subscriber.counts.received == 1)
+        assert wait_for(lambda: subscriber.counts.received == 1)
         for seq in range(1, 2000):
             harness.push(_frame(seq))
         harness.drain()
@@ -187,7 +180,7 @@ def test_bad_data_is_counted(open_test_session: Opener, key: str, endpoint: str)
         publisher = session.declare_publisher(
             f"{key}/tracks", congestion_control=zenoh.CongestionControl.BLOCK
         )
-        _wait_for(lambda: publisher.matching_status.matching)
+        assert wait_for(lambda: publisher.matching_status.matching)
         for data in (b"", b"{}", bytes(5_000_000)):
             publisher.put(data)
         publisher.put(b"<x/>", encoding=zenoh.Encoding.APPLICATION_XML)
@@ -216,12 +209,12 @@ def test_the_status_shows_losses_at_the_end(open_test_session: Opener, key: str,
     with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
         session = open_test_session(connect=endpoint)
         publisher = session.declare_publisher(f"{key}/tracks")
-        _wait_for(lambda: publisher.matching_status.matching)
+        assert wait_for(lambda: publisher.matching_status.matching)
         publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
         for state, lost in (("playing", 0), ("playing", 3), ("ended", 3)):
             status = _status(key, settled_number=4, state=state)
             session.put(f"{key}/status", codec.encode(status), encoding=codec.content_type)
-            _wait_for(lambda lost=lost: subscriber.counts.lost == lost)
+            assert wait_for(lambda lost=lost: subscriber.counts.lost == lost)
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.1, 0.5])
@@ -243,13 +236,13 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
     session.declare_queryable(f"{key}/status", zenoh.handlers.Callback(answer_late, indirect=True))
     publisher = session.declare_publisher(f"{key}/tracks")
     with TrackSubscriber(key, connect=endpoint, ring=64) as subscriber:
-        _wait_for(lambda: publisher.matching_status.matching)
+        assert wait_for(lambda: publisher.matching_status.matching)
         token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
         assert asked.wait(10)
         for number in (5, 6, 9):
             publisher.put(b"{}", attachment=Stamp(5, number).attachment())
-        _wait_for(lambda: subscriber.counts.lost == 7)
-        _wait_for(lambda: subscriber.counts.received == 3)
+        assert wait_for(lambda: subscriber.counts.lost == 7)
+        assert wait_for(lambda: subscriber.counts.received == 3)
         assert subscriber.counts.lost == 7
         token.undeclare()
 
@@ -262,12 +255,12 @@ def test_a_publisher_that_was_killed_before_its_first_status_has_vanished(
     with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
         session = open_test_session(connect=endpoint)
         publisher = session.declare_publisher(f"{key}/tracks")
-        _wait_for(lambda: publisher.matching_status.matching)
+        assert wait_for(lambda: publisher.matching_status.matching)
         ended = codec.encode(_status(key, settled_number=1, state="ended"))
         for run in (5, 6):
             publisher.put(b"{}", attachment=Stamp(run, 0).attachment())
             session.put(f"{key}/status", ended, encoding=codec.content_type)
-        _wait_for(lambda: subscriber.counts.received == 2)
+        assert wait_for(lambda: subscriber.counts.received == 2)
         assert subscriber.has_vanished
 
 
@@ -277,9 +270,9 @@ def test_publishers_are_counted(open_test_session: Opener, key: str, endpoint: s
         assert subscriber.counts.publishers == 0
         session = open_test_session(connect=endpoint)
         token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
-        _wait_for(lambda: subscriber.counts.publishers == 1)
+        assert wait_for(lambda: subscriber.counts.publishers == 1)
         token.undeclare()
-        _wait_for(lambda: subscriber.counts.publishers == 0)
+        assert wait_for(lambda: subscriber.counts.publishers == 0)
 
 
 def test_close_ends_the_iteration(key: str) -> None:

@@ -33,6 +33,7 @@ from streamkit_zenoh.publish.media_sender import FrameSender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import read_attachment
 from streamkit_zenoh.wire.status import StatusRecord
+from tests.waiting import wait_for
 
 Opener = Callable[..., zenoh.Session]
 RECEIVER = Path(__file__).with_name("receiver.py")
@@ -368,7 +369,7 @@ def test_frames_are_published_at_their_rate(open_test_session: Opener, key: str,
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.ready()
-        assert _wait_for(lambda: pipeline["z"]._publication.media["frame"].stream.has_subscriber)
+        assert wait_for(lambda: pipeline["z"]._publication.media["frame"].stream.has_subscriber)
         pipeline.play()
         assert pipeline.wait(20) is not None
     assert subscriber.enough.wait(10)
@@ -394,7 +395,7 @@ def test_images_that_wait_at_the_end_are_counted(
     monkeypatch.setattr(FrameSender, "encoded", encode_slowly)
     _subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint) as harness:
-        assert _wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
+        assert wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
         harness.push(_frame(0), "frame")
         assert working.wait(10)
         for number in range(1, 4):
@@ -409,7 +410,7 @@ def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: s
     """They may differ from those of the pad `sink`, for example with tracks drawn on them."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint, frame_format="png") as harness:
-        assert _wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
+        assert wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
         harness.push(_frame(5).replace(data=np.full((2, 4), 77, np.uint8)), "frame")
         assert subscriber.enough.wait(10)
         harness.drain()
@@ -427,12 +428,12 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        assert _wait_for(lambda: pipeline["z"]._publication.media["mosaic"].stream.has_subscriber)
+        assert wait_for(lambda: pipeline["z"]._publication.media["mosaic"].stream.has_subscriber)
         for number, (level, reference) in enumerate(((10, 0), (10, 0), (10, 1), (20, 1))):
             caps = raw_video_caps("GRAY8", 8, 8, None)
             place = Registration(np.eye(3), np.eye(3), reference=reference)
             pipeline["ground"].push(Frame(np.full((8, 8), level, np.uint8), caps).attach(place))
-            assert _wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2, 3)[number])
+            assert wait_for(lambda number=number: len(subscriber.samples) >= (1, 1, 2, 3)[number])
         pipeline["ground"].end()
         pipeline["main"].end()
         message = pipeline.wait(20)
@@ -481,12 +482,3 @@ def test_qos_reaches_the_subscriber(open_test_session: Opener, key: str, endpoin
         zenoh.CongestionControl.DROP,
     )
     assert sample.express
-
-
-def _wait_for(condition: Callable[[], bool], limit_s: float = 10.0) -> bool:
-    deadline_s, never = time.monotonic() + limit_s, threading.Event()
-    while not condition():
-        if time.monotonic() > deadline_s:
-            return False
-        never.wait(0.01)
-    return True

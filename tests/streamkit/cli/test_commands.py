@@ -1,9 +1,7 @@
 """Commands of the engine and of plugins; each is imported when it is called."""
 
-import importlib.metadata
 import subprocess
 import sys
-import types
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +11,7 @@ from typer.testing import CliRunner, Result
 
 from streamkit.cli.commands import GROUP
 from streamkit.cli.main import make_app
+from tests.entry_points import adding_entry_points
 
 MODULE = "commands_of_a_test"
 Offer = Callable[..., None]
@@ -21,22 +20,12 @@ Offer = Callable[..., None]
 @pytest.fixture
 def offer(monkeypatch: pytest.MonkeyPatch) -> Offer:
     """Makes functions usable as commands, `offer(name=function)` or `offer(name="module:function")`."""
-    module = types.ModuleType(MODULE)
-    monkeypatch.setitem(sys.modules, MODULE, module)
-    entry_points = importlib.metadata.entry_points
-    added: list[importlib.metadata.EntryPoint] = []
-
-    def with_added(**selection: str) -> list[importlib.metadata.EntryPoint]:
-        mine = [entry for entry in added if entry.group == selection.get("group", entry.group)]
-        return [*mine, *entry_points(**selection)]
+    add_entry_point = adding_entry_points(monkeypatch, MODULE)
 
     def add(**functions: object) -> None:
         for name, found in functions.items():
-            setattr(module, name, found)
-            target = found if isinstance(found, str) else f"{MODULE}:{name}"
-            added.append(importlib.metadata.EntryPoint(name, target, GROUP))
+            add_entry_point(GROUP, name, found)
 
-    monkeypatch.setattr(importlib.metadata, "entry_points", with_added)
     return add
 
 

@@ -13,22 +13,13 @@ from typing import Any
 
 import pytest
 
-from streamkit import ElementFailure, FrameFlags, Message, MessageKind, Pipeline
+from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
+from tests.waiting import next_state
 
 MARGIN_S = 5.0  # for a machine under load
 Start = Callable[..., subprocess.Popen[bytes]]
 Send = Callable[..., Any]
-
-
-def next_state(pipeline: Pipeline, wanted: str, limit_s: float = 20) -> Message:
-    """The next message of a state of the connection."""
-    deadline = time.monotonic() + limit_s
-    while (left_s := deadline - time.monotonic()) > 0:
-        message = pipeline.bus.pop(left_s, (MessageKind.ELEMENT,))
-        if message is not None and message.fields.get("state") == wanted:
-            return message
-    raise AssertionError(f"{wanted} has not come within {limit_s} s")
 
 
 def no_reader_is_left() -> bool:

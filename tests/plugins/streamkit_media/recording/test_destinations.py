@@ -1,8 +1,6 @@
 """packetsink and videofilesink to the standard output, over UDP and as HLS, with real receivers."""
 
 import fcntl
-import functools
-import http.server
 import json
 import os
 import resource
@@ -11,9 +9,7 @@ import signal
 import subprocess
 import sys
 import termios
-import threading
 import time
-from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -46,18 +42,6 @@ def run(pipeline: Pipeline) -> list[str]:
     )
     pipeline.run(timeout_s=20)
     return found
-
-
-@pytest.fixture
-def serve_folder(tmp_path: Path) -> Iterator[str]:
-    """A server of the test's folder; its address."""
-    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(tmp_path))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        thread = threading.Thread(target=server.serve_forever, args=(0.05,))
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_address[1]}"
-        server.shutdown()
-        thread.join(10)
 
 
 def test_the_standard_output_holds_nothing_but_the_stream(clip: Path) -> None:

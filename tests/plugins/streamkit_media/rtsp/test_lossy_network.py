@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from streamkit import ElementFailure, Frame, FrameFlags, Message, MessageKind, Pipeline
+from streamkit import ElementFailure, Frame, FrameFlags, Pipeline
+from tests.waiting import next_state
 
 StartServer = Callable[..., Any]
 SIZE = (320, 240)
@@ -93,16 +94,6 @@ def healed(frames: Iterator[Frame], limit: int) -> list[Frame]:
         if len(taken) >= 10 and not any(is_marked(last) for last in taken[-10:]):
             return taken
     raise AssertionError(f"still damaged after {limit} frames")
-
-
-def next_state(pipeline: Pipeline, wanted: str, limit_s: float = 20) -> Message:
-    """The next message of a state of the connection."""
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        message = pipeline.bus.pop(deadline - time.monotonic(), (MessageKind.ELEMENT,))
-        if message is not None and message.fields.get("state") == wanted:
-            return message
-    raise AssertionError(f"{wanted} has not come within {limit_s} s")
 
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])

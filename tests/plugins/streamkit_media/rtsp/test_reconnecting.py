@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from streamkit import ElementFailure, Frame, FrameFlags, Message, MessageKind, Pipeline, Pose
+from streamkit import ElementFailure, Frame, FrameFlags, MessageKind, Pipeline, Pose
 from streamkit_telemetry_formats.klv import KlvReader
+from tests.waiting import next_state
 
 StartServer = Callable[..., Any]
 QUICK = "retry-delay-s=0.05 max-retry-delay-s=0.2"
@@ -28,16 +29,6 @@ def states(pipeline: Pipeline) -> list[str]:
     while (message := pipeline.bus.pop(0, (MessageKind.ELEMENT,))) is not None:
         found += [str(message.fields["state"])] if "state" in message.fields else []
     return found
-
-
-def next_state(pipeline: Pipeline, wanted: str, limit_s: float = 10) -> Message:
-    """The next message of a state."""
-    deadline = time.monotonic() + limit_s
-    while time.monotonic() < deadline:
-        message = pipeline.bus.pop(deadline - time.monotonic(), (MessageKind.ELEMENT,))
-        if message is not None and message.fields.get("state") == wanted:
-            return message
-    raise AssertionError(f"{wanted} has not come within {limit_s} s")
 
 
 def ended_by_finish(pipeline: Pipeline) -> bool:

@@ -15,8 +15,8 @@ from streamkit import Caps, ElementFailure, Frame, FrameFlags, MessageKind, Pipe
 from streamkit.testing import Harness
 
 SYSTEM_PYTHON = "/usr/bin/python3"
-RECORD_SERVER = Path(__file__).with_name("gst_record_server.py")
-HAS_RECORD_SERVER = """
+RTSP_SERVER = Path(__file__).with_name("gst_server.py")
+HAS_RTSP_SERVER = """
 import gi
 gi.require_version("GstRtspServer", "1.0")
 from gi.repository import Gst, GstRtspServer
@@ -36,11 +36,11 @@ def recording(tmp_path: Path) -> Iterator[tuple[int, Path]]:
     if not Path(SYSTEM_PYTHON).exists():
         pytest.skip("no system Python: the RTSP server of these tests runs in it")
     probe = subprocess.run(
-        [SYSTEM_PYTHON, "-c", HAS_RECORD_SERVER], capture_output=True, timeout=30, check=False
+        [SYSTEM_PYTHON, "-c", HAS_RTSP_SERVER], capture_output=True, timeout=30, check=False
     )
     if probe.returncode:
         pytest.skip("no gst-rtsp-server: install gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good")
-    command = [SYSTEM_PYTHON, str(RECORD_SERVER), str(tmp_path)]
+    command = [SYSTEM_PYTHON, str(RTSP_SERVER), str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None
         yield int(process.stdout.readline()), tmp_path
