@@ -86,7 +86,6 @@ class Element(PadOwner, PropertyOwner):
         self.activity: tuple[str, int, Frame | None] | None = None
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
-        self.pipeline_error: Callable[[], Exception | None] = lambda: None
         self.is_waiting = False
         self.begin_run()
         for key, value in properties.items():
@@ -185,6 +184,10 @@ class Element(PadOwner, PropertyOwner):
             self.is_waiting = before
             if not before and self.activity is not None and self.activity[0] == "frame":
                 self.waited_ns += time.perf_counter_ns() - began_ns
+
+    def pipeline_error(self) -> Exception | None:
+        """The failure that has ended the pipeline's run, or None."""
+        return None if self.host is None else self.host.error
 
     def add_pad(self, template: str, name: str = "") -> Pad:
         """Makes a sometimes pad and the delayed links that wait for it."""

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 class Host(Protocol):
     """The running graph, as elements see it."""
 
+    @property
+    def error(self) -> Exception | None:
+        """The failure that has ended the run, or None."""
+
     def elements(self) -> Sequence[Element]:
         """All elements of the graph, in textual order."""
 

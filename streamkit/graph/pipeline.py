@@ -102,7 +102,7 @@ class Pipeline:
     @property
     def error(self) -> Exception | None:
         """The failure that ended the run, or None."""
-        return self._playback.end.error
+        return self._playback.error
 
     @property
     def ended(self) -> threading.Event:
@@ -333,7 +333,6 @@ class Pipeline:
         element.timing = self.timing
         element.host = self._playback
         element.poster = self.bus.post
-        element.pipeline_error = lambda: self.error
         if not self.graph.is_local(element):
             return
         start_element(element, self._started, self._limits())

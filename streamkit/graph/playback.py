@@ -186,6 +186,11 @@ class Playback:
 
     # Called by elements, as their host.
 
+    @property
+    def error(self) -> Exception | None:
+        """The failure that has ended the run, or None."""
+        return self.end.error
+
     def prerolled(self, element: Element) -> None:
         """A sink of the paused graph holds its first frame."""
         self.end.sink_prerolled(element)

@@ -163,6 +163,10 @@ class Harness:
 
     # Called by the element.
 
+    @property
+    def error(self) -> None:
+        """Nothing: what fails raises in the test."""
+
     def elements(self) -> Sequence[Element]:
         """The element alone."""
         return (self.element,)
