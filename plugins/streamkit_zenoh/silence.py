@@ -1,8 +1,50 @@
-"""What receivers say when no record comes."""
+"""Silence: what receivers say when no record comes."""
+
+from collections.abc import Callable
 
 SILENCE_S = 5.0  # time without a record
 MAX_KEYS = 8  # that are named
-LOST_FEED = "though a publisher is there: has it lost its feed?"
+
+
+class Silence:
+    """The time since the last record, and once in it the reason why none may come.
+
+    Args:
+        now_s: the clock.
+        has_publisher: whether a publisher of the key is there.
+        published_keys: the keys of all publishers; it takes a second, and is called once in a silence.
+    """
+
+    def __init__(
+        self,
+        now_s: Callable[[], float],
+        has_publisher: Callable[[], bool],
+        published_keys: Callable[[], list[str]],
+    ) -> None:
+        self._now_s = now_s
+        self._has_publisher, self._published_keys = has_publisher, published_keys
+        self.end()
+
+    def end(self) -> None:
+        """A record has come."""
+        self._began_s = self._now_s()
+        self._noted_publisher: bool | None = None  # whether one was there at the last note
+
+    @property
+    def seconds(self) -> float:
+        """How long it lasts."""
+        return self._now_s() - self._began_s
+
+    def news(self) -> str:
+        """How long it lasts and why, to follow "no record"; "" while it is short or nothing is new."""
+        if self.seconds <= SILENCE_S or self._has_publisher() == self._noted_publisher:
+            return ""
+        self._noted_publisher = self._has_publisher()
+        lasts = f" for {SILENCE_S:g} s"
+        if self._noted_publisher:
+            return f"{lasts}, though a publisher is there: has it lost its feed?"
+        others = others_text(self._published_keys())
+        return f"{lasts}: {others}" if others else f"{lasts}, no publisher is there"
 
 
 def others_text(keys: list[str]) -> str:

@@ -15,7 +15,7 @@ import typer
 
 from streamkit import exit_with_error, write_remedy
 from streamkit.output.pipe import until_reader_leaves
-from streamkit_zenoh.silence import LOST_FEED, SILENCE_S, others_text
+from streamkit_zenoh.silence import Silence, others_text
 
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
@@ -107,37 +107,29 @@ def _print_all(
     stopped: Callable[[], bool],
 ) -> tuple[int, str]:
     """Exit code and error."""
-    printed, last_s, gone_s = 0, time.monotonic(), float("inf")
-    is_silent = has_looked = False
+    printed, there_s = 0, time.monotonic()
+    silence = Silence(time.monotonic, lambda: subscriber.counts.publishers > 0, subscriber.published_keys)
     while not stopped() and (count is None or printed < count):
         update = subscriber.update(POLL_S)
         printer.refresh()
-        now_s = time.monotonic()
+        is_gone = update is None and subscriber.is_over
+        if not is_gone:
+            there_s = time.monotonic()
         if update is not None:
-            last_s, gone_s, is_silent = now_s, float("inf"), False
+            silence.end()
             if update.record is not None:
                 printed += 1
                 printer.show(update.record)
-        elif subscriber.is_over:
+        elif is_gone:
             if not subscriber.has_vanished:
                 return 0, ""
-            gone_s = min(gone_s, now_s)
-            if now_s - gone_s > RETURN_LIMIT_S:
+            if time.monotonic() - there_s > RETURN_LIMIT_S:
                 return 1, VANISHED
             time.sleep(POLL_S)
-        else:
-            gone_s = float("inf")
-            if timeout_s is not None and now_s - last_s > timeout_s:
-                return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
-            if now_s - last_s > SILENCE_S:
-                silence = f"no record for {SILENCE_S:g} s"
-                if subscriber.counts.publishers and not is_silent:
-                    is_silent = True
-                    printer.note(f"{silence}, {LOST_FEED}")
-                elif not subscriber.counts.publishers and not has_looked:
-                    has_looked = True
-                    if others := others_text(subscriber.published_keys()):
-                        printer.note(f"{silence}: {others}")
+        elif timeout_s is not None and silence.seconds > timeout_s:
+            return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
+        elif news := silence.news():
+            printer.note(f"no record{news}")
     return 0, ""
 
 

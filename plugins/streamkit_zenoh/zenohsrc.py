@@ -22,7 +22,7 @@ from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.presence import published_keys
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
 from streamkit_zenoh.session import SessionElement, close_session
-from streamkit_zenoh.silence import LOST_FEED, SILENCE_S, others_text
+from streamkit_zenoh.silence import Silence
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_message, encoding_of
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
@@ -108,16 +108,21 @@ class ZenohSrc(SessionElement, Source):
 
     @override
     def frames(self) -> Iterator[Frame]:
-        receiver = self._receiver
+        receiver, session = self._receiver, self._session
         assert receiver is not None, "start() precedes frames"
-        passed, last_ns = 0, self.clock_ns()
-        has_noted_silence = False
+        assert session is not None, "it has a receiver"
+        passed = 0
+        silence = Silence(
+            lambda: self.clock_ns() / 1e9,
+            lambda: receiver.counts().publishers > 0,
+            lambda: published_keys(session, LOOK_LIMIT_S),
+        )
         while passed != self.num_buffers and not self._interrupted.is_set():
             message = receiver.queue.get(POLL_S)
             self._count_drops(receiver)
             frame = None if message is None else self._frame(receiver, message)
             if frame is not None:
-                last_ns, has_noted_silence = self.clock_ns(), False
+                silence.end()
                 passed += 1
                 yield frame
             elif message is None and receiver.queue.is_over:
@@ -126,22 +131,13 @@ class ZenohSrc(SessionElement, Source):
                         f"the publisher of {self._expression} has gone without ending its stream"
                     )
                 return
-            elif self.timeout_s and (self.clock_ns() - last_ns) / 1e9 > self.timeout_s:
+            elif self.timeout_s and silence.seconds > self.timeout_s:
                 raise ResourceError(
                     f"no record at {self._expression} for {self.timeout_s:g} s; "
                     "start the publisher, with the same key and an endpoint that meets this one"
                 )
-            elif not has_noted_silence and (self.clock_ns() - last_ns) / 1e9 > SILENCE_S:
-                has_noted_silence = True
-                self._note_silence(receiver)
-
-    def _note_silence(self, receiver: MessageReceiver) -> None:
-        if receiver.counts().publishers:
-            cause = LOST_FEED
-        else:
-            assert self._session is not None
-            cause = others_text(published_keys(self._session, LOOK_LIMIT_S)) or "no publisher is there"
-        self.post_message("note", text=f"no record at {self._expression} for {SILENCE_S:g} s, {cause}")
+            elif news := silence.news():
+                self.post_message("note", text=f"no record at {self._expression}{news}")
 
     @override
     def interrupt(self) -> None:

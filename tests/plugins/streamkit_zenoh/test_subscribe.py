@@ -23,6 +23,7 @@ from rich.console import Console
 from streamkit import Frame, Track, TrackRecord, Tracks, TrackState, raw_video_caps, track_record
 from streamkit.flow.record import GeoRecord
 from streamkit.testing import Harness
+from streamkit_zenoh import silence
 from streamkit_zenoh import subscribe as command
 from streamkit_zenoh.subscribe_output import Printer, as_table, as_text
 from streamkit_zenoh.subscriber import Update
@@ -229,6 +230,7 @@ class _Returning:
     """A subscriber whose publisher is gone for a while, or for good."""
 
     has_vanished = True
+    published_keys = list
 
     def __init__(self, looks: int) -> None:
         self._looks = looks
@@ -270,7 +272,7 @@ def test_other_publishers_are_named_where_the_key_has_none(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], keys: list[str], words: str
 ) -> None:
     """Once while it waits, and in the error at the timeout."""
-    monkeypatch.setattr(command, "SILENCE_S", -1.0)
+    monkeypatch.setattr(silence, "SILENCE_S", -1.0)
     counts = SimpleNamespace(publishers=0, lost=0, overwritten=0)
     subscriber: Any = SimpleNamespace(
         update=lambda _: None, is_over=False, counts=counts, warnings=list, published_keys=lambda: keys
@@ -278,7 +280,9 @@ def test_other_publishers_are_named_where_the_key_has_none(
     printer = Printer(subscriber, lambda *_: "record", gaps=False, age=False)
     looks = iter([False] * 3 + [True])
     assert command._print_all(subscriber, printer, None, None, lambda: next(looks)) == (0, "")
-    assert len(re.findall(f"note: no record for -1 s: .*{words}\n", capsys.readouterr().err)) == bool(keys)
+    said = capsys.readouterr().err
+    assert len(re.findall(f"note: no record for -1 s: .*{words}\n", said)) == bool(keys)
+    assert said.count("note: no record for -1 s, no publisher is there\n") == (not keys)
     code, message = command._print_all(subscriber, printer, None, -1.0, lambda: False)
     assert code == 1
     assert re.search(f"no record has come within -1 s: .*{words}", message)
@@ -288,13 +292,13 @@ def test_a_publisher_that_falls_silent_is_noted_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its camera may be gone while it is there; a record ends the silence, and the next is noted again."""
-    monkeypatch.setattr(command, "SILENCE_S", -1.0)
+    monkeypatch.setattr(silence, "SILENCE_S", -1.0)
     updates = iter(
         [None, None, Update("a/tracks", track_record(_frame(5), source="a", published_ns=1)), None]
     )
     counts = SimpleNamespace(publishers=1, lost=0, overwritten=0)
     subscriber: Any = SimpleNamespace(
-        update=lambda _: next(updates), is_over=False, counts=counts, warnings=list
+        update=lambda _: next(updates), is_over=False, counts=counts, warnings=list, published_keys=list
     )
     printer = Printer(subscriber, lambda *_: "record", gaps=False, age=False)
     looks = iter([False] * 4 + [True])

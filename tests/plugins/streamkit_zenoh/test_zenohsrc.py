@@ -30,7 +30,7 @@ from streamkit import (
     track_record,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh import zenohsrc
+from streamkit_zenoh import silence
 from streamkit_zenoh.keys import alive_key
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec, Encoding
@@ -255,7 +255,7 @@ def test_silence_is_noted(
     monkeypatch: pytest.MonkeyPatch, publisher: _Publisher, receive: Callable[..., Pipeline]
 ) -> None:
     """A wait is no fault, but says what it is for: of a publisher that is there, and of other keys."""
-    monkeypatch.setattr(zenohsrc, "SILENCE_S", 0.2)
+    monkeypatch.setattr(silence, "SILENCE_S", 0.2)
     pipeline = receive()
     publisher.wait()
     message = pipeline.bus.pop(10, (MessageKind.ELEMENT,))
@@ -268,7 +268,7 @@ def test_a_wait_without_publisher_is_noted(
     monkeypatch: pytest.MonkeyPatch, receive: Callable[..., Pipeline], key: str
 ) -> None:
     """A misspelt key, or a publisher out of reach, would else look like a feed without targets."""
-    monkeypatch.setattr(zenohsrc, "SILENCE_S", 0.2)
+    monkeypatch.setattr(silence, "SILENCE_S", 0.2)
     message = receive().bus.pop(10, (MessageKind.ELEMENT,))
     assert message is not None
     assert message.fields["text"] == f"no record at {key}/tracks for 0.2 s, no publisher is there"
