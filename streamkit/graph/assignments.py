@@ -52,7 +52,8 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
     declaration = element.declaration_of(item.name)
     if declaration is None:
         raise _no_property(element, item)
-    value: str | None = unquote_value(item.value)
+    written = unquote_value(item.value)
+    value: str | None = written
 
     def collect(message: Message) -> None:
         text = message.text.removeprefix("property ")
@@ -60,16 +61,8 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
 
     element.poster = collect
     try:
-        if declaration.kind is str and value == "NULL":  # GStreamer's null string
-            value = None if declaration.optional else ""
-        elif declaration.kind is str:
-            value = unquote_string(value or "")
-            if value[:1] == value[-1:] == "'" and len(value) > 1:
-                rule = "keeps its single quotes, as in gst-launch: use double ones"
-                warnings.append(("quotes", f"{element.name}: {item.name} {rule}"))
-            if value == "!":
-                rule = 'has no value and takes the next word, "!", as in gst-launch: give it one, if only ""'
-                warnings.append(("no-value", f"{element.name}: {item.name} {rule}"))
+        if declaration.kind is str:
+            value = _string(written, declaration, f"{element.name}: {item.name}", warnings)
         element.set_property(item.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):
@@ -81,6 +74,20 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
     if not declaration.readonly:
         element.set_in_text[declaration.spelling] = value
     return declaration
+
+
+def _string(text: str, declaration: PropertyDeclaration, where: str, warnings: Warnings) -> str | None:
+    """The value of a string property as gst-launch reads it, which may not be as it was meant."""
+    if text == "NULL":  # GStreamer's null string
+        return None if declaration.optional else ""
+    value = unquote_string(text)
+    if value[:1] == value[-1:] == "'" and len(value) > 1:
+        rule = "keeps its single quotes, as in gst-launch: use double ones"
+        warnings.append(("quotes", f"{where} {rule}"))
+    if value == "!":
+        rule = 'has no value and takes the next word, "!", as in gst-launch: give it one, if only ""'
+        warnings.append(("no-value", f"{where} {rule}"))
+    return value
 
 
 def _no_property(element: Element, item: Assignment) -> DescriptionError:

@@ -75,22 +75,24 @@ class LinkReader:
                 if isinstance(item, EosEvent):
                     link.before_end()
                     return
-                try:
-                    if isinstance(item, Frame):
-                        self._push(item, decoder, connection)
-                    elif item is not None:
-                        self._send_on(item)
-                except Flushing:
-                    if link.stopping.is_set():
-                        raise
-                    if isinstance(item, Frame):
-                        link.count_drop("flushed")
+                if item is not None:
+                    self._send_on(item, decoder, connection)
                 item = None  # else its slot would be in use until the next one
 
-    def _send_on(self, event: Event) -> None:
-        if isinstance(event, DiscontinuityEvent):
-            event = dataclasses.replace(event, epoch=event.epoch + self._epoch_offset)
-        self._pad.send_event(event)
+    def _send_on(self, item: Frame | Event, decoder: StreamDecoder, connection: Connection) -> None:
+        """Sends on a frame or an event; a flush drops it."""
+        try:
+            if isinstance(item, Frame):
+                self._push(item, decoder, connection)
+            elif isinstance(item, DiscontinuityEvent):
+                self._pad.send_event(dataclasses.replace(item, epoch=item.epoch + self._epoch_offset))
+            else:
+                self._pad.send_event(item)
+        except Flushing:
+            if self._link.stopping.is_set():
+                raise
+            if isinstance(item, Frame):
+                self._link.count_drop("flushed")
 
     def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
         frame = self._pad.announce_caps(self._continued(frame))

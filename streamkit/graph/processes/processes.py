@@ -206,19 +206,20 @@ class Processes:
         if isinstance(report, Dropped):
             part.elements[report.number].count_drop(report.reason, report.count)
         elif isinstance(report, Posted):
-            message = decode_message(report, part.values)
-            if message.kind is MessageKind.EOS:
-                part.ending = threading.Thread(
-                    target=self._end_part, args=(part,), name=f"{part.home.name}:end"
-                )
-                part.ending.start()
-            elif message.kind is MessageKind.ERROR and message.error is not None:
-                self._element_failed(part, message.error)
-            elif message.fields.get("name") == "async-done" and not message.source:
-                for sink in part.sinks:
-                    self._playback.prerolled(sink)
-            else:
-                self._post(message)
+            self._posted(part, decode_message(report, part.values))
+
+    def _posted(self, part: Part, message: Message) -> None:
+        """A child has posted a message; what it says of its part is true of the run only with the others."""
+        if message.kind is MessageKind.EOS:
+            part.ending = threading.Thread(target=self._end_part, args=(part,), name=f"{part.home.name}:end")
+            part.ending.start()
+        elif message.kind is MessageKind.ERROR and message.error is not None:
+            self._element_failed(part, message.error)
+        elif message.fields.get("name") == "async-done" and not message.source:
+            for sink in part.sinks:
+                self._playback.prerolled(sink)
+        else:
+            self._post(message)
 
     def _end_part(self, part: Part) -> None:
         """Everything in a process has ended; a failure upstream of it is reported first."""
