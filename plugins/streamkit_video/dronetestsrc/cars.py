@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 LENGTHS = (20.0, 30.0)
 WIDTHS = (10.0, 13.0)
@@ -28,6 +31,24 @@ TOO_NEAR = 32.0
 HEAD_ON = 8.0
 EVASION = 3.0
 START_DISTANCE = 70.0
+
+
+class Encounters(NamedTuple):
+    """Pairs of cars: row i, column j is how car i meets car j; px of the frame, and frames.
+
+    Attributes:
+        apart: float64[n, n, 2], from i to j now.
+        closest: float64[n, n, 2], from i to j at their closest approach within `HORIZON`.
+        moments: float64[n, n], how soon that is.
+        is_near: bool[n, n], whether they are too near now.
+        is_danger: bool[n, n], whether they are, or will be.
+    """
+
+    apart: FloatArray
+    closest: FloatArray
+    moments: FloatArray
+    is_near: BoolArray
+    is_danger: BoolArray
 
 
 class Traffic:
@@ -99,7 +120,7 @@ class Traffic:
         self.positions += self.speeds[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=1)
         self.headings = _wrapped(self.headings + turned)
 
-    def _in_view(self, points: FloatArray, ground_from_frame: FloatArray, inset: float) -> NDArray[np.bool_]:
+    def _in_view(self, points: FloatArray, ground_from_frame: FloatArray, inset: float) -> BoolArray:
         """Which points of the ground are in view, not within a share `inset` of the border."""
         seen = cv2.perspectiveTransform(points[None], np.linalg.inv(ground_from_frame))[0]
         size = np.array(self._frame_size, dtype=np.float64) - 1.0
@@ -115,13 +136,26 @@ class Traffic:
             self._goals[due] = self._random_positions(int(due.sum()), ground_from_frame)
             self._ages[due] = 0
 
-    def _avoid_collisions(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def _avoid_collisions(self) -> tuple[FloatArray, BoolArray]:
         """Steering away from cars that would come too close (-1 left, 1 right), and which cars brake.
 
-        Each pair is extrapolated with constant velocity to its closest approach. The car with the other on
-        its right gives way, so that two cars never wait for each other; head-on both turn right.
+        A car steers away from the side on which the other is, now if they are near, else at their closest
+        approach; head-on both turn right. The car with the other on its right brakes, so that two cars never
+        wait for each other.
         """
         directions = np.stack([np.cos(self.headings), np.sin(self.headings)], axis=1)
+        pairs = self._encounters(directions)
+        side_now, side_then = _to_the_right(directions, pairs.apart), _to_the_right(directions, pairs.closest)
+        is_right = np.where(pairs.is_near, side_now > 0.0, side_then > HEAD_ON)
+        urgency = 1.0 - pairs.moments.clip(0.0, HORIZON) / HORIZON
+        evasion = (pairs.is_danger * np.where(is_right, -1.0, 1.0) * (0.5 + urgency)).sum(axis=1)
+        is_ahead = np.einsum("ijk,ik->ij", pairs.apart, directions) > 0.0
+        gives_way = pairs.is_near | (side_now > -HEAD_ON)
+        braking = (pairs.is_danger & is_ahead & gives_way).any(axis=1)
+        return EVASION * np.clip(evasion, -1.0, 1.0), braking
+
+    def _encounters(self, directions: FloatArray) -> Encounters:
+        """How each car meets each other one if both go straight on; `directions` are unit vectors."""
         velocities = self.speeds[:, None] * directions
         apart = (self.positions[None, :] - self.positions[:, None]) / self._scale
         approach = (velocities[None, :] - velocities[:, None]) / self._scale
@@ -130,17 +164,8 @@ class Traffic:
         closest = apart + approach * moments.clip(0.0, HORIZON)[..., None]
         is_near = (np.hypot(apart[..., 0], apart[..., 1]) < TOO_NEAR) & ~np.eye(len(self), dtype=bool)
         is_approaching = (closing > 0.0) & (moments < HORIZON)
-        danger = is_near | (is_approaching & (np.hypot(closest[..., 0], closest[..., 1]) < CLEARANCE))
-        side_now, side_then = (
-            directions[:, None, 0] * gap[..., 1] - directions[:, None, 1] * gap[..., 0]
-            for gap in (apart, closest)
-        )
-        ahead = np.einsum("ijk,ik->ij", apart, directions) > 0.0
-        away = np.where(np.where(is_near, side_now, side_then) > np.where(is_near, 0.0, HEAD_ON), -1.0, 1.0)
-        urgency = 1.0 - moments.clip(0.0, HORIZON) / HORIZON
-        evasion = (danger * away * (0.5 + urgency)).sum(axis=1)
-        braking = (danger & ahead & (is_near | (side_now > -HEAD_ON))).any(axis=1)
-        return EVASION * np.clip(evasion, -1.0, 1.0), braking
+        is_danger = is_near | (is_approaching & (np.hypot(closest[..., 0], closest[..., 1]) < CLEARANCE))
+        return Encounters(apart, closest, moments, is_near, is_danger)
 
     def _random_positions(self, count: int, ground_from_frame: FloatArray) -> FloatArray:
         """float64[count, 2] ground positions, uniform over the inner part of the frame."""
@@ -149,6 +174,11 @@ class Traffic:
         shares = self._random.uniform(INSET, 1.0 - INSET, (count, 2))
         points = shares * (np.array(self._frame_size, dtype=np.float64) - 1.0)
         return np.asarray(cv2.perspectiveTransform(points[None], ground_from_frame)[0], dtype=np.float64)
+
+
+def _to_the_right(directions: FloatArray, gaps: FloatArray) -> FloatArray:
+    """How far to the right of its direction, float64[n, 2], each row of gaps, float64[n, n, 2], leads."""
+    return np.asarray(directions[:, None, 0] * gaps[..., 1] - directions[:, None, 1] * gaps[..., 0])
 
 
 def _wrapped(angles: FloatArray) -> FloatArray:
