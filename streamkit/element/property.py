@@ -115,31 +115,44 @@ class PropertyDeclaration(Traits):
         Raises:
             PropertyError: wrong type or out of range.
         """
-        kind = self.kind
         if value is None and self.optional:
             return None
-        if self.file and isinstance(value, os.PathLike):
-            value = os.fspath(value)
         try:
-            if isinstance(value, str) and kind is not str:
-                value = value_from_text(kind, value, minimum=self.minimum, maximum=self.maximum)
-            elif kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-                value = float(value)
-            elif kind is Fraction and isinstance(value, int | float | Fraction):
-                value = Fraction(value).limit_denominator(1001)
-            elif issubclass(kind, enum.Enum):
-                value = kind(value)
+            converted = self._converted(value)
         except (ValueError, OverflowError) as error:
             raise self.refusal(value, str(error), element) from None
+        if rule := self._broken_rule(converted):
+            raise self.refusal(converted, rule, element)
+        return converted
+
+    def _converted(self, value: Any) -> Any:
+        """A text, number or path as a value of the property's type; any other value as it is.
+
+        Raises:
+            ValueError, OverflowError: a text or number is no such value.
+        """
+        kind = self.kind
+        if self.file and isinstance(value, os.PathLike):
+            return os.fspath(value)
+        if isinstance(value, str) and kind is not str:
+            return value_from_text(kind, value, minimum=self.minimum, maximum=self.maximum)
+        if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        if kind is Fraction and isinstance(value, int | float | Fraction):
+            return Fraction(value).limit_denominator(1001)
+        return kind(value) if issubclass(kind, enum.Enum) else value
+
+    def _broken_rule(self, value: Any) -> str:
+        """The rule of type, file name or range that a value breaks, or ""."""
+        kind = self.kind
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise self.refusal(value, f"it takes {self.describe()}", element)
+            return f"it takes {self.describe()}"
         if self.file and not _can_name_a_file(str(value)):
-            raise self.refusal(value, "a file's name holds no NUL and no half of a character", element)
+            return "a file's name holds no NUL and no half of a character"
         too_low = self.minimum is not None and value < self.minimum
         too_high = self.maximum is not None and value > self.maximum
-        if too_low or too_high or (isinstance(value, float) and math.isnan(value)):
-            raise self.refusal(value, f"it takes {self.describe()}", element)
-        return value
+        is_nan = isinstance(value, float) and math.isnan(value)
+        return f"it takes {self.describe()}" if too_low or too_high or is_nan else ""
 
     def check_declaration(self) -> None:
         """Checks that the name is free and the default is a value of the property.
