@@ -29,6 +29,37 @@ STATISTICS_LIMIT_S = 1.0
 FIRST_RESTART_S, MAX_RESTART_S = 0.1, 5.0  # delays
 
 
+class Restarts:
+    """The restarts of one process: so many within a window, each after a longer delay than the one before.
+
+    Args:
+        limit: within the window.
+        window_s: a restart counts for so long; with the first one in a window the delay begins anew.
+    """
+
+    def __init__(self, limit: int, window_s: float) -> None:
+        self._limit, self._window_s = limit, window_s
+        self._times_s: deque[float] = deque()
+        self._delay = RestartDelay(FIRST_RESTART_S, MAX_RESTART_S)
+
+    @property
+    def count(self) -> int:
+        """How many there were within the window."""
+        return len(self._times_s)
+
+    def next_delay_s(self) -> float | None:
+        """Counts a restart; the delay before it, or None if the limit is reached."""
+        now_s = time.monotonic()
+        while self._times_s and now_s - self._times_s[0] > self._window_s:
+            self._times_s.popleft()
+        if self.count >= self._limit:
+            return None
+        if not self._times_s:
+            self._delay.reset()
+        self._times_s.append(now_s)
+        return self._delay.after()
+
+
 class Part:
     """The elements of one process, as the main process sees them.
 
@@ -40,8 +71,7 @@ class Part:
         is_streaming: whether the process has been ordered to.
         child: its process; the newest if it was started again; None before the start and after the end.
         has_ended: whether everything in it has come to its end.
-        restarts: times (monotonic, s) at which it was started again, within the window.
-        restart_delay: before the next restart; begins anew with the first restart in a window.
+        restarts: of its process in this run.
         ending: the thread that waits for what others have to say before.
     """
 
@@ -63,8 +93,7 @@ class Part:
         self.limit_s = self.home.watchdog_s or watchdog_s
         self.has_ended = False
         self.ending: threading.Thread | None = None
-        self.restarts: deque[float] = deque()
-        self.restart_delay = RestartDelay(FIRST_RESTART_S, MAX_RESTART_S)
+        self.restarts = Restarts(self.home.restart, self.home.restart_window_s)
         self.is_streaming = False
         self._counters: Counters = ([], [])
 
@@ -90,18 +119,6 @@ class Part:
         self.is_streaming = False
         self.child.start()
         return self.child
-
-    def count_restart(self) -> bool:
-        """Counts a restart; False if the limit is reached."""
-        now_s = time.monotonic()
-        while self.restarts and now_s - self.restarts[0] > self.home.restart_window_s:
-            self.restarts.popleft()
-        if len(self.restarts) >= self.home.restart:
-            return False
-        if not self.restarts:
-            self.restart_delay.reset()
-        self.restarts.append(now_s)
-        return True
 
     def failure(self, cause: StreamkitError, last_received: int) -> ElementFailure:
         """The error for the end of the process: of the element that was at work, at its frame, if known.
