@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from streamkit.handoff.bounded_queue import wait_until
 
 Result = TypeVar("Result")
+PERIOD_S = 1.0
 
 
 class Abandoned(Exception):
@@ -29,8 +30,7 @@ class BackgroundExecutor:
         failed: called in the thread with the exception of a task without a future.
         max_bytes: maximum size of unfinished tasks, for `submit_waiting`; 0 is no limit. One always fits.
         capacity: maximum number of queued tasks, for `submit_dropping`; 0 is no limit.
-        periodic: called in the thread every `period_s`, between tasks; the thread then starts at once.
-        period_s: time between two calls, s.
+        periodic: called in the thread once a second, between tasks; the thread then starts at once.
     """
 
     def __init__(
@@ -41,14 +41,12 @@ class BackgroundExecutor:
         max_bytes: int = 0,
         capacity: int = 0,
         periodic: Callable[[], object] | None = None,
-        period_s: float = 1.0,
     ) -> None:
         self._name = name
         self._max_bytes = max_bytes
         self._failed = failed
         self._capacity = capacity
         self._periodic = periodic
-        self._period_s = period_s
         self._waiting: deque[tuple[Callable[[], Any], Future[Any] | None, int]] = deque()
         self._changed = threading.Condition()
         self._bytes = 0
@@ -173,7 +171,7 @@ class BackgroundExecutor:
                 future.cancel()
 
     def _run(self) -> None:
-        due = time.monotonic() + self._period_s
+        due = time.monotonic() + PERIOD_S
         while True:
             with self._changed:
                 left_s = None if self._periodic is None else due - time.monotonic()
@@ -181,7 +179,7 @@ class BackgroundExecutor:
                 if self._is_closed:
                     return
             if self._periodic is not None and time.monotonic() >= due:
-                due = time.monotonic() + self._period_s
+                due = time.monotonic() + PERIOD_S
                 self._perform(self._periodic, None)
             self._do_next()
 

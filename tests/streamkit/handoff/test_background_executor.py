@@ -230,7 +230,7 @@ def test_a_failure_does_not_end_the_executor(sender, link, failures):
     assert [str(failure) for failure in failures] == ["link down"]
 
 
-def test_periodic_work_is_done_between_pieces(failures):
+def test_periodic_work_is_done_between_pieces(failures, monkeypatch):
     """Without any piece, and while pieces keep coming; a failure is reported and does not end it."""
     ticked, done = threading.Semaphore(0), []
 
@@ -238,7 +238,8 @@ def test_periodic_work_is_done_between_pieces(failures):
         ticked.release()
         raise OSError("no status")
 
-    executor = BackgroundExecutor("test ticks", failures.append, periodic=tick, period_s=0.01)
+    monkeypatch.setattr("streamkit.handoff.background_executor.PERIOD_S", 0.01)
+    executor = BackgroundExecutor("test ticks", failures.append, periodic=tick)
     assert all(ticked.acquire(timeout=10) for _ in range(3))
     offered = 0
     while not ticked.acquire(timeout=0) or offered < 100:
