@@ -10,6 +10,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad
 from streamkit.errors import DescriptionError, ElementFailure, NotNegotiated
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.graph.caps_conflict import CODED_VIDEO, RAW
 from streamkit.graph.link import RAW_VIDEO, LinkRequest
 
 
@@ -76,12 +77,12 @@ def _unlinked(element: Element, link: DelayedLink) -> NotNegotiated:
     media = [pad.caps.name for pad in pads if pad.caps is not None and not pad.caps.is_any]
     # A live source has caps with its first packet only.
     possible = media or [item.name for pad in pads for item in pad.template.caps.structures]
-    coded = next((name for name in possible if name.startswith(("video/", "image/"))), "video/x-raw")
+    coded = next((name for name in possible if name.startswith(CODED_VIDEO)), RAW)
     takes_video = any(
         template.direction is Direction.SINK and template.caps.can_intersect(RAW_VIDEO)
         for template in link.request.sink.pad_templates.values()
     )
-    if coded != "video/x-raw" and takes_video and not link.request.src_name:
+    if coded != RAW and takes_video and not link.request.src_name:
         sink = link.request.sink.name
         kind = f" ({coded})" if media else ""
         return NotNegotiated(
