@@ -73,6 +73,39 @@ class Counts(msgspec.Struct, frozen=True):
     publishers: int
 
 
+class PublisherStates:
+    """What the publishers of a key have last said of themselves: that they run, or that they have ended."""
+
+    def __init__(self) -> None:
+        self._latest_run = 0  # of the records
+        self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
+        self._awaits_status = False  # of a publisher that has appeared
+
+    def note_appeared(self) -> None:
+        """Another publisher is there; it has not said anything yet."""
+        self._awaits_status = True
+
+    def note_record(self, run: int) -> None:
+        """A record of a run has come."""
+        self._latest_run = max(self._latest_run, run)
+
+    def note_status(self, status: StatusRecord) -> None:
+        """A status has come; a reply from before the end may follow it, or one of an earlier run the next."""
+        self._awaits_status = False
+        run, is_running = self._running.get(status.source, (status.run, True))
+        if status.run > run or (status.run == run and is_running):
+            self._running[status.source] = (status.run, status.state != "ended")
+
+    def has_unended(self) -> bool:
+        """Whether a publisher never said that it ends; False where none says anything of itself.
+
+        One that is killed at its start has appeared, or sent records, and perhaps no status yet.
+        """
+        known = self._running.values()
+        is_unknown = self._awaits_status or all(run < self._latest_run for run, _ in known)
+        return bool(known) and (is_unknown or any(is_running for _, is_running in known))
+
+
 class MessageReceiver:
     """Puts messages into a queue from zenoh's thread, which waits while a lossless queue is full.
 
@@ -112,8 +145,7 @@ class MessageReceiver:
         self._losses = LossTracker()
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
-        self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
-        self._latest_run = 0
+        self._states = PublisherStates()
         status_key = f"{root_of(expression)}/{STATUS}"
         name = listening_key(str(session.info.zid()), expression).removeprefix(f"{LISTENING}/")
         self._status_selector = f"{status_key}?{RECEIVER}={name}"
@@ -138,14 +170,9 @@ class MessageReceiver:
 
     @property
     def has_vanished(self) -> bool:
-        """Whether all publishers are gone and at least one never reported `ended`.
-
-        One that is killed at its start has sent records, and perhaps no status yet.
-        """
+        """Whether all publishers are gone and at least one never reported `ended`."""
         with self._lock:
-            states = self._running.values()
-            has_status = not states or any(run >= self._latest_run for run, _ in states)
-            return not self._counts["publishers"] and (not has_status or any(runs for _, runs in states))
+            return not self._counts["publishers"] and self._states.has_unended()
 
     def warnings(self) -> list[str]:
         """What a user must know about the numbers so far."""
@@ -185,7 +212,7 @@ class MessageReceiver:
             losses = self._losses
             continuity = losses.replied(key, stamp) if is_reply else losses.received(key, stamp)
             if stamp is not None and continuity.is_new:
-                self._latest_run = max(self._latest_run, stamp.run)
+                self._states.note_record(stamp.run)
             self._counts.update(
                 received=continuity.is_new,
                 lost=continuity.lost,
@@ -201,6 +228,8 @@ class MessageReceiver:
         with self._lock:
             has_appeared = count > self._counts["publishers"]
             self._counts["publishers"] = count
+            if has_appeared:
+                self._states.note_appeared()
         if has_appeared:
             # The status first: it shows which records are published to this receiver.
             self._query(self._status_selector, self._status_published)
@@ -238,7 +267,7 @@ class MessageReceiver:
         name = self._expression.rsplit("/", 1)[-1]
         key = f"{str(sample.key_expr).removesuffix(STATUS)}{name}"
         with self._lock:
-            self._note_state(status)
+            self._states.note_status(status)
             for stream in (stream for stream in status.streams if stream.name == name):
                 numbers = self._losses.numbers_of(key, stream.run)
                 if is_reply:
@@ -250,9 +279,3 @@ class MessageReceiver:
                 settled = stream.settled_number if has_ended else numbers.reported_number
                 self._counts["lost"] += numbers.settled_up_to(settled)
                 numbers.reported_number = stream.settled_number
-
-    def _note_state(self, status: StatusRecord) -> None:
-        """A reply from before the end may follow it, and one of an earlier run the next run."""
-        run, is_running = self._running.get(status.source, (status.run, True))
-        if status.run > run or (status.run == run and is_running):
-            self._running[status.source] = (status.run, status.state != "ended")

@@ -264,6 +264,27 @@ def test_a_publisher_that_was_killed_before_its_first_status_has_vanished(
         assert subscriber.has_vanished
 
 
+def test_a_publisher_that_was_killed_before_its_first_record_has_vanished(
+    open_test_session: Opener, key: str, endpoint: str
+) -> None:
+    """The run before it had ended; of its own the token alone was there."""
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
+    with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
+        session = open_test_session(connect=endpoint)
+        publisher = session.declare_publisher(f"{key}/tracks")
+        assert wait_for(lambda: publisher.matching_status.matching)
+        ended = codec.encode(_status(key, settled_number=1, state="ended"))
+        session.put(f"{key}/status", ended, encoding=codec.content_type)
+        publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
+        assert wait_for(lambda: subscriber.counts.received == 1)
+        assert not subscriber.has_vanished
+        token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
+        assert wait_for(lambda: subscriber.counts.publishers == 1)
+        token.undeclare()
+        assert wait_for(lambda: subscriber.counts.publishers == 0)
+        assert subscriber.has_vanished
+
+
 def test_publishers_are_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
     """The number of live publishers is known without any message."""
     with TrackSubscriber(key, listen=endpoint) as subscriber:
