@@ -1,5 +1,7 @@
 """The public names and their homes; `__init__.py` reads them from here, so that each is written once."""
 
+from streamkit.cli.description import fail_description as fail_description
+from streamkit.cli.description import read_description as read_description
 from streamkit.cli.display import JsonDisplay as JsonDisplay
 from streamkit.cli.run import Run as Run
 from streamkit.cli.stderr import exit_with_error as exit_with_error

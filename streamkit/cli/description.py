@@ -102,7 +102,7 @@ def read_description(
         fail_usage(f"cannot read the description {file}: {reason}")
 
 
-def fail_description(error: DescriptionError, description: Description, *, as_json: bool) -> NoReturn:
+def fail_description(error: DescriptionError, description: Description, *, as_json: bool = False) -> NoReturn:
     """Exits because of an invalid description; points into the text, or names the place in a JSON object."""
     if as_json:
         typer.echo(json.dumps({"error": error.facts()}), err=True)

@@ -17,6 +17,8 @@ from streamkit import (
     Pipeline,
     StreamkitError,
     exit_with_error,
+    fail_description,
+    read_description,
     unused_variables,
     variable_names,
 )
@@ -126,19 +128,14 @@ def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap
     """What is done with each file; exits with code 2 if the description is invalid."""
     from streamkit_fleet.batch.plan import BatchRecipe
 
-    for setting in settings:
-        if not setting.partition("=")[0] or "=" not in setting:
-            exit_with_error(f"--set takes NAME=VALUE, got {setting!r}", 2)
-    variables = dict(setting.split("=", 1) for setting in settings)
+    source = read_description(None, file, settings)
+    text, variables = source.text, source.variables
+    if missing := missing_variable(text, variables):
+        exit_with_error(f"{file} {missing}", 2)
     try:
-        text = file.read_text("utf-8")
-        if missing := missing_variable(text, variables):
-            exit_with_error(f"{file} {missing}", 2)
         Pipeline.parse(text, {**variables, "input": "input", "output": f"output{suffix}"})
     except DescriptionError as error:
-        exit_with_error(f"{file}: {error}", 2)
-    except (OSError, UnicodeDecodeError) as error:
-        exit_with_error(f"cannot read the description {file}: {error}", 2)
+        fail_description(error, source)
     for note in unused_variables(text, variables):
         typer.echo(f"note: {note}", err=True)
     return BatchRecipe(text, variables, suffix, part_s if suffix == RECORDS else 0.0, overlap_s)

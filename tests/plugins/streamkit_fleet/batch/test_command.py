@@ -1,7 +1,11 @@
 """What `streamkit batch` expects of a description."""
 
-import pytest
+from pathlib import Path
 
+import pytest
+from typer.testing import CliRunner
+
+from streamkit.cli.main import make_app
 from streamkit_fleet.batch.command import missing_variable, unused_variables
 
 
@@ -29,3 +33,23 @@ def test_a_variable_that_is_not_used_is_noted() -> None:
     text = "a=${input} b=${output} seed=${seed:-0}"
     note = "--set seeed is not used: the description has no ${seeed}; it has input, output, seed"
     assert unused_variables(text, {"seeed": "3", "seed": "4"}) == [note]
+
+
+def test_a_fault_of_the_description_is_pointed_at(tmp_path: Path) -> None:
+    """As `launch` does, in the file's text."""
+    file = tmp_path / "fly.pipe"
+    file.write_text("filesrc location=${input} ! decod ! tracksink location=${output}\n")
+    arguments = ["batch", str(tmp_path / "*.mp4"), "-f", str(file), "--output", str(tmp_path / "out")]
+    done = CliRunner().invoke(make_app(), arguments)
+    assert done.exit_code == 2
+    message, _, marker = done.stderr.splitlines()
+    assert message.startswith(f"{file}:1:")
+    assert 'no element "decod"; did you mean "decode"?' in message
+    assert marker.strip() == "^^^^^"
+
+
+def test_a_description_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    """With the reason."""
+    done = CliRunner().invoke(make_app(), ["batch", "*.mp4", "-f", "nosuch.pipe", "--output", str(tmp_path)])
+    assert done.exit_code == 2
+    assert done.stderr == "error: cannot read the description nosuch.pipe: No such file or directory\n"
