@@ -1,6 +1,7 @@
 """Compiles or loads the stitcher's kernels before the first frame."""
 
-import streamkit_stitcher.registration.patch_steps  # noqa: F401  holds the kernels
+import streamkit_stitcher.registration.block_sums
+import streamkit_stitcher.registration.patch_steps  # noqa: F401
 from streamkit_kernels import prepare
 
 

@@ -5,6 +5,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import irfft2, next_fast_len, rfft2
 
 from streamkit.geometry.homography import FloatArray, GreyArray, translation
 
@@ -44,13 +45,13 @@ def texture_shift(first: FloatArray, second: FloatArray) -> tuple[int, int, floa
         The shift from `second` to `first` in x and in y, px, and the correlation of their overlap.
     """
     rows, columns = first.shape
-    every = np.ones_like(first)
-    overlap = _correlate(every, every)
-    power = _correlate(first**2, every) * _correlate(every, second**2)
+    overlap = _overlap_sums(np.ones_like(first))
+    # The sum over what the second image covers under a shift is that of its own part under the opposite one.
+    power = _overlap_sums(first**2) * _overlap_sums((second**2)[::-1, ::-1])
     correlation = _correlate(first, second) / np.sqrt(np.maximum(power, 1e-6))
     correlation[overlap < _MIN_OVERLAP * rows * columns] = 0.0
     # A small overlap correlates by chance: weigh the correlation by its significance.
-    significance = correlation * np.sqrt(np.maximum(overlap, 0.0))
+    significance = correlation * np.sqrt(overlap)
     y, x = np.unravel_index(int(np.argmax(significance)), overlap.shape)
     return int(x) - columns, int(y) - rows, float(correlation[y, x])
 
@@ -77,8 +78,19 @@ def overlap_correlation(first: FloatArray, second: FloatArray, to_second: FloatA
     return float((one * two).sum()) / power if power > 1e-9 else 0.0
 
 
+def _overlap_sums(values: FloatArray) -> FloatArray:
+    """Sums over the overlap with an image of the same size, laid out as by `_correlate`."""
+    rows, columns = (np.arange(-size, size) for size in values.shape)
+    height, width = values.shape
+    sums = cv2.integral(values)
+    down = sums[np.clip(rows + height, 0, height)] - sums[np.clip(rows, 0, height)]
+    across = down[:, np.clip(columns + width, 0, width)] - down[:, np.clip(columns, 0, width)]
+    return np.asarray(across, dtype=np.float64)
+
+
 def _correlate(first: FloatArray, second: FloatArray) -> FloatArray:
     """Sums of products over the overlap, float64[2 h, 2 w]; element [h + y, w + x] is of a shift by x, y."""
-    wide = 2 * first.shape[0], 2 * first.shape[1]
-    product = np.fft.irfft2(np.fft.rfft2(first, wide) * np.fft.rfft2(second, wide).conj(), wide)
-    return np.asarray(np.fft.fftshift(product), dtype=np.float64)
+    height, width = first.shape
+    size = next_fast_len(2 * height, real=True), next_fast_len(2 * width, real=True)
+    product = irfft2(rfft2(first, size) * rfft2(second, size).conj(), size)
+    return np.asarray(np.roll(product, (height, width), (0, 1))[: 2 * height, : 2 * width], dtype=np.float64)

@@ -16,11 +16,11 @@ from streamkit.geometry.homography import (
     to_reduced,
     translation,
 )
+from streamkit_stitcher.registration.block_sums import SingleArray
 from streamkit_stitcher.registration.dense_level import (
     STEP_RATIOS,
     BlockComparison,
     DenseLevel,
-    SingleArray,
     levels_of,
     texture,
 )
@@ -162,11 +162,24 @@ def _best(
     best = _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
     shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
-    if is_near and corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE:
+    is_other = corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE
+    if is_near and is_other and _is_rival(levels[0], textures[0], best.motion, shift, coarsest):
         moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
         if finest.evidence(moved.compared, best.compared) > _EVIDENT:
             best = moved
     return best
+
+
+def _is_rival(
+    level: DenseLevel, image: SingleArray, motion: FloatArray, shift: FloatArray, factor: int
+) -> bool:
+    """Whether the coarsest level agrees more with the motion near a shift than with another.
+
+    Only then are the finer levels, which take most of the time, worth it. Both are in px of the finest one.
+    """
+    start = to_reduced(shift, factor)
+    moved = level.refine(image, start, start, _RIVAL_COVARIANCE / factor**2)[2]
+    return level.evidence(moved, level.compare(image, to_reduced(motion, factor))) > 0
 
 
 def _evidence(

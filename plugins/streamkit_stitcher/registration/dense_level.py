@@ -15,12 +15,11 @@ from streamkit.geometry.homography import (
     normalised,
     translation,
 )
+from streamkit_stitcher.registration.block_sums import BLOCK, SingleArray, compare_blocks
 from streamkit_stitcher.registration.correlation import texture_shift
 from streamkit_stitcher.registration.gauss_newton import slopes, step_matrix, step_parameters, worst_deviation
 from streamkit_stitcher.registration.patches import halved
 
-SingleArray = npt.NDArray[np.float32]
-_BLOCK: Final = 8
 _LEVELS: Final = 3
 _MIN_SIDE: Final = 60
 _NEIGHBOURHOOD: Final = 4.0
@@ -44,6 +43,7 @@ _PARTS: Final = 6
 _BASIS: Final[FloatArray] = np.zeros((8, 8))
 _BASIS[[0, 1, 2, 3, 4, 5, 6, 7], [2, 5, 0, 3, 0, 1, 6, 7]] = 1
 _BASIS[[2, 3, 4, 5], [4, 1, 4, 3]] = 1, -1, -1, 1
+_FROM_BASIS: Final[FloatArray] = np.asarray(np.linalg.inv(_BASIS.T), np.float64)
 STEP_RATIOS: Final[FloatArray] = np.array([1.0, 1.0, 0.3, 0.3, 0.1, 0.1, 0.07, 0.07])
 
 
@@ -72,17 +72,19 @@ class DenseLevel:
 
     def __init__(self, grey: GreyArray) -> None:
         height, width = self.shape = (int(grey.shape[0]), int(grey.shape[1]))
-        self._blocks = max(1, height // _BLOCK), max(1, width // _BLOCK)
+        self._blocks = max(1, height // BLOCK), max(1, width // BLOCK)
         self._texture = texture(grey)
-        self._across = cv2.Scharr(self._texture, cv2.CV_32F, 1, 0) / 32
-        self._down = cv2.Scharr(self._texture, cv2.CV_32F, 0, 1) / 32
+        self._across, self._down = (
+            np.asarray(cv2.Scharr(self._texture, cv2.CV_32F, *order, scale=1 / 32), np.float32)
+            for order in ((1, 0), (0, 1))
+        )
         across, down = self._across, self._down
         self._structure = np.stack(
             [self._mean(across * across), self._mean(across * down), self._mean(down * down)]
         )
         self._power = self._mean(self._texture * self._texture)
         self._scaling = np.array([(width - 1) / 2, (height - 1) / 2, max(height, width) / 2])
-        rows, columns = np.mgrid[0 : self._blocks[0], 0 : self._blocks[1]] * _BLOCK + (_BLOCK - 1) / 2
+        rows, columns = np.mgrid[0 : self._blocks[0], 0 : self._blocks[1]] * BLOCK + (BLOCK - 1) / 2
         self.centres = np.stack([columns.ravel(), rows.ravel()], axis=1)
         self._slopes = _BASIS @ slopes(self.centres, self._scaling)
         self._corner_slopes = _BASIS @ slopes(corners(self.shape), self._scaling)
@@ -96,7 +98,7 @@ class DenseLevel:
     def _mean(self, values: Any) -> FloatArray:
         """The mean of each block, float64[n]."""
         rows, columns = self._blocks
-        part = values[: rows * _BLOCK, : columns * _BLOCK]
+        part = values[: rows * BLOCK, : columns * BLOCK]
         means = cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA)
         return np.asarray(means, np.float64).ravel()
 
@@ -105,14 +107,14 @@ class DenseLevel:
         size = self.shape[1], self.shape[0]
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         # Beyond the frame is NaN, and so is the mean of every block that reaches there.
-        moved = cv2.warpPerspective(image, motion, size, flags=flags, borderValue=float("nan"))
-        difference = moved - self._texture
-        squares = self._mean(difference * difference)
-        visible = np.isfinite(squares)
-        power = self._power + np.where(visible, self._mean(moved * moved), 0.0) + _WEAK_POWER
-        squares = np.where(visible, squares, 0.0)
+        moved = np.asarray(
+            cv2.warpPerspective(image, motion, size, flags=flags, borderValue=float("nan")), np.float32
+        )
+        means = compare_blocks(moved, self._texture, self._across, self._down).reshape(4, -1)
+        visible = np.isfinite(means[0])
+        squares, own_power, *sides = np.where(visible, means, 0.0).astype(np.float64)
+        power = self._power + own_power + _WEAK_POWER
         weights, alike = (visible / (1 + (squares / (u * power)) ** 2) ** 2 for u in (_UNLIKE, _RELATED))
-        sides = [np.where(visible, self._mean(g * difference), 0.0) for g in (self._across, self._down)]
         contrast = self._structure[0] + self._structure[2]
         seen = float((visible * contrast).sum())
         agreement = float((alike * contrast).sum()) / seen if seen > 0 else 0.0
@@ -179,7 +181,7 @@ class DenseLevel:
 
     def step_of(self, matrix: FloatArray) -> FloatArray:
         """The parameters of a step, float64[8], px, from its homography."""
-        return np.asarray(np.linalg.solve(_BASIS.T, step_parameters(matrix, self._scaling)), np.float64)
+        return np.asarray(_FROM_BASIS @ step_parameters(matrix, self._scaling), np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import pytest
 from streamkit.geometry.homography import project
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
-from streamkit_stitcher.registration.correlation import search_shift
+from streamkit_stitcher.registration.correlation import search_shift, texture_shift
 
 
 @pytest.mark.parametrize("step", [(200, 0), (-240, 10), (0, 150)])
@@ -19,6 +19,25 @@ def test_the_shift_is_found(aerial_ground, step):
     found = search_shift(earlier, current)
     assert found is not None
     assert project(found, np.zeros((1, 2)))[0] == pytest.approx(step, abs=4)
+
+
+def test_the_most_significant_correlation_of_all_overlaps():
+    """Every shift tried one by one; small overlaps do not count."""
+    random = np.random.default_rng(3)
+    first, second = random.normal(size=(2, 13, 17))
+    first[4:12, 2:12] = second[1:9, 6:16]
+    found = {}
+    for x in range(-17, 17):
+        for y in range(-13, 13):
+            one = first[max(y, 0) : 13 + min(y, 0), max(x, 0) : 17 + min(x, 0)]
+            other = second[max(-y, 0) : 13 + min(-y, 0), max(-x, 0) : 17 + min(-x, 0)]
+            if one.size >= 0.15 * first.size:
+                correlation = (one * other).sum() / np.sqrt((one**2).sum() * (other**2).sum())
+                found[x, y] = correlation * np.sqrt(one.size), correlation
+    best = max(found, key=lambda shift: found[shift][0])
+    x, y, correlation = texture_shift(first, second)
+    assert (x, y) == best == (-4, 3)
+    assert correlation == pytest.approx(found[best][1])
 
 
 def test_shifts_of_a_third_are_registered_without_features(aerial_ground, monkeypatch, make_registrar):
