@@ -130,11 +130,12 @@ class VideoFileSink(MediaOutput):
 
     def end(self) -> None:
         """Completes the file; at a stop, frames that the encoder takes too long for are left out."""
-        if self._writer is None or self._encoder is None:
+        encoder, self._encoder = self._encoder, None  # x264 holds tens of megabytes
+        if self._writer is None or encoder is None:
             return
         try:
             if self._last >= 0:  # a frame was encoded
-                self._flush(self._encoder)
+                self._flush(encoder)
         finally:
             self._writer.close()
 
@@ -151,5 +152,6 @@ class VideoFileSink(MediaOutput):
 
     def abandon(self) -> None:
         """Leaves the file as it is."""
+        self._encoder = None
         if self._writer is not None:
             self._writer.abandon()

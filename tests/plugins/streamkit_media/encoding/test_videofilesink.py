@@ -1,3 +1,4 @@
+import gc
 import shutil
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from streamkit import DescriptionError, ElementFailure, Frame, Pipeline, raw_video_caps
 from streamkit.testing import Harness
+from streamkit_media.encoding.encoder import Encoder
 
 
 def grey_frame(width: int = 64, height: int = 48, index: int = 0) -> Frame:
@@ -37,6 +39,14 @@ def test_a_video_survives_the_round(tmp_path: Path, small_video: Path) -> None:
         for old, new in zip(before.decode(video=0), after.decode(video=0), strict=True):
             assert new.time == pytest.approx(old.time, abs=1e-4)
             assert np.abs(old.to_ndarray().astype(int) - new.to_ndarray()).mean() < 3
+
+
+def test_a_stopped_sink_holds_no_encoder(tmp_path: Path) -> None:
+    """A program that runs hundreds of pipelines would keep tens of megabytes of each."""
+    pipeline = Pipeline.parse(f'videotestsrc num-buffers=3 ! videofilesink location="{tmp_path}/out.mp4"')
+    pipeline.run(20)
+    gc.collect()
+    assert not [item for item in gc.get_objects() if isinstance(item, Encoder)]
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mov"])
