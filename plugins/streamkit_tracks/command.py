@@ -20,10 +20,12 @@ from streamkit import (
     MessageKind,
     Pipeline,
     RecordFile,
+    ResourceError,
     StreamkitError,
     TrackState,
     exit_with_error,
     read_tracks,
+    write_remedy,
 )
 from streamkit.output.file import write_whole
 from streamkit.output.pipe import STANDARD_INPUT, STANDARD_OUTPUT, until_reader_leaves
@@ -194,8 +196,7 @@ def write_parquet(file: Path, run: int, output: Path) -> None:
     """Writes a row per target and frame, the columns of `read_tracks`.
 
     Raises:
-        ResourceError: pyarrow is not installed.
-        OSError: the file cannot be written.
+        ResourceError: pyarrow is not installed, or the file cannot be written.
     """
     parquet = require_library("convert", "pyarrow.parquet", "pyarrow", "parquet")
     arrow = require_library("convert", "pyarrow", "pyarrow", "parquet")
@@ -203,7 +204,15 @@ def write_parquet(file: Path, run: int, output: Path) -> None:
     rows = rows[rows["run"] == run]
     found = io.BytesIO()
     parquet.write_table(arrow.table({name: rows[name] for name in rows.dtype.names or ()}), found)
-    write_whole(output, found.getvalue())
+    write_output(output, found.getvalue())
+
+
+def write_output(path: Path, content: bytes) -> None:
+    """Writes a file, in place of an older one when it is whole; raises `ResourceError` where it cannot."""
+    try:
+        write_whole(path, content)
+    except OSError as error:
+        raise ResourceError(f"{path}: cannot be written: {error.strerror}{write_remedy(error)}") from error
 
 
 def list_targets(records: RecordFile) -> list[TargetSummary]:

@@ -1,11 +1,20 @@
 """trackattach: the tracks of a finished run on the frames of its video."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from typing_extensions import override
 
-from streamkit import Frame, Property, RecordFile, StreamError, Transform, registration_of, tracks_of
+from streamkit import (
+    Frame,
+    Property,
+    RecordFile,
+    StreamError,
+    TrackRecord,
+    Transform,
+    registration_of,
+    tracks_of,
+)
 from streamkit_tracks.tracksrc import check_records
 
 
@@ -26,9 +35,16 @@ class TrackAttach(Transform):
     @override
     def start(self) -> None:
         check_records(self.location)
-        self._records = (record for run, record in RecordFile(Path(self.location)) if run == self.run)
+        self._run_count = 0
+        self._records = self._read_run()
         self._record = next(self._records, None)
         self._has_match = False
+
+    def _read_run(self) -> Iterator[TrackRecord]:
+        for run, record in RecordFile(Path(self.location)):
+            self._run_count = run
+            if run == self.run:
+                yield record
 
     @override
     def transform(self, frame: Frame) -> Frame:
@@ -55,9 +71,16 @@ class TrackAttach(Transform):
 
     @override
     def drain(self) -> Iterable[Frame]:
-        if not self._has_match:
-            self.post_warning(
-                f"location={self.location}: no record has the number of a frame; name the file of its run",
-                "shortfall",
-            )
+        """Warns where the run is not in the file, or is not of these frames, or others follow it."""
+        for _ in self._records:
+            pass
+        if self.run > self._run_count:
+            text, code = f"no run {self.run}, it has {self._run_count}", "shortfall"
+        elif not self._has_match:
+            text, code = "no record has the number of a frame; name the file of its run", "shortfall"
+        elif self.run < self._run_count:
+            text, code = f"it has {self._run_count} runs, this is run {self.run}; see run=", ""
+        else:
+            return ()
+        self.post_warning(f"location={self.location}: {text}", code)
         return ()

@@ -34,19 +34,23 @@ class TrackSrc(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         """One frame for each line; raises `StreamError` where a line is no record."""
-        records = RecordFile(self.location)
+        records, run = RecordFile(self.location), 0
         for run, record, line in records.lines():
             if self.run in (0, run):
                 yield Frame(
                     line, TRACKS_CAPS, pts=record.pts_ns, epoch=record.epoch, seq=record.seq,
                     capture=record.capture,
                 )  # fmt: skip
+        if self.run > run:
+            self.post_warning(f"location={self.location}: no run {self.run}, it has {run}", "shortfall")
         if records.is_cut_off:
             self.post_warning(f"the last line of {self.location} is only half written and left out")
 
 
 def check_records(location: str) -> None:
     """Checks that a file of records can be opened; raises `ResourceError`."""
+    if not location:
+        raise ResourceError("location must be set; write for example location=tracks.jsonl")
     try:
         with Path(location).open("rb"):
             pass

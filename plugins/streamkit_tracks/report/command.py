@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error, read_statistics
-from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason
+from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason, write_output
 from streamkit_tracks.report.page import build_page, cost_table
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
@@ -74,13 +74,12 @@ def write_page(
 
     Raises:
         ImportError: matplotlib is not installed.
-        OSError: the page cannot be written.
+        ResourceError: the page cannot be written.
     """
     from streamkit_tracks.report.figures import draw_figures
 
     page = build_page(run, title, draw_figures(run), frame, crops, costs)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    output.write_text(page, encoding="utf-8")
+    write_output(output, page.encode())
 
 
 def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes]]:

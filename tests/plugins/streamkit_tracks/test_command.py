@@ -120,6 +120,14 @@ def test_records_are_converted_by_suffix(records: Path, tmp_path: Path, name: st
 
 
 @pytest.mark.timeout(200)
+def test_a_full_disk_is_reported_with_the_file(records: Path) -> None:
+    """`/dev/full` refuses every write."""
+    done = run("convert", str(records), "/dev/full", "--format", "parquet")
+    error = "error: /dev/full: cannot be written: No space left on device; free some space\n"
+    assert (done.returncode, done.stderr) == (1, error)
+
+
+@pytest.mark.timeout(200)
 def test_records_are_converted_to_standard_output(records: Path, tmp_path: Path) -> None:
     """As JSON lines, or in the format given; the same bytes as in a file."""
     done = run("convert", str(records), "-")

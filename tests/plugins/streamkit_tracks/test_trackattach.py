@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import ElementFailure, Pipeline
+from streamkit import ElementFailure, Message, MessageKind, Pipeline
 
 RUN = "dronetestsrc num-buffers=20 seed=1 ! video/x-raw, width=320, height=240"
 TRACK = "particletrack window=100,80,40,40"
@@ -57,3 +57,30 @@ def test_a_file_of_another_video_is_reported(tmp_path: Path) -> None:
     assert f"location={path}: no record has the number of a frame; name the file of its run" in warnings
     with pytest.raises(ElementFailure, match="No such file or directory; name a file that tracksink wrote"):
         Pipeline.parse("videotestsrc ! trackattach location=/none.jsonl ! fakesink").ready()
+    with pytest.raises(ElementFailure, match="location must be set; write for example"):
+        Pipeline.parse("videotestsrc ! trackattach ! fakesink").ready()
+
+
+@pytest.mark.parametrize(
+    ("element", "warning"),
+    [
+        ("videotestsrc num-buffers=1 ! trackattach run=1", "it has 2 runs, this is run 1; see run="),
+        ("videotestsrc num-buffers=1 ! trackattach run=2", None),
+        ("videotestsrc num-buffers=1 ! trackattach run=3", "no run 3, it has 2"),
+        ("tracksrc run=2", None),
+        ("tracksrc run=3", "no run 3, it has 2"),
+    ],
+)
+def test_a_run_that_may_be_the_wrong_one_is_reported(
+    tmp_path: Path, element: str, warning: str | None
+) -> None:
+    """An overlay of the first of two runs would pass for that of the newest."""
+    path = tmp_path / "tracks.jsonl"
+    line = '{"schema":"streamkit.tracks/1","source":"a","seq":0,"epoch":0,"tracks":[],"dropped":0}\n'
+    path.write_text(2 * line)
+    pipeline = Pipeline.parse(f"{element} location={path} ! fakesink")
+    messages: list[Message] = []
+    pipeline.bus.watch(messages.append)
+    pipeline.run(timeout_s=30)
+    warnings = [message.text for message in messages if message.kind is MessageKind.WARNING]
+    assert warnings == ([] if warning is None else [f"location={path}: {warning}"])

@@ -56,6 +56,15 @@ def test_the_page_shows_the_run(run: tuple[Path, Path], tmp_path: Path) -> None:
     assert re.search(r'(?:src|href)="(?!data:)', text) is None
 
 
+def test_a_full_disk_is_reported_with_the_page(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """`/dev/full` refuses every write."""
+    page = tmp_path / "page.html"
+    page.symlink_to("/dev/full")
+    done = report(run[0], "-o", page)
+    error = f"error: {page}: cannot be written: No space left on device; free some space\n"
+    assert (done.returncode, done.stderr) == (1, error)
+
+
 def test_without_a_video_there_are_figures_only(run: tuple[Path, Path], tmp_path: Path) -> None:
     """The same records give the same page."""
     pages = [tmp_path / "a.html", tmp_path / "b.html"]
