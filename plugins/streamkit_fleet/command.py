@@ -64,7 +64,9 @@ def up(
     """Starts the feeds of a table; without --address on a Ray of this machine, started if there is none."""
     with _exit_on_error():
         from streamkit_fleet import local_ray
+        from streamkit_fleet.feeds import read_feeds
 
+        read_feeds(table)  # no Ray is started, and left running, for a table with a mistake
         if not address and local_ray.known() is None:
             local_ray.start(cores)
     apply(table, address, wait_s)

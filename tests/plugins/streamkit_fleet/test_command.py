@@ -24,3 +24,15 @@ def test_without_a_fleet_the_remedy_is_said(tmp_path: Path, monkeypatch: pytest.
     assert done.exit_code == 1
     assert done.stderr == "error: no fleet runs on this machine; start one with `streamkit fleet up`\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_table_with_a_mistake_starts_no_ray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would go on running without a feed."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setattr("streamkit_fleet.local_ray.start", lambda _: pytest.fail("Ray is started"))
+    table = tmp_path / "fleet.toml"
+    table.write_text('[feeds.gate]\ntext = "fakesrc ! fakesink"\ncoers = 3\n')
+    done = CliRunner().invoke(make_app(), ["fleet", "up", str(table)], env={"COLUMNS": "200"})
+    assert done.exit_code == 1
+    assert done.stderr == f"error: {table}: feed gate: Object contains unknown field `coers`\n"
