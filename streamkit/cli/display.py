@@ -7,13 +7,12 @@ import shutil
 import sys
 import time
 from collections.abc import Iterable
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import typer
 from typing_extensions import override
 
-from streamkit.cli.stderr import as_json
+from streamkit.cli.stderr import as_json, time_stamp
 from streamkit.cli.summary import summarise
 from streamkit.cli.table import age_text, as_line, as_tables
 from streamkit.flow.statistics import RunStatistics
@@ -72,9 +71,7 @@ class Display:
         typer.echo(self._stamp() + coloured(presentable(line)), err=True)
 
     def _stamp(self) -> str:
-        if not self.is_timed:
-            return ""
-        return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z "
+        return time_stamp() if self.is_timed else ""
 
     def print_each(self, level: str, texts: Iterable[str]) -> None:
         """Prints a line "level: text" for each text."""

@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
@@ -143,7 +144,7 @@ def launch(
     if supervise:
         if str(file) == STANDARD_INPUT:
             fail_usage("--supervise reads the description again at each start; give a file in place of -f -")
-        _supervise()
+        _supervise(is_timed=log_format == "timed")
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         with without_collection():
@@ -276,12 +277,12 @@ def _application_notes(pipeline: Pipeline) -> Iterator[str]:
             yield f"{sink.path} is not linked, no frame comes; write {source} ! before {element.factory}"
 
 
-def _supervise() -> NoReturn:
+def _supervise(*, is_timed: bool) -> NoReturn:
     """Runs this command in a child, without `--supervise`, until it ends cleanly."""
     from streamkit.service.supervisor import STREAMKIT_COMMAND, Supervisor
 
     words = [word for word in sys.argv[1:] if word != "--supervise"]
-    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], print_line)
+    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], partial(print_line, is_timed=is_timed))
     raise typer.Exit(supervisor.run())
 
 

@@ -29,9 +29,15 @@ def lines_in(*, is_json: bool) -> Iterator[None]:
         _IS_JSON.reset(token)
 
 
-def print_line(line: str, **facts: object) -> None:
-    """Prints a line on stderr; as a JSON object it has the facts, too."""
-    typer.echo(coloured(presentable(as_json(line, (), **facts) if _IS_JSON.get() else line)), err=True)
+def print_line(line: str, *, is_timed: bool = False, **facts: object) -> None:
+    """Prints a line on stderr, after the time if `is_timed`; as a JSON object it has the facts, too."""
+    text = coloured(presentable(as_json(line, (), **facts) if _IS_JSON.get() else line))
+    typer.echo(time_stamp() + text if is_timed else text, err=True)
+
+
+def time_stamp() -> str:
+    """The time (UTC) with which a timed line begins."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z "
 
 
 def exit_with_error(text: str, code: int = 1) -> NoReturn:

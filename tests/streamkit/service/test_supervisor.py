@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -54,6 +55,24 @@ def test_launch_passes_a_signal_to_its_child() -> None:
         rest = process.stderr.read()
         assert process.wait(patience(20)) == 0, rest
     assert '"message": "ending the stream' in rest
+
+
+def test_a_timed_log_has_the_time_of_a_restart() -> None:
+    """As of each line of the run."""
+    description = "fakesrc num-buffers=9 ! identity error-after=1 ! fakesink"
+    command = ["--supervise", "--log-format", "timed", description]
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from streamkit.cli.main import main; main()", "launch", *command],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    with process, process.stderr:
+        line = next(line for line in process.stderr if "restart" in line)
+        process.terminate()
+    assert re.fullmatch(
+        r"\d{4}-\d\d-\d\dT[\d:.]{12}Z warning: the pipeline ended with code 1; restart 1 in 1 s\n", line
+    )
 
 
 def test_a_hang_up_that_nohup_ignores_ends_no_supervision() -> None:
