@@ -63,11 +63,12 @@ class JpegSink(MultiFileSink):
     """
 
     sink = "video/x-raw, format={ BGR, GRAY8 }"
+    suffixes = (".jpg", ".jpeg")
 
     quality: int = Property(90, min=1, max=100, doc="Of the JPEG.")
 
     def configure(self, sink_caps: Caps) -> None:
-        """Files are pictures, whatever their name."""
+        """Files are pictures."""
 
     def content(self, frame: Frame) -> bytes | memoryview:
         """The frame as JPEG."""

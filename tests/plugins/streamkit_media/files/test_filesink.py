@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, Pipeline, raw_video_caps
+from streamkit import Caps, DescriptionError, ElementFailure, Frame, Pipeline, raw_video_caps
 from streamkit.output.names import TRACK_SUFFIXES
 from streamkit.testing import Harness
 
@@ -103,6 +103,12 @@ def test_pictures_are_no_bytes_of_pixels(tmp_path: Path, sink: str, remedy: str)
     with pytest.raises(ElementFailure, match=rf"no \.png file; write jpegsink location={tmp_path}/{remedy}"):
         Pipeline.parse(text).run(timeout_s=30)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_jpeg_is_not_written_under_the_name_of_another_format(tmp_path: Path) -> None:
+    """Programs that go by the name could not read it."""
+    with pytest.raises(DescriptionError, match=r"must end in \.jpg, \.jpeg, it ends in '\.png'"):
+        Pipeline.parse(f"videotestsrc num-buffers=2 ! jpegsink location={tmp_path}/frame-%05d.png")
 
 
 def test_a_container_is_refused_before_the_source_starts(tmp_path: Path) -> None:
