@@ -25,6 +25,8 @@ FIELDS = (
     "pixel-aspect-ratio", "chroma-site", "colorimetry", "multiview-mode", "multiview-flags",
 )  # fmt: skip
 
+# What videoscale and videorate can make.
+CONVERTIBLE = "video/x-raw, width=[ 1, 32767 ], height=[ 1, 32767 ], framerate=[ 0/1, 2147483647/1 ]"
 CONVERTERS = {
     "videoscale": ("width", "height"),
     "videorate": ("framerate",),
@@ -67,7 +69,8 @@ def is_raw_video(caps: Caps) -> bool:
 
 def conversion_remedy(offered: Caps, accepted: Caps) -> str:
     """What to put between raw video of two sizes or rates, as "put videoscale between", or ""."""
-    if not (is_raw_video(offered) and is_raw_video(accepted)):
+    convertible = Caps(CONVERTIBLE)
+    if not all(is_raw_video(caps) and caps.can_intersect(convertible) for caps in (offered, accepted)):
         return ""
     for element, fields in CONVERTERS.items():
         if offered.without_fields(*fields).can_intersect(accepted.without_fields(*fields)):

@@ -56,7 +56,7 @@ def build(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -
     try:
         graph = GraphBuilder(taken).build(parse(text, variables))
     except DescriptionError as error:
-        found = _without_value(error, text)
+        found = _hinted(error, text)
         conceal(found, text)
         raise found from error.__cause__
     graph.text, graph.variables = text, variables
@@ -64,16 +64,19 @@ def build(text: str, variables: Mapping[str, str], taken: Container[str] = ()) -
     return graph
 
 
-def _without_value(error: DescriptionError, text: str) -> DescriptionError:
-    """The error, with a hint where the last word is a property without a value, as of an unset variable."""
+def _hinted(error: DescriptionError, text: str) -> DescriptionError:
+    """The error, with a hint where what is no element is caps, or the last word and lacks its value."""
     if error.code != "no-such-element":
         return error
     written = text.split("\n")[error.place.line - 1][error.place.column - 1 :].rstrip()
-    if len(written) != error.place.length + 1 or not written.endswith("="):
+    rest = written[error.place.length :]
+    if rest == "=":  # as of an unset variable
+        hint = f'{written} has no value; write one, or ""'
+    elif rest.startswith("/"):
+        hint = "one caps filter stands between two elements; write all fields into it"
+    else:
         return error
-    return DescriptionError(
-        error.code, error.message, error.place, f'{written} has no value; write one, or ""'
-    )
+    return DescriptionError(error.code, error.message, error.place, hint)
 
 
 @dataclass(frozen=True, slots=True)

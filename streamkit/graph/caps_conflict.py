@@ -6,7 +6,7 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
-from streamkit.flow.video import is_raw_video, misspelt_fields, misspelt_formats
+from streamkit.flow.video import conversion_remedy, is_raw_video, misspelt_fields, misspelt_formats
 
 RAW = "video/x-raw"
 CODED_VIDEO = ("video/", "image/")  # begin the media types of coded packets
@@ -24,7 +24,8 @@ def caps_conflict(
     text += offered.disagreement(accepted, left, right)
     fields = [*misspelt_fields(offered), *misspelt_fields(accepted)]
     formats = [*misspelt_formats(offered), *misspelt_formats(accepted)]
-    return DescriptionError("link", text, place, "; ".join(dict.fromkeys(fields + formats)))
+    hints = dict.fromkeys(fields + formats)
+    return DescriptionError("link", text, place, "; ".join(hints) or conversion_remedy(offered, accepted))
 
 
 def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:

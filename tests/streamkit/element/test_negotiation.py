@@ -55,6 +55,8 @@ def test_caps_that_fit_are_accepted() -> None:
         ("video/x-raw, width=8", "; put videoscale between"),
         ("video/x-raw, framerate=5/1", "; put videorate between"),
         ("video/x-raw, width=8, framerate=5/1", "; put videoscale ! videorate between"),
+        ("video/x-raw, width=0", ""),
+        ("video/x-raw, framerate=5", ""),
         ("video/x-raw, format=RGB", ""),
         ("video/x-raw, format=RGB, width=8", ""),
     ],

@@ -258,6 +258,17 @@ def test_a_broken_plugin_points_into_the_text(register: Register, text: str) -> 
     assert build("fakesrc ! fakesink", {}).elements
 
 
+@pytest.mark.parametrize(
+    "text", ["fakesrc ! video/x-raw ! video/x-raw, width=8 ! fakesink", "video/x-raw ! fakesink"]
+)
+def test_caps_where_an_element_must_stand_are_noticed(text: str) -> None:
+    """The name of an element like the first word of the caps would be no help."""
+    with pytest.raises(
+        DescriptionError, match=r'^no element "video"; one caps filter stands between two elements; write'
+    ):
+        build(text, {})
+
+
 def test_a_property_without_a_value_is_noticed() -> None:
     """As of a shell variable that is not set: the next word is its value, as in gst-launch."""
     with pytest.raises(DescriptionError, match=r'no element "location"; location= has no value; write one'):
