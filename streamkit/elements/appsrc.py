@@ -110,7 +110,7 @@ class AppSrc(Source):
         """Queues a frame, an event, or bare data with fields such as `pts`.
 
         Raises:
-            StateError: the queue stayed full for `timeout_s`, or `end` was called.
+            StateError: the queue stayed full for `timeout_s`, the pipeline stopped, or `end` was called.
             ElementFailure: the pipeline has failed.
             TypeError: an array without caps.
         """
@@ -178,7 +178,12 @@ class AppSrc(Source):
             waits = self.leaky_type is LeakyType.NONE and self.block
             return not (waits and self.pending.is_full())
 
-        if not wait_for_change(self, has_room, lambda: False, timeout_s):
+        if has_room():
+            return True
+        is_made = wait_for_change(self, has_room, lambda: False, timeout_s)
+        if self.stopping.is_set():  # which makes room, too
+            raise StateError(f"{self.name}: the pipeline was stopped while a frame waited for room")
+        if not is_made:
             raise StateError(
                 f"{self.name}: no room for a frame within {timeout_s} s: nothing downstream takes it"
             )

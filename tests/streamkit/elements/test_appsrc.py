@@ -51,6 +51,15 @@ def test_new_caps_go_with_their_frames() -> None:
         assert [frame.caps.name for frame in pipeline["out"]] == ["a/b", "a/b", "c/d"]
 
 
+def test_push_ends_when_the_pipeline_stops() -> None:
+    """With the cause: the time limit has not passed."""
+    with Pipeline.parse("appsrc name=in max-buffers=1 ! appsink name=out max-buffers=1") as pipeline:
+        pipeline.play()
+        threading.Timer(0.2, pipeline.stop).start()
+        with pytest.raises(StateError, match=r"^in: the pipeline was stopped while a frame waited for room$"):
+            push_many(pipeline, timeout_s=30)
+
+
 def test_push_times_out_if_the_queue_is_full() -> None:
     """asr-block: nothing takes frames."""
     with Pipeline.parse("appsrc name=in max-buffers=1 ! appsink name=out max-buffers=1") as pipeline:
