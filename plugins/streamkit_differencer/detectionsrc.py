@@ -33,8 +33,8 @@ class DetectionSrc(Transform):
     detections, but count as searched. Scores outside 0 to 1 are scaled so that the file's lowest is 0 and its
     highest 1. With it, a tracker is judged apart from the detector, and any detector's results are tracked.
 
-    A warning at the end says that the file does not fit the video: no number matched, no score reached
-    min-score, or boxes lie outside the frame.
+    A warning at the end says that the file does not fit the video: no number matched, rows are numbered from
+    0, no score reached min-score, or boxes lie outside the frame.
 
     Example:
         filesrc location=flight.mp4 ! decode ! detectionsrc location=det.txt ! particletrack ! fakesink
@@ -181,6 +181,8 @@ class FileFit:
             rows = f"{table.frames[0]:.0f}..{table.frames[-1]:.0f}"
             frames = "{}..{}".format(*self._numbers)
             return f"no row matched a frame: rows are numbered {rows}, frames {frames}; check first-number"
+        if self._numbers[0] == 1 and table.frames[0] == 0:
+            return "the rows are numbered from 0, the frames from 1; set first-number=0"
         if not self._used:
             scores = f"{table.scores.min():g} to {table.scores.max():g}"
             return f"no row has a score of min-score={min_score:g}: the scores are {scores}"

@@ -126,6 +126,8 @@ def test_a_binary_file_is_not_printed(tmp_path: Path):
     [
         (MOT, "", ""),
         ("", "", "the file is empty"),
+        ("0,-1,1,1,5,5,1\n1,-1,1,1,5,5,1\n", "", "numbered from 0, the frames from 1; set first-number=0"),
+        ("0,-1,1,1,5,5,1\n1,-1,1,1,5,5,1\n", "first-number=0", ""),
         (MOT, "first-number=5000", "no row matched a frame: rows are numbered 1..3, frames 5000..5002"),
         (MOT, "min-score=1e9", "no row has a score of min-score=1e+09: the scores are 0.2 to 0.9"),
         (MOT.replace(",1,1,10", ",999,1,10"), "", "2 of 3 boxes lie outside the frame: are they of another"),
