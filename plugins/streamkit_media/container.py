@@ -11,6 +11,7 @@ from urllib.parse import quote, urlsplit
 
 import av
 from av.container import InputContainer
+from av.stream import Disposition
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
@@ -144,6 +145,15 @@ def video_stream(container: InputContainer, location: str) -> VideoStream:
             "it; convert the file to H.264"
         )
     return stream
+
+
+def other_videos(container: InputContainer, chosen: VideoStream) -> list[int]:
+    """The indices of a container's further videos; the picture on a cover is none."""
+    return [
+        stream.index
+        for stream in container.streams.video
+        if stream.index != chosen.index and not stream.disposition & Disposition.attached_pic
+    ]
 
 
 def display_rotation(container: InputContainer, stream: VideoStream) -> int:

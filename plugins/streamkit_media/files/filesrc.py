@@ -24,7 +24,7 @@ from streamkit import (
 )
 from streamkit.output.names import is_network, local_path
 from streamkit_media.codecs import CODED_CAPS
-from streamkit_media.container import check_file, display_rotation, open_container, video_stream
+from streamkit_media.container import check_file, display_rotation, open_container, other_videos, video_stream
 from streamkit_media.files.file_part import FilePart
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
@@ -102,6 +102,11 @@ class FileSrc(Source):
                 video = video_stream(container, self.location)
                 self._rotation = display_rotation(container, video)
                 self._packet_caps(video, StreamKind.VIDEO)
+                if others := other_videos(container, video):
+                    self.post_warning(
+                        f"{self._where}: video stream {video.index} is read, and not {others}; "
+                        f"to read another, copy it out: ffmpeg -i FILE -map 0:{others[0]} -c copy OTHER"
+                    )
 
     def _check_properties(self) -> None:
         scheme = self.location.partition("://")[0].lower()

@@ -27,6 +27,29 @@ def decoded(location: object, properties: str = "") -> list[Frame]:
         return list(pipeline["out"])
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_video_that_is_not_read_is_named(tmp_path: Path, count: int) -> None:
+    """A camera's second picture, or a second program, would be missed in silence."""
+    path = tmp_path / "two.mkv"
+    with av.open(str(path), "w") as container:
+        streams = [container.add_stream("mpeg4", 25, width=64, height=48) for _ in range(count)]
+        for number in range(5):
+            frame = av.VideoFrame.from_ndarray(np.full((72, 64), 90, np.uint8), "yuv420p")
+            frame.pts = number
+            for stream in streams:
+                container.mux(stream.encode(frame))
+        for stream in streams:
+            container.mux(stream.encode(None))
+    pipeline = Pipeline.parse(f'filesrc location="{path}" ! fakesink')
+    messages: list[Message] = []
+    pipeline.bus.watch(messages.append)
+    pipeline.run(timeout_s=patience(20))
+    warnings = [message.text for message in messages if message.kind is MessageKind.WARNING]
+    assert [text.removeprefix(str(path)).partition(";")[0] for text in warnings] == (
+        [": video stream 0 is read, and not [1]"] if count == 2 else []
+    )
+
+
 def test_packets_carry_caps_times_and_marks(small_video: Path) -> None:
     """Filesrc gives every packet with fixed caps, in decoding order."""
     with Pipeline.parse(f'filesrc location="{small_video}" ! appsink name=out') as pipeline:
