@@ -113,7 +113,7 @@ class Playback:
         return thread
 
     def join(self, deadline: float, elements: Iterable[Element]) -> list[str]:
-        """Waits until the threads of some elements end; returns the names of those that did not."""
+        """Waits until the threads of some elements end; returns the names of those in which one did not."""
         with self._lock:
             members = set(elements)
             threads = [thread for thread in self._threads if thread.element in members]
@@ -121,7 +121,13 @@ class Playback:
             thread.join(max(0.0, deadline - time.monotonic()))
         with self._lock:
             self._threads = [thread for thread in self._threads if thread not in threads]
-        return [thread.element.name for thread in threads if thread.is_alive()]
+        return [self._element_inside(thread.element).name for thread in threads if thread.is_alive()]
+
+    def _element_inside(self, first: Element) -> Element:
+        """The element that the streaming thread of a source or queue is in a call of, or the first one."""
+        stages = [stage for chain in self.chains if chain.src.element is first for stage in chain.stages]
+        called = next((stage.element for stage in stages if stage.element.activity is not None), None)
+        return first if called is None else self._element_inside(called)
 
     def refuse_own_thread(self) -> None:
         """Raises `StateError` if the caller is a streaming thread of the graph."""

@@ -333,7 +333,7 @@ def test_a_hanging_stop_is_named(register: Register, monkeypatch: pytest.MonkeyP
     try:
         with pytest.raises(
             StateError,
-            match=r"^q: a call has not returned within 0.1 s of the stop; its thread is abandoned$",
+            match=r"^hangs0: a call has not returned within 0.1 s of the stop; its thread is abandoned$",
         ):
             pipeline.stop()
         assert time.monotonic() - begun < 5.0
