@@ -95,7 +95,8 @@ def read_description(
                 name, data = str(file), source.read(SIZE_LIMIT + 1)
         if len(data) > SIZE_LIMIT:
             fail_usage(f"{name}: a description has at most {SIZE_LIMIT} bytes")
-        text = io.StringIO(data.decode(), newline=None).read()  # lines end in \n, as in a text file
+        # Lines end in \n, as in a text file, and a byte-order mark, as some editors write it, is no text.
+        text = io.StringIO(data.decode("utf-8-sig"), newline=None).read()
         return Description(text, name, variables)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"

@@ -90,6 +90,12 @@ def test_a_description_comes_from_standard_input() -> None:
     assert (done.exit_code, "give a file in place of -f -" in done.stderr) == (2, True)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_description() -> None:
+    """As Windows' editors write it."""
+    code, _, error = graph("-f", "-", stdin="fakesrc ! fakesink".encode("utf-8-sig"))
+    assert (code, error) == (0, "")
+
+
 def test_a_file_without_its_option_is_told() -> None:
     """The name would be read as that of an element."""
     wanted = "error: my/track.pipe is a file of a description, give it with -f my/track.pipe\n"
