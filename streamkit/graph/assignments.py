@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from streamkit.element.base import Element
@@ -61,8 +61,12 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
 
     element.poster = collect
     try:
-        if declaration.kind is str:
-            value = _string(written, declaration, f"{element.name}: {item.name}", warnings)
+        if declaration.kind is str and written == "NULL":  # GStreamer's null string
+            value = None if declaration.optional else ""
+        elif declaration.kind is str:
+            value = unquote_string(written)
+            doubts = _doubts(item.value, value)
+            warnings.extend((code, f"{element.name}: {item.name} {rule}") for code, rule in doubts)
         element.set_property(item.name, value)
     except Exception as error:
         if not isinstance(error, StreamkitError):
@@ -76,18 +80,15 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
     return declaration
 
 
-def _string(text: str, declaration: PropertyDeclaration, where: str, warnings: Warnings) -> str | None:
-    """The value of a string property as gst-launch reads it, which may not be as it was meant."""
-    if text == "NULL":  # GStreamer's null string
-        return None if declaration.optional else ""
-    value = unquote_string(text)
+def _doubts(written: str, value: str) -> Iterator[tuple[str, str]]:
+    """Code and rule of what gst-launch takes as it is, and was hardly meant, in a text and its value."""
     if value[:1] == value[-1:] == "'" and len(value) > 1:
-        rule = "keeps its single quotes, as in gst-launch: use double ones"
-        warnings.append(("quotes", f"{where} {rule}"))
+        yield "quotes", "keeps its single quotes, as in gst-launch: use double ones"
+    if written.startswith('"') and (written == '"' or not written.endswith('"')):
+        yield "quotes", "has an opening quote, but does not end with one, as in gst-launch: close it"
     if value == "!":
         rule = 'has no value and takes the next word, "!", as in gst-launch: give it one, if only ""'
-        warnings.append(("no-value", f"{where} {rule}"))
-    return value
+        yield "no-value", rule
 
 
 def _no_property(element: Element, item: Assignment) -> DescriptionError:

@@ -191,6 +191,8 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
         hint = "names are ASCII; put other characters into quoted values"
     elif token in ("'", '"'):
         hint = "write a caps filter without quotes, which only a shell needs"
+    elif token == "\\":
+        hint = "lines are joined without it; only a shell needs it"
     elif token.type == "CLOSE":
         hint = "no '(' is open here; a ')' that touches a property's value belongs to the value"
     return DescriptionError("syntax", f"unexpected {shown!r}; expected {expected}", place, hint)

@@ -111,6 +111,14 @@ def test_single_quotes_are_kept_and_noted(register: Register) -> None:
     assert [code for code, _ in graph.warnings] == ["quotes"]
 
 
+@pytest.mark.parametrize("written", ['"two', '"', '"two"three'])
+def test_a_quote_that_is_not_closed_is_noted(register: Register, written: str) -> None:
+    """gst-launch makes it a part of the value."""
+    register(coder=Coder)
+    assert [code for code, _ in build(f"coder place={written}", {}).warnings] == ["quotes"]
+    assert build(r'coder place="\"two\""', {}).warnings == []
+
+
 def test_a_second_name_is_reported() -> None:
     """n04: the first counts."""
     graph = build("fakesrc name=a name=b ! fakesink", {})

@@ -114,6 +114,13 @@ def test_pads_references_addresses_and_bins() -> None:
             "              ^",
         ),
         (
+            "fakesrc ! \\\n fakesink",
+            "description:1:11: unexpected '\\\\'; expected an element; "
+            "lines are joined without it; only a shell needs it\n"
+            "    fakesrc ! \\\n"
+            "              ^",
+        ),
+        (
             "fakesrc ! kü",
             "description:1:12: unexpected 'ü'; expected '!', a property, an element, the end; "
             "names are ASCII; put other characters into quoted values\n"
