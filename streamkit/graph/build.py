@@ -73,7 +73,7 @@ def _hinted(error: DescriptionError, text: str) -> DescriptionError:
     if rest == "=":  # as of an unset variable
         hint = f'{written} has no value; write one, or ""'
     elif rest.startswith("/"):
-        hint = "one caps filter stands between two elements; write all fields into it"
+        hint = "a caps filter stands alone, between two elements"
     else:
         return error
     return DescriptionError(error.code, error.message, error.place, hint)
@@ -314,6 +314,8 @@ def _filter_caps(link: LinkNode) -> Caps | None:
             place = link.place_in_caps(error.position, error.length)
         if " : " in link.caps:
             hint = "a filter runs on to the last ':' or the first '!': close it with '!'"
+        elif link.caps[error.position :].lstrip().startswith(")"):
+            hint = "a filter stands between two elements; at the end of a bin, write capsfilter caps=..."
         shown = mask_secrets(link.caps)
         shown = shown if len(shown) <= 60 else shown[:57] + "..."
         raise DescriptionError("link", f"could not parse caps {shown!r}: {error.rule}", place, hint) from None

@@ -259,14 +259,25 @@ def test_a_broken_plugin_points_into_the_text(register: Register, text: str) -> 
 
 
 @pytest.mark.parametrize(
-    "text", ["fakesrc ! video/x-raw ! video/x-raw, width=8 ! fakesink", "video/x-raw ! fakesink"]
+    "text",
+    [
+        "fakesrc ! video/x-raw ! video/x-raw, width=8 ! fakesink",
+        "video/x-raw ! fakesink",
+        "fakesrc ! video/x-raw",
+    ],
 )
 def test_caps_where_an_element_must_stand_are_noticed(text: str) -> None:
     """The name of an element like the first word of the caps would be no help."""
     with pytest.raises(
-        DescriptionError, match=r'^no element "video"; one caps filter stands between two elements; write'
+        DescriptionError, match=r'^no element "video"; a caps filter stands alone, between two elements$'
     ):
         build(text, {})
+
+
+def test_caps_at_the_end_of_a_bin_have_a_remedy() -> None:
+    """The bracket is taken for a part of the caps."""
+    with pytest.raises(DescriptionError, match=r"; at the end of a bin, write capsfilter caps=\.\.\.$"):
+        build("( fakesrc ! video/x-raw, width=8 ) ! fakesink", {})
 
 
 def test_a_property_without_a_value_is_noticed() -> None:
