@@ -238,5 +238,7 @@ def _resource(name: str) -> Iterator[None]:
     """Reports errors of a file or folder under the name of its property."""
     try:
         yield
+    except FileNotFoundError as error:
+        raise ResourceError(f"{name}: {error.filename}: {error.strerror}; check the path") from error
     except (ValueError, OSError) as error:
         raise ResourceError(f"{name}: {error}") from error

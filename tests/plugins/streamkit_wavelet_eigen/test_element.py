@@ -239,7 +239,7 @@ def test_pipeline() -> None:
 
 def test_pipeline_reports_a_bad_model(tmp_path: Path) -> None:
     """The error names the element and the file."""
-    with pytest.raises(ElementFailure, match=r"waveleteigen0: model: .*missing\.npz"):
+    with pytest.raises(ElementFailure, match=r"waveleteigen0: model: /.*missing\.npz: .*; check the path"):
         Pipeline.parse(f"appsrc ! waveleteigen model={tmp_path}/missing.npz ! fakesink").run(timeout_s=5)
 
 
