@@ -18,6 +18,7 @@ from streamkit.errors import DescriptionError, StateError
 from streamkit.flow.clock import SECOND_NS
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.video import FORMATS as PIXEL_FORMATS
 from streamkit.flow.video import raw_video_caps
 from streamkit.graph.pipeline import Pipeline
 from streamkit.masking import mask_secrets
@@ -178,12 +179,15 @@ def open(
         timeout_s: time limit of a frame, s.
 
     Raises:
-        ValueError: the frame rate is no number above 0, or not for this source; or the source is one image.
+        ValueError: the frame rate is no number above 0, or not for this source; the format is unknown; or the
+            source is one image.
         DescriptionError: the description is invalid; points into it.
         ElementFailure: an element could not start, for example because there is no such file.
     """
     if framerate is not None:
         _check_rate(framerate)
+    if format not in PIXEL_FORMATS:
+        raise ValueError(f"format= must be one of {', '.join(PIXEL_FORMATS)}, got {format!r}")
     if isinstance(source, str | os.PathLike):
         items = None
         head, properties = _reading(os.fspath(source), framerate)

@@ -189,6 +189,13 @@ def test_what_is_no_rate_is_refused_at_once(rate: Any) -> None:
         streamkit.open(images(1), framerate=rate)
 
 
+def test_what_is_no_pixel_format_is_refused_at_once() -> None:
+    """With those that are."""
+    rule = "format= must be one of GRAY8, I420, NV12, BGR, RGB, BGRA, RGBA, got 'gray'"
+    with pytest.raises(ValueError, match=rule):
+        streamkit.open(images(1), framerate=25, format="gray")
+
+
 def test_a_rate_is_for_images(flight: Path, tmp_path: Path) -> None:
     """A video has times of its own; image files take it."""
     with pytest.raises(ValueError, match=r"framerate= is for images, .*\.mp4 has times of its own; leave"):
