@@ -52,6 +52,10 @@ class InputSelector(Combine):
     _made = 0  # inputs so far
 
     @override
+    def start(self) -> None:
+        self._check_pad(self.active_pad)  # every input is known now
+
+    @override
     def begin_run(self) -> None:
         super().begin_run()
         self._time_ns: int | None = None

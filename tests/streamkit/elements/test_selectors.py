@@ -1,6 +1,8 @@
 """input-selector and output-selector, as GStreamer's own tests have it."""
 
-from streamkit import ANY, Frame, Pipeline
+import pytest
+
+from streamkit import ANY, ElementFailure, Frame, Pipeline
 
 IN = "input-selector name=s ! appsink name=out  appsrc name=a ! s.sink_0  appsrc name=b ! s.sink_1"
 
@@ -15,6 +17,15 @@ def test_first_input_is_active_by_default() -> None:
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         assert [len(frame.data) for frame in pipeline["out"]] == [1] * 3
+
+
+def test_an_active_input_that_is_not_there_is_refused() -> None:
+    """Every frame would be dropped."""
+    text = "input-selector name=s active-pad=sink_{} ! fakesink  fakesrc num-buffers=3 ! s."
+    Pipeline.parse(text.format(0)).run(timeout_s=10)
+    rule = r"active-pad cannot be 'sink_1': it takes the name of a pad \(sink_0\)$"
+    with pytest.raises(ElementFailure, match=rule):
+        Pipeline.parse(text.format(1)).run(timeout_s=10)
 
 
 def test_switching_selects_the_other_input() -> None:
