@@ -248,6 +248,14 @@ def test_the_size_of_a_stream_joined_between_keyframes_is_that_of_its_frames() -
     assert "size unknown" in _format_check(seen, "udp", None).text
 
 
+def test_the_rotation_of_a_video_is_told() -> None:
+    """Its frames have the other width and height."""
+    seen = Seen()
+    seen.add_video(Frame(b"", Caps("video/x-h264, width=640, height=480, rotation=90"), 0))
+    text = "video/x-h264, 640 x 480, which decode rotates counter-clockwise by 90 degrees"
+    assert _format_check(seen, "", None).text == text
+
+
 def test_video_over_udp(two_klv_streams: Path) -> None:
     """What comes to a port is watched as other live video; the line has livesrc, and the telemetry."""
     data, done = two_klv_streams.read_bytes(), threading.Event()
