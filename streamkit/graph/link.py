@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
@@ -82,19 +83,22 @@ def _pair(
         raise _nothing_free(request.sink, Direction.SINK, request.place)
     if not strict and len(srcs) == len(sinks) == 1 and not awaits_pads(request.source):
         return srcs[0], sinks[0]
-    # Existing pads come before pads to be requested, on the source's side first.
-    pairs = sorted(
-        ((src, sink) for src in srcs for sink in sinks),
-        key=lambda pair: (not isinstance(pair[0], Pad), not isinstance(pair[1], Pad)),
-    )
-    for fits in (Caps.can_intersect, are_convertible):
-        for src, sink in pairs:
-            if fits(_caps(src), _caps(sink)):
-                return src, sink
-        if strict:
-            break
+    # Existing pads come before pads to be requested, on the source's side first, even with a converter.
+    pairs = sorted(((src, sink) for src in srcs for sink in sinks), key=_requested)
+    for _, group in groupby(pairs, _requested):
+        alike = list(group)
+        for fits in (Caps.can_intersect,) if strict else (Caps.can_intersect, are_convertible):
+            for src, sink in alike:
+                if fits(_caps(src), _caps(sink)):
+                    return src, sink
     left, right = f"{request.source.name}.{srcs[0].name}", f"{request.sink.name}.{sinks[0].name}"
     raise caps_conflict(left, _caps(srcs[0]), right, _caps(sinks[0]), request.place, request.sink)
+
+
+def _requested(pair: tuple[Choice, Choice]) -> tuple[bool, bool]:
+    """Which pads of a pair are to be requested."""
+    src, sink = pair
+    return not isinstance(src, Pad), not isinstance(sink, Pad)
 
 
 def awaits_pads(element: Element) -> bool:

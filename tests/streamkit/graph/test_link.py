@@ -113,3 +113,11 @@ def test_the_main_pad_comes_first_where_a_converter_will_be_inserted(element: st
     text = f"videotestsrc num-buffers=2 ! video/x-raw, format=BGR ! {element} name=e ! fakesink"
     assert "e.src -> fakesink0.sink" in links(text)
     Pipeline.parse(text).run(30)
+
+
+@pytest.mark.parametrize("sink", ["trackoverlay", "compositor", "video/x-raw, format=BGR"])
+def test_the_main_pad_comes_first_where_a_converter_is_needed_behind_it(sink: str) -> None:
+    """The pad mosaic of stitch has BGR without one, but its frames are others."""
+    found = links(f"videotestsrc num-buffers=2 ! stitch name=e ! {sink} ! fakesink")
+    assert any(link.startswith("e.src -> videoconvert0.sink") for link in found)
+    assert not any(link.startswith("e.mosaic") for link in found)
