@@ -148,6 +148,7 @@ def launch(
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         with without_collection():
+            from streamkit.cli.open_ends import open_ends
             from streamkit.cli.run import Run
             from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
@@ -169,7 +170,7 @@ def launch(
     display = choose_display(pipeline, stats, log_format, quiet=quiet)
     if not quiet:
         unused = unused_variables(source.text, source.variables)
-        display.print_each("note", (*unused, *_application_notes(pipeline)))
+        display.print_each("note", (*unused, *open_ends(pipeline.graph)))
     monitor = Monitor(pipeline)
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
     with serve_metrics(monitor, metrics):
@@ -255,26 +256,6 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
         return Pipeline.parse(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=as_json)
-
-
-def _application_notes(pipeline: Pipeline) -> Iterator[str]:
-    """Notes on elements that wait for calls of an application and on open ends."""
-    from streamkit.graph.link import RAW_VIDEO
-
-    for element in pipeline.graph.elements:
-        if element.factory == "appsink":
-            effect = "drops frames" if getattr(element, "drop", False) else "fills up"
-            yield f"{element.name} {effect}, as only a Python program takes its frames; write fakesink here"
-        elif element.factory == "appsrc":
-            yield f"{element.name} waits, as only a Python program gives it frames; write fakesrc here"
-        outputs = list(element.src_pads())
-        if outputs and any(element.sink_pads()) and all(pad.peer is None for pad in outputs):
-            yield f"{outputs[0].path} is not linked, its frames go nowhere; link it to a sink"
-        sink = element.pads.get("sink")
-        if sink is not None and sink.peer is None and not pipeline.graph.delayed_links:
-            takes_video = not sink.template.caps.is_any and sink.template.caps.can_intersect(RAW_VIDEO)
-            source = "filesrc location=FILE ! decode" if takes_video else "a source"
-            yield f"{sink.path} is not linked, no frame comes; write {source} ! before {element.factory}"
 
 
 def _supervise(*, is_timed: bool) -> NoReturn:
