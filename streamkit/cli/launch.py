@@ -26,7 +26,7 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.stderr import fail, fail_usage, lines_in, print_line
+from streamkit.cli.stderr import exit_with_error, fail, fail_usage, lines_in, print_line
 from streamkit.errors import DescriptionError, StreamkitError
 from streamkit.graph.variables import unused_variables
 from streamkit.handoff.library_threads import share_cores
@@ -150,7 +150,6 @@ def launch(
         with without_collection():
             from streamkit.cli.open_ends import open_ends
             from streamkit.cli.run import Run
-            from streamkit.graph.files import user_of
             from streamkit.service.monitor import Monitor
 
             pipeline = build(source, as_json=json_errors)
@@ -160,9 +159,8 @@ def launch(
             source = choose_processes(source, pipeline)
             pipeline = build(source, as_json=json_errors)
             gc.collect()  # the pipeline that was measured
-        if stats_file is not None and (user := user_of(stats_file, pipeline.graph.elements)):
-            text = f"{stats_file} is a file of {user}; name another"
-            raise typer.BadParameter(text, param_hint="--stats-file")
+        if stats_file is not None:
+            _check_stats_file(stats_file, pipeline)
     gc.freeze()  # what the imports have made is not searched again while the elements start
     if pipeline.graph.processes:
         share_cores(len(pipeline.graph.processes) + 1)
@@ -256,6 +254,21 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
         return Pipeline.parse(source.text, source.variables)
     except DescriptionError as error:
         fail_description(error, source, as_json=as_json)
+
+
+def _check_stats_file(file: Path, pipeline: Pipeline) -> None:
+    """Exits, before a run, where the file of counters is one of the pipeline's or cannot be written."""
+    from streamkit.errors import write_remedy
+    from streamkit.graph.files import user_of
+    from streamkit.output.file import check_writable
+
+    if user := user_of(file, pipeline.graph.elements):
+        text = f"{file} is a file of {user}; name another"
+        raise typer.BadParameter(text, param_hint="--stats-file")
+    try:
+        check_writable(file)
+    except OSError as error:
+        exit_with_error(f"--stats-file {file} cannot be written: {error.strerror}{write_remedy(error)}")
 
 
 def _supervise(*, is_timed: bool) -> NoReturn:
