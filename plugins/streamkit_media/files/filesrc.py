@@ -57,9 +57,10 @@ class FileSrc(Source):
     """Reads any file FFmpeg knows, video or image, as coded packets.
 
     The video comes out of `src`, or of `video` with `klv` and `klv_1` (first and second stream of MISB
-    telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Times are the file's own,
-    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times. Video
-    that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
+    telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Of several videos FFmpeg's
+    best is read, and a warning names the others. Times are the file's own, exact to the nanosecond. A file of
+    bare KLV packets has none: they come out of `klv` without times. Video that ends before the end that its
+    container declares is warned of, as a shortfall: the file is cut short.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
