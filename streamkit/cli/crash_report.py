@@ -15,10 +15,16 @@ from streamkit.element.base import Element
 
 CLOSE_LIMIT_S = 2.0
 # Waits for a word on stdin; if the other end is closed without one, the process has died.
-SCRIPT = """
+SCRIPT = r"""
 read -r word && exit
-names=$(sed -n 's/^1 //p' "$1" | tr '\\n' ' ')
-echo "error: the process has died; elements at work: ${names:-none }" >&2
+names=$(sed -n 's/^1 //p' "$1" | tr '\n' ' ')
+text="the process has died; elements at work: ${names:-none }"
+if [ "$2" = json ]; then
+    text=$(printf %s "$text" | sed 's/[\\"]/\\&/g')
+    printf '{"time": "%s", "level": "error", "message": "%s"}\n' "$(date -u +%FT%TZ)" "$text" >&2
+else
+    echo "error: $text" >&2
+fi
 """
 
 
@@ -30,12 +36,14 @@ class CrashReport:
 
     Args:
         elements: the elements of the graph.
+        is_json: whether the shell process prints a JSON object.
     """
 
-    def __init__(self, elements: Iterable[Element]) -> None:
+    def __init__(self, elements: Iterable[Element], *, is_json: bool = False) -> None:
         with contextlib.suppress(ValueError, OSError, RuntimeError):  # stderr may be closed
             faulthandler.enable()
         members = list(elements)
+        self._form = "json" if is_json else "text"
         lines = [f"0 {element.name} ({element.factory})\n".encode() for element in members]
         self._process: subprocess.Popen[bytes] | None = None
         with tempfile.TemporaryFile() as record:
@@ -54,7 +62,7 @@ class CrashReport:
         inherited = os.dup(record)
         try:
             return subprocess.Popen(
-                ["sh", "-c", SCRIPT, "sh", f"/dev/fd/{inherited}"],
+                ["sh", "-c", SCRIPT, "sh", f"/dev/fd/{inherited}", self._form],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 pass_fds=(inherited,),

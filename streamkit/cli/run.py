@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from streamkit.cli.crash_report import CrashReport
 from streamkit.cli.message_printer import MessagePrinter
+from streamkit.cli.stderr import prints_json
 from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError, StreamkitError
 from streamkit.flow.messages import MessageKind
 from streamkit.service.monitor import Monitor
@@ -73,7 +74,7 @@ class Run:
         """Plays to the end and stops; returns the exit code."""
         code = 0
         self.printer.print_notes(text for _, text in self.pipeline.graph.warnings)
-        report = CrashReport(self.pipeline.graph.elements)
+        report = CrashReport(self.pipeline.graph.elements, is_json=prints_json())
         try:
             with self._signals(report):
                 code = self._play()

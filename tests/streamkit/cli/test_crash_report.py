@@ -1,5 +1,6 @@
 """Reports of crashes, and Ctrl-C during a call that hangs."""
 
+import json
 import os
 import signal
 import subprocess
@@ -81,6 +82,17 @@ def test_a_crash_names_the_active_elements(launch: Launch, harm: str, number: in
     assert "lens (faulty)" in last
     assert "identity" not in last
     assert ("faulty.py" in errors) == (harm == "segfault")
+
+
+def test_the_report_of_a_json_log_is_an_object(launch: Launch) -> None:
+    """As every line of it; a quote in a name ends no string."""
+    description = """fakesrc num-buffers=9 ! faulty name="le\\"ns" harm=kill ! fakesink"""
+    process = launch("--log-format", "json", description)
+    _, errors = process.communicate(timeout=60)
+    last = json.loads(errors.splitlines()[-1])
+    assert (last["level"], sorted(last)) == ("error", ["level", "message", "time"])
+    assert last["message"].startswith("the process has died; elements at work: ")
+    assert 'le"ns (faulty)' in last["message"]
 
 
 def test_a_clean_run_prints_no_crash_report(launch: Launch) -> None:
