@@ -197,7 +197,8 @@ class OutputFileSink(Sink):
             )
 
     def _remedy(self) -> str:
-        stem, suffix = Path(self.example).stem, Path(self.example).suffix
+        path = Path(self.example if "%" in self.location else self.location)
+        stem, suffix = path.stem, path.suffix
         return (
             f"name another file, number them ({stem}-%05d{suffix}), put the time into the name "
             f"({stem}-%Y%m%dT%H%M%SZ{suffix}), or set if-exists=replace"
