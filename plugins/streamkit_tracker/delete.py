@@ -52,7 +52,8 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     gone = np.where(
         tentative,
         targets["frames_undetected"] > TENTATIVE_MISSES,
-        (targets["visible"] < MIN_VISIBLE) | (targets["credit_s"] <= 0),
+        # where a target is that is not sure, only its detector can tell
+        targets["sure"] & (targets["visible"] < MIN_VISIBLE) | (targets["credit_s"] <= 0),
     )
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
     for index in np.flatnonzero(gone).tolist():

@@ -13,6 +13,7 @@ from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
 from streamkit_tracker.trail import extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.update.return_search import ReturnSearch
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, widened
 
 MIN_STRAIGHTNESS = 0.5
@@ -64,5 +65,7 @@ def start_appearance(table: TargetTable, index: int, space: Space | None, sample
         EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
     )
     model.particles = Particles.at(window)
-    model.memory = Memory(CorrelationFilter(sampler, window)) if target["manual"] else None
+    if target["manual"]:
+        model.memory = Memory(CorrelationFilter(sampler, window))
+        model.return_search = ReturnSearch(sampler, window)
     target["score"], target["recognised"] = 1.0, True

@@ -17,6 +17,7 @@ from streamkit_tracker.appearance.look import Look
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
+from streamkit_tracker.update.return_search import ReturnSearch
 from streamkit_tracker.window_geometry import FloatArray, Number
 
 BoolArray = NDArray[np.bool_]
@@ -90,6 +91,7 @@ class TargetModel:
         particles: of the layered filter, from then on.
         patch: samples of a compared patch (rows, columns).
         memory: correlation filter against the background, for targets drawn by hand, else None.
+        return_search: finds such a target again, else None.
         response: of that filter in this frame, or None.
         look: what the vectors of its detections have shown, or None.
     """
@@ -101,6 +103,7 @@ class TargetModel:
     particles: Particles | None = None
     patch: tuple[int, int] = (0, 0)
     memory: Memory | None = None
+    return_search: ReturnSearch | None = None
     response: Response | None = None
     look: Look | None = None
 

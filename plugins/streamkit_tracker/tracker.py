@@ -26,7 +26,7 @@ from streamkit_tracker.report import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, BoolArray, TargetTable
 from streamkit_tracker.update.detected_box import follow_boxes, follow_detections, has_own_detection
-from streamkit_tracker.update.measurement import learn_appearances, measure
+from streamkit_tracker.update.measurement import find_again, learn_appearances, measure
 from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
 
@@ -109,6 +109,7 @@ class MultiTargetTracker:
         correct(rows)
         follow_boxes(rows, detected, targets.are_objects)
         learn_appearances(targets, sampler)
+        find_again(targets, sampler)
         end_gone(targets, sampler.shape)
         start_appearances(targets, observation, sampler)
         if len(rows) > self.settings.max_targets:

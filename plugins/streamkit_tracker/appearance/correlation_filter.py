@@ -125,6 +125,25 @@ class Memory:
         """Whether the last responses were sharp enough to claim that they are the target's."""
         return self.sharpness >= SURE_SHARPNESS
 
+    def judge(self, sampler: WindowSampler, window: FloatArray) -> float:
+        """Peak to sidelobe ratio of the oldest copy near a window, float64[5]; 1 at least."""
+        return max(self._copies[0].respond(sampler, window).sharpness, 1.0)
+
+    def believe(self, *, in_latest: bool) -> None:
+        """Takes what is followed for the target, as other evidence has found it; judged anew from there.
+
+        The filter that goes on is the latest, or the oldest copy where that one followed something else.
+        """
+        if not in_latest:
+            self.latest = self._copies[0].copy()
+        self._copies.clear()
+        self._copies.append(self.latest.copy())
+        self.sharpness = math.inf
+
+    def doubt(self) -> None:
+        """Claims nothing until the responses have been sharp for a while."""
+        self.sharpness = MIN_SHARPNESS
+
     def compare(self, region: Region | None) -> None:
         """Takes account of a frame by the region around the window, or None where the target was not seen."""
         sharpness = MIN_SHARPNESS if region is None else max(self._copies[0].sharpness(region), 1.0)

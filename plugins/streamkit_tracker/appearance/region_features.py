@@ -18,7 +18,6 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, Float32Array, FloatArray, IntArray
 
 GRID = 40  # cells
-SAMPLES = GRID * CELL
 PADDING = 4.0  # side of the region relative to the mean side of the target ...
 MIN_SIDE = 64.0  # ... and px at first: small targets move by more of their sides
 GRADIENTS, COLOURS = 10, 4  # components kept of the channels
@@ -71,38 +70,58 @@ class RegionFeatures:
         self.extent = np.asarray(window[LENGTH : WIDTH + 1]) / (self._padding * mean_side)
         hann = np.hanning(GRID + 2)[1:-1]
         self._hann = np.outer(hann, hann).astype(np.float32)
-        gradients, colours, _ = self._channels(sampler, window, self._side(window))
-        self._components = [_principal(gradients, GRADIENTS), _principal(colours, COLOURS)]
+        gradients, colours, _ = read_channels(sampler, self._around(window), (GRID, GRID))
+        self._components = [
+            principal_directions(gradients, GRADIENTS),
+            principal_directions(colours, COLOURS),
+        ]
 
     def read(self, sampler: WindowSampler, window: FloatArray) -> Region:
         """The region around a window, float64[5], of the sampler's frame."""
-        side = self._side(window)
-        *channels, bins = self._channels(sampler, window, side)
+        around = self._around(window)
+        *channels, bins = read_channels(sampler, around, (GRID, GRID))
         pairs = zip(self._components, channels, strict=True)
         features = np.concatenate([product(components, each) for components, each in pairs])
         features -= features.mean(axis=1, keepdims=True)
-        return Region(window, side, scipy.fft.rfft2(features.reshape(-1, GRID, GRID) * self._hann), bins)
+        return Region(
+            window,
+            float(around[LENGTH]),
+            scipy.fft.rfft2(features.reshape(-1, GRID, GRID) * self._hann),
+            bins,
+        )
 
-    def _side(self, window: FloatArray) -> float:
-        return self._padding * math.sqrt(window[LENGTH] * window[WIDTH])
-
-    def _channels(
-        self, sampler: WindowSampler, window: FloatArray, side: float
-    ) -> tuple[Float32Array, Float32Array, IntArray]:
-        """Gradients float32[31, cells], colours float32[9, cells] and bins int64[grid, grid]."""
-        wider = window.copy()
-        wider[LENGTH : WIDTH + 1] = side
-        patch = sampler.sample(wider[None], (SAMPLES, SAMPLES))
-        gradients = gradient_channels(patch.reshape(1, SAMPLES, SAMPLES))[0]
-        levels = patch.reshape(GRID, CELL, GRID, CELL).mean(axis=(1, 3)) + MIDDLE_GREY
-        chroma = sampler.sample_chroma(wider, (GRID, GRID))
-        colours = np.empty((COLOUR_CHANNELS, GRID * GRID), np.float32)
-        _classify(levels.ravel(), chroma, colours)
-        bins = colour_bins(levels, chroma.reshape(2, GRID, GRID))
-        return gradients.reshape(len(gradients), -1), colours, bins
+    def _around(self, window: FloatArray) -> FloatArray:
+        """The region as a window, float64[5]."""
+        around = window.copy()
+        around[LENGTH : WIDTH + 1] = self._padding * math.sqrt(window[LENGTH] * window[WIDTH])
+        return around
 
 
-def _principal(channels: Float32Array, count: int) -> Float32Array:
+def read_channels(
+    sampler: WindowSampler, region: FloatArray, cells: tuple[int, int], factor: int | None = None
+) -> tuple[Float32Array, Float32Array, IntArray]:
+    """What filters see of a region.
+
+    Args:
+        sampler: has been shown the frame.
+        region: float64[5], a window.
+        cells: its rows and columns.
+        factor: by how much the frame is averaged down; None is what suits a square region.
+
+    Returns:
+        Gradients float32[31, cells], colours float32[9, cells] and bins int64[rows, columns].
+    """
+    rows, columns = cells
+    patch = sampler.sample(region[None], (rows * CELL, columns * CELL), factor)
+    gradients = gradient_channels(patch.reshape(1, rows * CELL, columns * CELL))[0]
+    levels = patch.reshape(rows, CELL, columns, CELL).mean(axis=(1, 3)) + MIDDLE_GREY
+    chroma = sampler.sample_chroma(region, cells)
+    colours = np.empty((COLOUR_CHANNELS, rows * columns), np.float32)
+    _classify(levels.ravel(), chroma, colours)
+    return gradients.reshape(len(gradients), -1), colours, colour_bins(levels, chroma.reshape(2, *cells))
+
+
+def principal_directions(channels: Float32Array, count: int) -> Float32Array:
     """Directions float32[count, channels] in which the columns vary most."""
     centred = (channels - channels.mean(axis=1, keepdims=True)).astype(np.float64)
     _, vectors = np.linalg.eigh(centred @ centred.T)

@@ -8,6 +8,7 @@ import numpy as np
 
 from streamkit_tracker.appearance.correlation_filter import Memory
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
+from streamkit_tracker.appearance.region_features import PADDING
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
@@ -15,6 +16,7 @@ from streamkit_tracker.trail import extended, steadiness
 from streamkit_tracker.update.detected_box import has_own_detection, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, Particles, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
+from streamkit_tracker.update.return_search import SAME_PLACE
 from streamkit_tracker.update.search import Kind, search
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -188,6 +190,35 @@ def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
             rows["mean"][index, 2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
         memory.compare(region)
         rows["sure"][index] = memory.is_sure
+
+
+def find_again(table: TargetTable, sampler: WindowSampler) -> None:
+    """Looks for targets drawn by hand with their detectors.
+
+    A detector that agrees with what is followed makes the target sure. One that does not makes it unsure, and
+    moves a target that is not sure to where it was detected, beyond the region of the filter.
+    """
+    rows = table.rows
+    for index in np.flatnonzero(table.followed & rows["manual"]).tolist():
+        target, model = rows[index], table.models[index]
+        memory, search = model.memory, model.return_search
+        assert memory is not None
+        assert search is not None
+        is_seen = bool(target["recognised"])
+        found = search.look(sampler, target["window"], memory, is_seen=is_seen)
+        if found is None:
+            continue
+        apart = math.dist(found[:2], target["window"][:2]) / math.sqrt(found[LENGTH] * found[WIDTH])
+        if is_seen and apart <= SAME_PLACE:
+            memory.believe(in_latest=True)
+        elif is_seen and target["sure"]:
+            memory.doubt()
+        elif not is_seen or apart > PADDING / 2:  # nearer places the filter has compared itself
+            memory.believe(in_latest=False)
+            target["window"], target["mean"][:2], target["mean"][2:] = found, found[:2], 0.0
+            target["recognised"] = True
+            model.particles, model.trail = Particles.at(found), found[None, :2].copy()
+        target["sure"] = memory.is_sure
 
 
 def _learn_detected(table: TargetTable, index: int, sampler: WindowSampler) -> None:

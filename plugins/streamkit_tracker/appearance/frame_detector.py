@@ -1,0 +1,164 @@
+"""Finds a target drawn by hand anywhere in a large part of the frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from streamkit_kernels import product
+from streamkit_tracker.appearance.background_classifier import BackgroundClassifier
+from streamkit_tracker.appearance.gradient_histograms import CELL
+from streamkit_tracker.appearance.region_features import principal_directions, read_channels
+from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, Float32Array, FloatArray
+
+CELLS_PER_SIDE = 5.0
+MAX_REACH = 24.0  # sides: the largest part of a frame that is looked at
+BORDER = 1  # cells around the target that belong to its look
+MARGIN = 2  # cells beyond it, that gradients at its rim need
+GRADIENTS = 5  # components kept of the gradient channels
+COLOUR_WEIGHT = np.float32(6.0)  # colours stay longer than the outline of a target that turns or walks
+FIRST_PATCHES, PATCHES, HARD_PATCHES = 256, 54, 10
+NEAR = 0.3  # sides: the same place, with the cells as they fall
+APART = 1.0  # sides from the target: what is there is background
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """A part of a frame, and how like the target each place in it is.
+
+    Attributes:
+        side: mean side of the target that is looked for, px.
+        features: float32[channels, rows, columns], of the cells.
+        places: float64[r, c, 2], x y of the middle of the target at all places it may have, px.
+        scores: float32[r, c], at these places, see `BackgroundClassifier`; minus infinity beyond the frame.
+    """
+
+    side: float
+    features: Float32Array
+    places: FloatArray
+    scores: Float32Array
+
+    def distances(self, place: FloatArray) -> FloatArray:
+        """Distances of all places from x y, float64[2], in sides of the target: float64[r, c]."""
+        apart = self.places - place
+        return np.asarray(np.hypot(apart[..., 0], apart[..., 1]) / self.side)
+
+    def score_at(self, place: FloatArray) -> float:
+        """The best score at x y, float64[2], px."""
+        return float(self.scores.max(initial=-np.inf, where=self.distances(place) <= NEAR))
+
+    def score_elsewhere(self, place: FloatArray) -> float:
+        """The best score of what is not the target at x y, float64[2], px."""
+        return float(self.scores.max(initial=-np.inf, where=self.distances(place) > APART))
+
+    def best_place(self) -> FloatArray:
+        """Centre x y of the best score, float64[2], px."""
+        return np.asarray(self.places.reshape(-1, 2)[self.scores.argmax()])
+
+
+class FrameDetector:
+    """Tells a target from everything else in the frame, by gradients and colours of coarse cells.
+
+    It is not led by where the target was, and its negatives come from all over the frame, so that it finds
+    what the filter that follows the target has lost.
+
+    Source: Kalal, Mikolajczyk and Matas, Tracking-Learning-Detection, TPAMI 2012 (a detector beside a
+    tracker, with the most alike parts of the background as negatives).
+
+    Args:
+        sampler: has been shown the first frame.
+        window: float64[5], the first window.
+    """
+
+    def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
+        cell = math.sqrt(window[LENGTH] * window[WIDTH]) / CELLS_PER_SIDE
+        rows, columns = (max(2, round(float(window[side] / cell))) + 2 * BORDER for side in (WIDTH, LENGTH))
+        self._shape = rows, columns
+        region, (rows, columns) = self._region(window, sampler.shape)
+        gradients = read_channels(sampler, region, (rows, columns), _shrink(region, rows))[0]
+        self._components = principal_directions(gradients, GRADIENTS)
+        self._classifier: BackgroundClassifier | None = None
+        self._learnt = 0
+        self.learn(self.survey(sampler, window), sampler, window)
+
+    def survey(self, sampler: WindowSampler, window: FloatArray) -> Survey:
+        """Looks at the frame around a window, float64[5], for a target of its size and turn."""
+        region, (rows, columns) = self._region(window, sampler.shape)
+        features = self._read(sampler, region, (rows, columns))
+        cell = float(region[WIDTH]) / rows
+        down, across = (cell * (np.arange(count) - (count - 1) / 2) for count in self._counts(rows, columns))
+        cosine, sine = math.cos(region[ANGLE]), math.sin(region[ANGLE])
+        x = region[0] + across * cosine - down[:, None] * sine
+        y = region[1] + across * sine + down[:, None] * cosine
+        scores = np.zeros(x.shape, np.float32)
+        if self._classifier is not None:
+            scores += self._classifier.bias
+            weights = self._classifier.weights.reshape(-1, *self._shape)
+            for channel, part in zip(features, weights, strict=True):
+                products = cv2.filter2D(channel, -1, part, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT)
+                scores += products[: len(down), : len(across)]
+        height, width = sampler.shape
+        scores[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = -np.inf
+        return Survey(cell * CELLS_PER_SIDE, features, np.stack([x, y], axis=-1), scores)
+
+    def learn(self, survey: Survey, sampler: WindowSampler, window: FloatArray) -> None:
+        """Learns the target at a window, float64[5], and the background in a survey of the same frame."""
+        rows, columns = (cells + 2 * MARGIN for cells in self._shape)
+        region, cell = window.copy(), survey.side / CELLS_PER_SIDE
+        region[LENGTH], region[WIDTH] = columns * cell, rows * cell
+        look = self._read(sampler, region, (rows, columns))[:, MARGIN:-MARGIN, MARGIN:-MARGIN].ravel()
+        background = self._background(survey, window[:2])
+        if self._classifier is None:
+            self._classifier = BackgroundClassifier(look, background)
+        else:
+            self._classifier.learn(look, background)
+        self._learnt += 1
+
+    def _background(self, survey: Survey, place: FloatArray) -> Float32Array:
+        """Patches float32[n, k] beside a target at x y, float64[2]: evenly spread ones and the most alike."""
+        is_apart = (survey.distances(place) > APART) & np.isfinite(survey.scores)
+        free = np.flatnonzero(is_apart)
+        count = PATCHES if self._learnt else FIRST_PATCHES
+        stride = max(len(free) // count, 1)
+        chosen = [free[self._learnt % stride :: stride][:count]]
+        scores = np.where(is_apart, survey.scores, -np.inf)
+        for _ in range(HARD_PATCHES if self._learnt else 0):
+            row, column = divmod(int(scores.argmax()), scores.shape[1])
+            chosen.append(np.array([row * scores.shape[1] + column]))
+            scores[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3] = -np.inf
+        windows = np.lib.stride_tricks.sliding_window_view(survey.features, self._shape, axis=(1, 2))
+        rows, columns = np.divmod(np.concatenate(chosen), scores.shape[1])
+        return windows[:, rows, columns].swapaxes(0, 1).reshape(len(rows), -1)
+
+    def _read(self, sampler: WindowSampler, region: FloatArray, cells: tuple[int, int]) -> Float32Array:
+        """float32[channels, rows, columns] of a region, float64[5]."""
+        gradients, colours, _ = read_channels(sampler, region, cells, _shrink(region, cells[0]))
+        both = np.concatenate([product(self._components, gradients), COLOUR_WEIGHT * colours])
+        return both.reshape(-1, *cells)
+
+    def _region(self, window: FloatArray, image_shape: tuple[int, int]) -> tuple[FloatArray, tuple[int, int]]:
+        """The part of the frame around a window, float64[5], as a window of whole cells, and their number."""
+        side = math.sqrt(window[LENGTH] * window[WIDTH])
+        cell, region = side / CELLS_PER_SIDE, window.copy()
+        cells = [
+            max(round(min(size / cell, MAX_REACH * CELLS_PER_SIDE)), least + 2)
+            for size, least in zip(image_shape, self._shape, strict=True)
+        ]
+        region[LENGTH], region[WIDTH] = cells[1] * cell, cells[0] * cell
+        for axis, size in enumerate((image_shape[1], image_shape[0])):
+            half = min(float(region[LENGTH + axis]), size) / 2
+            region[axis] = min(max(float(window[axis]), half - 0.5), size - half - 0.5)
+        return region, (cells[0], cells[1])
+
+    def _counts(self, rows: int, columns: int) -> tuple[int, int]:
+        """How many places the target may have in so many cells."""
+        return rows - self._shape[0] + 1, columns - self._shape[1] + 1
+
+
+def _shrink(region: FloatArray, rows: int) -> int:
+    """By how much the frame is averaged down for a region of so many rows of cells."""
+    return max(1, int(region[WIDTH] / (rows * CELL)))

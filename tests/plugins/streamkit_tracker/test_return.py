@@ -1,0 +1,57 @@
+"""A target drawn by hand that was lost and is in view again."""
+
+from types import ModuleType
+
+import numpy as np
+
+from streamkit_tracker.observation import Observation
+from streamkit_tracker.report import TargetReport
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import TargetState
+from streamkit_tracker.tracker import MultiTargetTracker
+
+STEP = Observation(0.04)
+SETTINGS = TrackerSettings(auto_start=False)
+BEFORE, GONE, AFTER = 40, 15, 45
+RETURN = (290.0, 60.0)
+
+
+def reports_of(scenes: ModuleType, back: tuple[float, float] | None, seed: int) -> list[TargetReport | None]:
+    """A target that moves, is gone, and comes back at another place, or not at all."""
+    generator = np.random.default_rng(seed)
+    ground, texture = scenes.ground(generator, 240, 360), scenes.blob_texture(generator)
+    other = scenes.blob_texture(generator)
+    tracker, reports = MultiTargetTracker(SETTINGS), []
+    for index in range(BEFORE + GONE + AFTER):
+        window = np.array([60.0 + index, 170, 36, 30, 0.0])
+        picture = scenes.paint(ground, other, np.array([200.0, 40, 36, 30, 0.0]))
+        if index >= BEFORE + GONE:
+            window[:2] = back or (-100.0, -100.0)
+        if not BEFORE <= index < BEFORE + GONE:
+            picture = scenes.paint(picture, texture, window)
+        image = scenes.grey(picture, generator, 2.0)
+        if index == 0:
+            reports.append(tracker.start_target(image, window, STEP))
+        else:
+            reports.append(next(iter(tracker.step(image, STEP)), None))
+    return reports
+
+
+def test_it_is_confirmed_again_far_from_where_it_was_lost(scenes: ModuleType):
+    """Six sides away, within 25 frames, under its old id."""
+    for seed in range(3):
+        found = reports_of(scenes, RETURN, seed)[BEFORE + GONE + 25 :]
+        assert all(report is not None and report.id == 1 for report in found)
+        right = [
+            report.state is TargetState.CONFIRMED and np.hypot(*(report.window[:2] - RETURN)) < 6
+            for report in found
+            if report is not None
+        ]
+        assert np.mean(right) > 0.9
+
+
+def test_another_object_is_not_taken_for_it(scenes: ModuleType):
+    """One of its size with another look."""
+    for seed in range(3):
+        reports = reports_of(scenes, None, seed)[BEFORE + 10 :]
+        assert not any(report is not None and report.state is TargetState.CONFIRMED for report in reports)
