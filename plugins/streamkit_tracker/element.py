@@ -82,6 +82,8 @@ class ParticleTrack(Transform):
         doc="template: the target's own eigen template; features: the feature space that comes with frames.",
     )
 
+    _accepted_window: str | None = None  # to go back to where a new window is refused
+
     def start(self) -> None:
         """Begins without targets."""
         start_kernels("streamkit_tracker", warm_up, is_live=self.query_live(), report=self.post_warning)
@@ -101,7 +103,7 @@ class ParticleTrack(Transform):
         try:
             window = None if self.window is None else parse_window(self.window, self.name)
         except PropertyError:
-            self.__dict__["window"] = self.__dict__.get("_accepted_window")
+            vars(self)["window"] = self._accepted_window
             raise
         self._accepted_window = self.window
         if window is not None and self.is_playing:

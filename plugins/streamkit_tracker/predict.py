@@ -46,11 +46,13 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
         points += [model.trail for model in trailed] + [particles.positions for particles in clouds]
         mapped, jacobians = map_points(homography, np.concatenate(points))
         carry_states(rows, mapped, jacobians)
-        parts = iter(np.split(mapped, np.cumsum([len(each) for each in points]))[2:])
-        for model, part in zip(trailed, parts, strict=False):
-            model.trail = part
-        for particles, part in zip(clouds, parts, strict=False):
-            particles.positions = part
+        begin = 2 * len(rows)  # np.split takes longer than all else here
+        for model in trailed:
+            model.trail = mapped[begin : begin + len(model.trail)]
+            begin += len(model.trail)
+        for particles in clouds:
+            particles.positions = mapped[begin : begin + len(particles.positions)]
+            begin += len(particles.positions)
     advance(rows, step_s)
 
 

@@ -85,7 +85,8 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     # the window of a target drawn by hand is where it was recognised, else where it is predicted
     predicted = ~(rows["manual"] & rows["recognised"] & (rows["state"] == CONFIRMED))
     covariances[predicted] += rows["covariance"][predicted, :2, :2]
-    rows["score"][tentative] = np.nanmean(rows["hits"][tentative], axis=1)
+    if tentative.any():
+        rows["score"][tentative] = np.nanmean(rows["hits"][tentative], axis=1)
     rows["score"] = np.clip(rows["score"], 0.0, 1.0)
     # whole columns: reading one field of one row takes as long as reading all rows
     columns = zip(*(rows[name].tolist() for name in REPORTED), strict=True)

@@ -9,7 +9,7 @@ import numpy as np
 from streamkit_tracker.appearance.correlation_filter import Memory
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.region_features import PADDING
-from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
@@ -175,8 +175,7 @@ def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
     rows, known = table.rows, table.followed
     for index in np.flatnonzero(known & ~rows["recognised"]).tolist():
         table.models[index].particles = Particles.at(rows["mean"][index])
-    for index in np.flatnonzero(has_own_detection(rows) & ~rows["whole"]).tolist():
-        _learn_detected(table, index, sampler)
+    _learn_detected(table, np.flatnonzero(has_own_detection(rows) & ~rows["whole"]), sampler)
     for index in np.flatnonzero(known & rows["manual"]).tolist():
         model, region, share = table.models[index], None, float(rows["filter_share"][index])
         memory = model.memory
@@ -221,12 +220,21 @@ def find_again(table: TargetTable, sampler: WindowSampler) -> None:
         target["sure"] = memory.is_sure
 
 
-def _learn_detected(table: TargetTable, index: int, sampler: WindowSampler) -> None:
-    """Lets the template of the target in a row learn its window."""
-    target, model = table.rows[index], table.models[index]
-    assert model.template is not None
-    window = np.concatenate([target["mean"][:2], target["window"][LENGTH:]])
-    patch = sampler.sample(widened(window[None], table.settings.context), model.patch)[0]
-    model.template.update(patch)
-    model.particles = Particles.at(window)
-    target["learnt"] = True
+def _learn_detected(table: TargetTable, index: IndexArray, sampler: WindowSampler) -> None:
+    """Lets the templates of the targets in rows `index` learn their windows, those that are alike at once."""
+    rows, models = table.rows[index], [table.models[row] for row in index.tolist()]
+    windows = np.concatenate([rows["mean"][:, :2], rows["window"][:, LENGTH:]], axis=1)
+    wider = widened(windows, table.settings.context)
+    groups: dict[tuple[tuple[int, int], int], list[int]] = {}
+    for place, model in enumerate(models):
+        factor = shrink_factor(wider[place], model.patch, sampler.shape)
+        groups.setdefault((model.patch, factor), []).append(place)
+        model.particles = Particles.at(windows[place])
+    for (patch, factor), members in groups.items():
+        crops = sampler.crop(wider[members], factor, len(members))
+        patches = sampler.sample(wider[members], patch, crops=crops)
+        for place, pixels in zip(members, patches, strict=True):
+            template = models[place].template
+            assert template is not None
+            template.update(pixels)
+    table.rows["learnt"][index] = True
