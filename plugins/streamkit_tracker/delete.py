@@ -49,15 +49,13 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     targets["credit_s"][manual & recognised] = settings.coast
     believed = np.where(manual, targets["sure"], targets["frames_undetected"] < settings.lost_frames)
     confirmed = (targets["detection"] >= 0) & ~targets["crowded"] | recognised & believed
-    gone = np.where(
-        tentative,
-        targets["frames_undetected"] > TENTATIVE_MISSES,
-        # where a target is that is not sure, only its detector can tell
-        targets["sure"] & (targets["visible"] < MIN_VISIBLE) | (targets["credit_s"] <= 0),
-    )
+    # a target drawn by hand that is not sure may be elsewhere: its detector goes on looking for it
+    has_left = (targets["visible"] < MIN_VISIBLE) & (~manual | targets["sure"])
+    missed = targets["frames_undetected"] > TENTATIVE_MISSES
+    gone = np.where(tentative, missed, has_left | (targets["credit_s"] <= 0))
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
     for index in np.flatnonzero(gone).tolist():
-        cause = "left the frame" if targets["visible"][index] < MIN_VISIBLE else "coasted too long"
+        cause = "left the frame" if has_left[index] else "coasted too long"
         table.lose(index, cause if known[index] else "not detected again before it was confirmed")
 
 

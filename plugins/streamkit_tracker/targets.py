@@ -58,7 +58,7 @@ TARGET = np.dtype(
         ("crowded", np.bool_),  # the detection's box holds other targets, too
         ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared
         ("recognised", np.bool_),
-        ("sure", np.bool_),  # its last responses were sharp; always for targets without a filter
+        ("sure", np.bool_),  # drawn by hand: its last responses were sharp
         ("learnt", np.bool_),  # the template has learnt this frame
         ("filter_share", np.float64),  # how far the correlation filter learns this frame, 0 to 1
         ("measured", np.bool_),
