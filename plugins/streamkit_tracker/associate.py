@@ -79,10 +79,11 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
     unlike = _compare_looks(table.models, observation)
     costs = _look_costs(table.models, unlike, observation.are_objects)
-    strong = _assign_group(table, known & ~asleep, strong, detected, costs)
-    _assign_group(table, known & ~asleep, weak, detected, costs)
+    is_gated = gated(table)
+    strong = _assign_group(table, known & ~asleep, strong, detected, costs, is_gated)
+    _assign_group(table, known & ~asleep, weak, detected, costs, is_gated)
     for group in (known & asleep, ~known):
-        strong = _assign_group(table, group, strong, detected, costs)
+        strong = _assign_group(table, group, strong, detected, costs, is_gated)
     _learn_looks(table, unlike, observation)
     return strong
 
@@ -100,14 +101,19 @@ def find_weak(table: TargetTable, scores: FloatArray) -> BoolArray:
 
 
 def _assign_group(
-    table: TargetTable, group: BoolArray, free: IndexArray, detected: FloatArray, look_costs: FloatArray
+    table: TargetTable,
+    group: BoolArray,
+    free: IndexArray,
+    detected: FloatArray,
+    look_costs: FloatArray,
+    is_gated: BoolArray,
 ) -> IndexArray:
     """Assigns the detections `free` to the targets of a group that have none yet; returns those left."""
     rows = table.rows
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
         return free
-    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)], gated(table)[members])
+    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)], is_gated[members])
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
