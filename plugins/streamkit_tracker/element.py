@@ -57,10 +57,10 @@ class ParticleTrack(Transform):
     appearance, then coasts with a growing covariance, no longer than `coast`, and where detections are
     regions of motion no longer than it was detected; a detection continues it under its old id, even after it
     was not reported any more. `window` starts one target by hand, also while playing; it needs no detections,
-    coasts while it is not seen, and is searched in a circle that grows until `coast` has passed. Targets end,
-    each reported once as lost, on a cut, a new plane without a mapping, a new frame size, or a new epoch
-    without registration, but for those drawn by hand that are still in their place in a frame of the same
-    size.
+    coasts while it is not seen, and is searched until `coast` has passed: in a circle that grows, and by a
+    detector trained on it in a large part of the frame. Targets end, each reported once as lost, on a cut, a
+    new plane without a mapping, a new frame size, or a new epoch without registration, but for those drawn by
+    hand that are still in their place in a frame of the same size.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! fakesink
