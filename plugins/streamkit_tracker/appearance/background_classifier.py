@@ -11,6 +11,7 @@ LOOK_RATE = 0.1  # of the mean look, at least
 KEPT_PATCHES = 512
 RIDGE = 0.3  # of the mean variance of the background
 ITERATIONS = 8  # from the last solution
+SOLVED = 1e-12  # squared length of what is left to solve
 
 
 class BackgroundClassifier:
@@ -60,7 +61,7 @@ class BackgroundClassifier:
         residual = goal - spread(solution)
         direction, power = residual, residual @ residual
         for _ in range(ITERATIONS):
-            if power <= 0:
+            if power <= SOLVED:
                 break
             image = spread(direction)
             step = power / (direction @ image)

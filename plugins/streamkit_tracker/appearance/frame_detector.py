@@ -112,6 +112,8 @@ class FrameDetector:
         region[LENGTH], region[WIDTH] = columns * cell, rows * cell
         look = self._read(sampler, region, (rows, columns))[:, MARGIN:-MARGIN, MARGIN:-MARGIN].ravel()
         background = self._background(survey, window[:2])
+        if not len(background):  # the target fills the frame
+            return
         if self._classifier is None:
             self._classifier = BackgroundClassifier(look, background)
         else:
@@ -128,11 +130,14 @@ class FrameDetector:
         scores = np.where(is_apart, survey.scores, -np.inf)
         for _ in range(HARD_PATCHES if self._learnt else 0):
             row, column = divmod(int(scores.argmax()), scores.shape[1])
+            if np.isneginf(scores[row, column]):
+                break
             chosen.append(np.array([row * scores.shape[1] + column]))
             scores[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3] = -np.inf
         windows = np.lib.stride_tricks.sliding_window_view(survey.features, self._shape, axis=(1, 2))
         rows, columns = np.divmod(np.concatenate(chosen), scores.shape[1])
-        return windows[:, rows, columns].swapaxes(0, 1).reshape(len(rows), -1)
+        size = len(survey.features) * math.prod(self._shape)
+        return windows[:, rows, columns].swapaxes(0, 1).reshape(len(rows), size)
 
     def _read(self, sampler: WindowSampler, region: FloatArray, cells: tuple[int, int]) -> Float32Array:
         """float32[channels, rows, columns] of a region, float64[5]."""

@@ -105,4 +105,4 @@ class ReturnSearch:
     def _is_distinct(self, survey: Survey, place: FloatArray) -> bool:
         """Whether the score at x y, float64[2], is like the target's, and above that of all other places."""
         least = (self._usual + self._usual_elsewhere) / 2
-        return survey.score_at(place) >= max(least, DISTINCT * survey.score_elsewhere(place))
+        return survey.score_at(place) > max(least, DISTINCT * survey.score_elsewhere(place), 0.0)

@@ -3,6 +3,7 @@
 from types import ModuleType
 
 import numpy as np
+import pytest
 
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.report import TargetReport
@@ -55,3 +56,22 @@ def test_another_object_is_not_taken_for_it(scenes: ModuleType):
     for seed in range(3):
         reports = reports_of(scenes, None, seed)[BEFORE + 10 :]
         assert not any(report is not None and report.state is TargetState.CONFIRMED for report in reports)
+
+
+@pytest.mark.parametrize(
+    "window", [(32.0, 24, 64, 48), (32.0, 24, 60, 44), (2.0, 2, 12, 10), (32.0, 24, 64, 2)]
+)
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.filterwarnings("error")
+def test_a_target_without_background_or_look_is_never_found_elsewhere(
+    window: tuple[float, float, float, float], flat: bool
+):
+    """One that fills the frame, lies at its corner, or is as flat as its ground."""
+    image = np.full((48, 64), 90, np.uint8)
+    if not flat:
+        image[:] = np.random.default_rng(0).integers(0, 255, image.shape)
+    tracker = MultiTargetTracker(SETTINGS)
+    tracker.start_target(image, np.array([*window, 0.0]), STEP)
+    for _ in range(40):
+        for report in tracker.step(image, STEP):
+            assert np.hypot(*(report.window[:2] - window[:2])) < 30
