@@ -71,7 +71,7 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
 
     Source: Zhang et al., ByteTrack: Multi-Object Tracking by Associating Every Detection Box, 2022.
     """
-    known, asleep = table.followed, table.dormant
+    followed, dormant = table.followed, table.dormant
     usable = np.isfinite(detected).all(axis=1) & (detected[:, 4:] > detected[:, 2:4]).all(axis=1)
     is_weak = np.zeros(len(detected), np.bool_)
     if observation.are_objects and observation.scores is not None:
@@ -80,9 +80,9 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     unlike = _compare_looks(table.models, observation)
     costs = _look_costs(table.models, unlike, observation.are_objects)
     is_gated = gated(table)
-    strong = _assign_group(table, known & ~asleep, strong, detected, costs, is_gated)
-    _assign_group(table, known & ~asleep, weak, detected, costs, is_gated)
-    for group in (known & asleep, ~known):
+    strong = _assign_group(table, followed & ~dormant, strong, detected, costs, is_gated)
+    _assign_group(table, followed & ~dormant, weak, detected, costs, is_gated)
+    for group in (followed & dormant, ~followed):
         strong = _assign_group(table, group, strong, detected, costs, is_gated)
     _learn_looks(table, unlike, observation)
     return strong

@@ -28,16 +28,16 @@ def coast_all(table: TargetTable) -> None:
     for model, displacement in zip(table.models, displacements, strict=True):
         if model.particles is not None:
             model.particles.positions = model.particles.positions + displacement
-    known = table.followed
-    rows["state"][known] = COASTING
-    missed = ~known & (rows["frames_undetected"] > TENTATIVE_MISSES)
+    followed = table.followed
+    rows["state"][followed] = COASTING
+    missed = ~followed & (rows["frames_undetected"] > TENTATIVE_MISSES)
     for index in np.flatnonzero((rows["credit_s"] <= 0) | missed).tolist():
         table.lose(index, "coasted too long without registration")
 
 
 def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     """Sets the windows and states of all targets, and ends those that left the frame or coasted too long."""
-    targets, settings, known = table.rows, table.settings, table.followed
+    targets, settings, followed = table.rows, table.settings, table.followed
     targets["visible"] = visible_fraction(targets["window"], image_shape)
     tentative = targets["state"] == TENTATIVE
     window, mean, manual = targets["window"], targets["mean"], targets["manual"]
@@ -56,7 +56,7 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
     for index in np.flatnonzero(gone).tolist():
         cause = "left the frame" if has_left[index] else "coasted too long"
-        table.lose(index, cause if known[index] else "not detected again before it was confirmed")
+        table.lose(index, cause if followed[index] else "not detected again before it was confirmed")
 
 
 def end_surplus(table: TargetTable) -> int:
@@ -66,12 +66,12 @@ def end_surplus(table: TargetTable) -> int:
         The number of targets that end.
     """
     rows = table.rows
-    known = table.followed
-    surplus = int(np.count_nonzero(known)) - table.settings.max_targets
+    followed = table.followed
+    surplus = int(np.count_nonzero(followed)) - table.settings.max_targets
     if surplus <= 0:
         return 0
     doubts, coasting = position_doubt(rows).tolist(), (rows["state"] == COASTING).tolist()
-    movable = np.flatnonzero(known & ~rows["manual"]).tolist()
+    movable = np.flatnonzero(followed & ~rows["manual"]).tolist()
     chosen = sorted(movable, key=lambda index: (coasting[index], doubts[index]), reverse=True)[:surplus]
     for index in chosen:
         table.lose(index, "made room: max-targets were followed")

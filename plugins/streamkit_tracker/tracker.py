@@ -148,10 +148,10 @@ class MultiTargetTracker:
 
     def _is_searched(self) -> BoolArray:
         """bool[n]: targets whose appearance is searched in this frame."""
-        rows, is_known = self.targets.rows, self.targets.followed
+        rows, followed = self.targets.rows, self.targets.followed
         found = rows["detection"] >= 0
         # In turn, a detection of its own is enough for a target.
         is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
         resting = has_own_detection(rows) & ~is_in_turn
         # Boxes that show the whole target are better than any template.
-        return np.asarray(is_known & ~resting & ~rows["whole"] & (found | ~self.targets.dormant))
+        return np.asarray(followed & ~resting & ~rows["whole"] & (found | ~self.targets.dormant))

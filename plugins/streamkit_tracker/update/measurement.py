@@ -172,11 +172,11 @@ def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
     A template learns every window that a detection of its own has set: what it is not shown it cannot find
     in the next frame without one.
     """
-    rows, known = table.rows, table.followed
-    for index in np.flatnonzero(known & ~rows["recognised"]).tolist():
+    rows, followed = table.rows, table.followed
+    for index in np.flatnonzero(followed & ~rows["recognised"]).tolist():
         table.models[index].particles = Particles.at(rows["mean"][index])
     _learn_detected(table, np.flatnonzero(has_own_detection(rows) & ~rows["whole"]), sampler)
-    for index in np.flatnonzero(known & rows["manual"]).tolist():
+    for index in np.flatnonzero(followed & rows["manual"]).tolist():
         model, region, share = table.models[index], None, float(rows["filter_share"][index])
         memory = model.memory
         assert memory is not None
