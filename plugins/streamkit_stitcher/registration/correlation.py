@@ -5,7 +5,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfft2, next_fast_len, rfft2
+import scipy
 
 from streamkit.geometry.homography import FloatArray, GreyArray, translation
 
@@ -91,6 +91,6 @@ def _overlap_sums(values: FloatArray) -> FloatArray:
 def _correlate(first: FloatArray, second: FloatArray) -> FloatArray:
     """Sums of products over the overlap, float64[2 h, 2 w]; element [h + y, w + x] is of a shift by x, y."""
     height, width = first.shape
-    size = next_fast_len(2 * height, real=True), next_fast_len(2 * width, real=True)
-    product = irfft2(rfft2(first, size) * rfft2(second, size).conj(), size)
+    size = tuple(scipy.fft.next_fast_len(2 * side, real=True) for side in first.shape)
+    product = scipy.fft.irfft2(scipy.fft.rfft2(first, size) * scipy.fft.rfft2(second, size).conj(), size)
     return np.asarray(np.roll(product, (height, width), (0, 1))[: 2 * height, : 2 * width], dtype=np.float64)
