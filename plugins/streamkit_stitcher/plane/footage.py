@@ -37,11 +37,6 @@ class Footage:
         # The last frames, each with its motion to the one before.
         self._recent: deque[tuple[WorkingImage, FloatArray]] = deque(maxlen=_CALM_FRAMES)
 
-    @property
-    def is_video(self) -> bool:
-        """Whether the last frames continued those before."""
-        return self._kind is _Kind.VIDEO
-
     def is_abrupt(self, image: WorkingImage) -> bool:
         """Whether a frame is unlike the one before it, and the frames before are alike where they overlap."""
         if len(self._recent) < _CALM_FRAMES or _are_alike(self._recent[-1][0], image):
@@ -58,9 +53,15 @@ class Footage:
         self._recent.clear()
         self._forget()
 
-    def continued(self) -> None:
-        """A frame continued the one before it."""
+    def continues(self, is_jump: bool) -> bool:
+        """Whether a frame that matches where it is expected continues the one before it.
+
+        One that has jumped does so in a video only: the overlap of two photographs does not fix the frame.
+        """
+        if is_jump and self._kind is not _Kind.VIDEO:
+            return False
         self._kind, self._continued = _Kind.VIDEO, self._continued + 1
+        return True
 
     def recognised(self, is_photograph: bool) -> None:
         """A frame was found by features: far from the one before it, or anywhere."""

@@ -142,9 +142,7 @@ class FrameRegistrar:
         if near is not None and near.share >= SURE_SHARE:
             found = placed(anchor.keyframes.active, near)
             is_jump = self._is_jump(normalised(inverse(self._planes.before) @ found.to_reference))
-            # The overlap of two photographs alone does not fix the whole frame: these are left to features.
-            if self._footage.is_video or not is_jump:
-                self._footage.continued()
+            if self._footage.continues(is_jump):
                 return self._accept(images, anchor, replace(found, is_due=is_jump))
         if image.is_blank:
             return self._predict()

@@ -25,7 +25,7 @@ def calm(scenes):
     """A video that shows the first scene for three frames."""
     footage = Footage()
     for _ in range(3):
-        footage.continued()
+        footage.continues(is_jump=False)
         footage.add(scenes[0], np.eye(3))
     return footage
 
@@ -59,13 +59,13 @@ def test_unlike_frames_are_photographs_until_frames_continued(scenes):
     footage = Footage()
     assert footage.is_photograph(scenes[0], scenes[1])
     assert not footage.is_photograph(scenes[0], scenes[0])
-    footage.continued()
-    assert footage.is_video
+    assert footage.continues(is_jump=False)
+    assert footage.continues(is_jump=True)
     assert not footage.is_photograph(scenes[0], scenes[1])
     footage.recognised(is_photograph=False)
     assert footage.is_photograph(scenes[0], scenes[1])
     for _ in range(8):
-        footage.continued()
+        footage.continues(is_jump=False)
     footage.recognised(is_photograph=False)
     footage.restart()
     assert not footage.is_photograph(scenes[0], scenes[1])
@@ -75,10 +75,11 @@ def test_a_frame_found_far_from_the_one_before_is_a_photograph(scenes):
     """Those after it are, too, however alike they are, until one continues the one before."""
     footage = Footage()
     for _ in range(8):
-        footage.continued()
+        footage.continues(is_jump=False)
     footage.recognised(is_photograph=True)
     assert footage.is_photograph(scenes[0], scenes[0])
-    footage.continued()
+    assert not footage.continues(is_jump=True)
+    footage.continues(is_jump=False)
     assert not footage.is_photograph(scenes[0], scenes[1])
 
 
