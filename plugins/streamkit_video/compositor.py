@@ -99,8 +99,9 @@ class Compositor(Combine):
         if begins:  # an input that has the lock may be held downstream, where the flush has not begun yet
             return
         with self.combine_lock:
-            self.count_drop("flushed", sum(len(held) for held in self._held.values()))
-            self._held.clear()
+            for held in self._held.values():  # an input may wait for room in it
+                self.count_drop("flushed", len(held))
+                held.clear()
             self._newest_ns.clear()
             self._changed.notify_all()
 

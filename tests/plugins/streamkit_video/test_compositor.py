@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from streamkit import Caps, ElementFailure, Frame, Pipeline
+from tests.waiting import wait_for
 
 LIMIT_S = 30.0
 MS = 1_000_000
@@ -131,3 +132,19 @@ def test_a_flush_of_a_paused_pipeline_returns() -> None:
         assert message is not None
         assert message.error is None
         assert pipeline["k"].count > 20
+
+
+def test_an_input_that_waits_for_room_goes_on_after_a_flush() -> None:
+    """The frames for which it waited are gone."""
+    with Pipeline.parse(TWO) as pipeline:
+        pipeline.play()
+        for number in range(10):
+            pipeline["a"].push(Frame(image(number), caps(), pts=40 * number * MS))
+        assert wait_for(lambda: pipeline["c"].is_waiting)
+        pipeline.flush()
+        pipeline["b"].push(Frame(image(7), caps(), pts=400 * MS))
+        pipeline["a"].end()
+        pipeline["b"].end()
+        message = pipeline.wait(LIMIT_S)
+        assert message is not None
+        assert message.error is None
