@@ -1,6 +1,6 @@
 """Dense alignment: all of a keyframe votes by area, so that large movers do not outvote weak texture."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -77,7 +77,7 @@ _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A motion, where its search began, its covariance, and the comparison there."""
+    """A motion, where its search began, its covariance, and the comparison there, px of its level."""
 
     start: FloatArray
     motion: FloatArray
@@ -116,9 +116,12 @@ def align_densely(
     textures = [texture(image) for image in levels_of(grey)]
     finest, image = levels[-1], textures[-1]
     best = _best(levels, textures, predictions, covariance)
-    at_rest = rest_share is not None and _is_rest(finest, image, predictions[0], best, rest_share)
-    motion = predictions[0] if at_rest else best.motion
-    compared = finest.compare(image, motion) if at_rest else best.compared
+    at_rest, motion, compared = False, best.motion, best.compared
+    if rest_share is not None:
+        resting = finest.compare(image, predictions[0])
+        at_rest = _is_rest(finest, predictions[0], resting, best, rest_share)
+        if at_rest:
+            motion, compared = predictions[0], resting
     neighbours = finest.neighbours(doubted)
     evidence = _evidence(finest, image, motion, compared, neighbours)
     # One frame of movers does not outweigh many at rest.
@@ -159,27 +162,20 @@ def _best(
         levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
         for prediction in predictions
     ]
-    best = _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
+    *_, best = _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
     shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
     is_other = corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE
-    if is_near and is_other and _is_rival(levels[0], textures[0], best.motion, shift, coarsest):
-        moved = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
-        if finest.evidence(moved.compared, best.compared) > _EVIDENT:
-            best = moved
+    if is_near and is_other:
+        rivals = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
+        rough = next(rivals)
+        # Finer levels take most of the time: only where the coarsest one prefers the shift.
+        known = levels[0].compare(textures[0], to_reduced(best.motion, coarsest))
+        if levels[0].evidence(rough.compared, known) > 0:
+            *_, moved = rough, *rivals
+            if finest.evidence(moved.compared, best.compared) > _EVIDENT:
+                best = moved
     return best
-
-
-def _is_rival(
-    level: DenseLevel, image: SingleArray, motion: FloatArray, shift: FloatArray, factor: int
-) -> bool:
-    """Whether the coarsest level agrees more with the motion near a shift than with another.
-
-    Only then are the finer levels, which take most of the time, worth it. Both are in px of the finest one.
-    """
-    start = to_reduced(shift, factor)
-    moved = level.refine(image, start, start, _RIVAL_COVARIANCE / factor**2)[2]
-    return level.evidence(moved, level.compare(image, to_reduced(motion, factor))) > 0
 
 
 def _evidence(
@@ -203,23 +199,26 @@ def _beyond_chance(
 
 def _refined(
     levels: Sequence[DenseLevel], textures: Sequence[SingleArray], start: FloatArray, covariance: FloatArray
-) -> _Fit:
-    """`DenseLevel.refine` from coarse to fine; `start` and `covariance` are in px of the finest level."""
+) -> Iterator[_Fit]:
+    """`DenseLevel.refine` from coarse to fine, in px of each level.
+
+    `start` and `covariance` are in px of the finest level.
+    """
     motion = to_reduced(start, 2 ** len(levels))
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
         size = 2 ** (len(levels) - 1 - number)
+        begin = to_reduced(start, size)
         motion, posterior, compared = level.refine(
-            image, from_reduced(motion, 2), to_reduced(start, size), covariance / size**2
+            image, from_reduced(motion, 2), begin, covariance / size**2
         )
-    return _Fit(start, motion, posterior, compared)
+        yield _Fit(begin, motion, posterior, compared)
 
 
 def _is_rest(
-    finest: DenseLevel, image: SingleArray, prediction: FloatArray, best: _Fit, rest_share: float
+    finest: DenseLevel, prediction: FloatArray, resting: BlockComparison, best: _Fit, rest_share: float
 ) -> bool:
-    """Whether a prediction explains the frame about as well as the best motion."""
+    """Whether a prediction, with its comparison, explains the frame about as well as the best motion."""
     allowed = np.linalg.inv(best.posterior + np.diag((_JITTER * STEP_RATIOS) ** 2))
     apart = finest.step_of(inverse(prediction) @ best.motion)
-    agreement = finest.compare(image, prediction).agreement
     held, as_good = (low + rest_share * (high - low) for low, high in (_HELD, _AS_GOOD))
-    return bool(apart @ allowed @ apart < held and agreement > as_good * best.compared.agreement)
+    return bool(apart @ allowed @ apart < held and resting.agreement > as_good * best.compared.agreement)
