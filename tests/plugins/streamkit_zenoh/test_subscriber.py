@@ -26,6 +26,7 @@ from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatu
 from tests.waiting import wait_for
 
 Opener = Callable[..., zenoh.Session]
+Feed = tuple[TrackSubscriber, zenoh.Session, zenoh.Publisher]
 
 
 def _frame(seq: int, *states: TrackState) -> Frame:
@@ -49,6 +50,23 @@ def sink(key: str, endpoint: str) -> Iterator[Callable[..., Harness]]:
     yield started
     for harness in open_ones:
         harness.close()
+
+
+@pytest.fixture
+def feed(open_test_session: Opener, key: str, endpoint: str) -> Iterator[Feed]:
+    """A subscriber, and a session whose publisher of records it has found."""
+    with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
+        session = open_test_session(connect=endpoint)
+        publisher = session.declare_publisher(f"{key}/tracks")
+        assert wait_for(lambda: publisher.matching_status.matching)
+        yield subscriber, session, publisher
+
+
+def _put_ended(session: zenoh.Session, key: str) -> None:
+    """Says that a run has ended."""
+    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
+    ended = codec.encode(_status(key, settled_number=1, state="ended"))
+    session.put(f"{key}/status", ended, encoding=codec.content_type)
 
 
 def test_it_is_a_name_of_the_package() -> None:
@@ -247,42 +265,28 @@ def test_a_late_status_shows_what_was_lost_before_the_first_record(
         token.undeclare()
 
 
-def test_a_publisher_that_was_killed_before_its_first_status_has_vanished(
-    open_test_session: Opener, key: str, endpoint: str
-) -> None:
+def test_a_publisher_that_was_killed_before_its_first_status_has_vanished(feed: Feed, key: str) -> None:
     """The run before it had ended; its own records are of a later run."""
-    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
-    with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
-        session = open_test_session(connect=endpoint)
-        publisher = session.declare_publisher(f"{key}/tracks")
-        assert wait_for(lambda: publisher.matching_status.matching)
-        ended = codec.encode(_status(key, settled_number=1, state="ended"))
-        for run in (5, 6):
-            publisher.put(b"{}", attachment=Stamp(run, 0).attachment())
-            session.put(f"{key}/status", ended, encoding=codec.content_type)
-        assert wait_for(lambda: subscriber.counts.received == 2)
-        assert subscriber.has_vanished
+    subscriber, session, publisher = feed
+    for run in (5, 6):
+        publisher.put(b"{}", attachment=Stamp(run, 0).attachment())
+        _put_ended(session, key)
+    assert wait_for(lambda: subscriber.counts.received == 2)
+    assert subscriber.has_vanished
 
 
-def test_a_publisher_that_was_killed_before_its_first_record_has_vanished(
-    open_test_session: Opener, key: str, endpoint: str
-) -> None:
+def test_a_publisher_that_was_killed_before_its_first_record_has_vanished(feed: Feed, key: str) -> None:
     """The run before it had ended; of its own the token alone was there."""
-    codec = Codec(StatusRecord, STATUS_SCHEMA, Encoding.JSON)
-    with TrackSubscriber(key, listen=endpoint, ring=8) as subscriber:
-        session = open_test_session(connect=endpoint)
-        publisher = session.declare_publisher(f"{key}/tracks")
-        assert wait_for(lambda: publisher.matching_status.matching)
-        ended = codec.encode(_status(key, settled_number=1, state="ended"))
-        session.put(f"{key}/status", ended, encoding=codec.content_type)
-        publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
-        assert wait_for(lambda: subscriber.counts.received == 1)
-        assert not subscriber.has_vanished
-        token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
-        assert wait_for(lambda: subscriber.counts.publishers == 1)
-        token.undeclare()
-        assert wait_for(lambda: subscriber.counts.publishers == 0)
-        assert subscriber.has_vanished
+    subscriber, session, publisher = feed
+    _put_ended(session, key)
+    publisher.put(b"{}", attachment=Stamp(5, 0).attachment())
+    assert wait_for(lambda: subscriber.counts.received == 1)
+    assert not subscriber.has_vanished
+    token = session.liveliness().declare_token(alive_key(f"{key}/tracks"))
+    assert wait_for(lambda: subscriber.counts.publishers == 1)
+    token.undeclare()
+    assert wait_for(lambda: subscriber.counts.publishers == 0)
+    assert subscriber.has_vanished
 
 
 def test_publishers_are_counted(open_test_session: Opener, key: str, endpoint: str) -> None:
