@@ -16,8 +16,8 @@ from streamkit_differencer.canvas import FIXED, Canvas, CanvasChange, FramePosit
 from streamkit_differencer.confidence import Persistence, confidence, contrasts
 from streamkit_differencer.cuts import Cut, CutDetector
 from streamkit_differencer.filters.components import components_of
-from streamkit_differencer.filters.parallax import MIN_STEP_PX
 from streamkit_differencer.filters.shadow import shadow_mask
+from streamkit_differencer.filters.view_motion import ViewMotionEstimator
 from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
 from streamkit_differencer.ground import UNSEEN
 from streamkit_differencer.model import BackgroundModel, Comparison
@@ -87,8 +87,7 @@ class Differencer:
     _camera: CameraMotion = field(default_factory=CameraMotion)
     _cuts: CutDetector = field(default_factory=CutDetector)
     _persistence: Persistence = field(init=False)
-    # Centres of the last frames on the canvas, px.
-    _centres: list[FloatArray] = field(init=False)
+    _view: ViewMotionEstimator = field(default_factory=ViewMotionEstimator)
 
     def reset(self) -> None:
         """Discards the model: the next frame starts a new one."""
@@ -98,6 +97,7 @@ class Differencer:
     def _forget(self) -> None:
         self._canvas = None
         self._camera.reset()
+        self._view = ViewMotionEstimator()
 
     def miss(self) -> None:
         """Skips a frame: the model stays as it is."""
@@ -134,9 +134,12 @@ class Differencer:
             frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
             frame.image[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = UNSEEN
         self._model.settings = self.settings.background
-        # A camera that is fixed, shakes or turns has no parallax; one that flies has a registration.
-        parallax = self._parallax(position, working.shape) if motion else None
-        found = self._model.update(frame, parallax)
+        view, shape = None, (working.shape[0], working.shape[1])
+        if motion:
+            # A camera that is fixed, shakes or turns has no parallax; one that flies has a registration.
+            interval, height = self.settings.background.frame_interval, self.settings.objects.parallax
+            view = self._view.update(position.working_to_canvas, shape, interval, height)
+        found = self._model.update(frame, view)
         rows, columns = frame.region
         to_region = translation(np.array([-columns.start, -rows.start])) @ position.working_to_canvas
         mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
@@ -175,23 +178,13 @@ class Differencer:
             return position
         if position.change is CanvasChange.NEW:
             self._model = BackgroundModel(self._canvas.size, self.settings.background, self._scale)
-            self._persistence, self._centres = Persistence(), []
+            self._persistence = Persistence()
+            self._view.restart()
             return position
         self._model.move(change, is_scroll=position.change is CanvasChange.SCROLL)
         self._persistence.boxes = mapped_boxes(change, self._persistence.boxes)
-        self._centres = [project(change, point[None])[0] for point in self._centres]
+        self._view.move(change)
         return position
-
-    def _parallax(self, position: FramePosition, shape: tuple[int, ...]) -> FloatArray | None:
-        """Vector on the canvas, px, to where tall objects may have shifted from; None for no shift."""
-        middle = np.array([[shape[1], shape[0]]]) / 2
-        self._centres.append(project(position.working_to_canvas, middle)[0])
-        del self._centres[: -self.settings.background.frame_interval - 1]
-        step = self._centres[-1] - self._centres[0]
-        if np.hypot(*step) < MIN_STEP_PX:
-            return None
-        self._model.flies = True
-        return step * self.settings.objects.parallax if self.settings.objects.parallax > 0.0 else None
 
     def _objects(
         self,

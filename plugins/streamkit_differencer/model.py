@@ -17,6 +17,7 @@ from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_o
 from streamkit_differencer.comparison import find_limits, find_quiet_ground
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
+from streamkit_differencer.filters.view_motion import ViewMotion
 from streamkit_differencer.foreground import find_foreground
 from streamkit_differencer.ground import BLACK, PROVISIONAL, UNSEEN, CanvasFrame, Ground, moved
 from streamkit_differencer.illumination import exposure_change
@@ -92,12 +93,12 @@ class BackgroundModel:
         history = (moved(frame, change, is_scroll) for frame in self._history)
         self._history = deque(history, self._history.maxlen)
 
-    def update(self, frame: CanvasFrame, parallax: FloatArray | None = None) -> Comparison:
+    def update(self, frame: CanvasFrame, view: ViewMotion | None = None) -> Comparison:
         """Processes a frame.
 
         Args:
             frame: on the canvas; its image is kept.
-            parallax: float64[2], px, shift of tall objects, see `filters.parallax`; None for none.
+            view: how it has moved, of a camera that flies; None for another one.
         """
         settings, ground, region = self.settings, self.ground, frame.region
         follows_exposure = self._follow_exposure(frame)
@@ -108,8 +109,10 @@ class BackgroundModel:
         compared = find_limits(frame.image, *states, *covered, gain, settings.foreground_threshold)
         mask = find_foreground(frame, *compared, self.tolerance, settings.hysteresis_ratio)
         found = Comparison(frame.image[region], *compared, quiet, mask, follows_exposure)
-        if parallax is not None and self._history:
-            self._remove_parallax(region, found, parallax)
+        if view is not None and self._history:
+            self.flies |= view.is_flight
+            if view.height > 0.0:
+                self._remove_parallax(region, found, view)
         self._learn(frame, found)
         self._history.append(frame.image)
         if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
@@ -137,13 +140,15 @@ class BackgroundModel:
             settings.quiet_frames,
         )
 
-    def _remove_parallax(self, region: Slices, found: Comparison, shift: FloatArray) -> None:
+    def _remove_parallax(self, region: Slices, found: Comparison, view: ViewMotion) -> None:
         """Removes the parallax of tall objects from the foreground, and learns it as background."""
         blocks, count = components_of(found.mask)
         ground, earlier = self.ground.part(region), self._history[0][region]
         frames = found.image, found.background, ground.valid, earlier, found.thresholds
-        x, y = shift.tolist()
-        shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), (x, y))
+        rows, columns = region
+        places = np.asarray(blocks[:, 1::-1] + (columns.start, rows.start), np.float64)
+        shifts = view.shifts(places)
+        shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), shifts)
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background)
 

@@ -9,20 +9,22 @@ is the cost of the filter.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, Flags, LabelImage
-from streamkit_kernels import INT32, UINT8_STRIDED, compiled, kernel
+from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage
+from streamkit_kernels import FLOAT64, INT32, UINT8_STRIDED, compiled, kernel
 
 IntegerArray = NDArray[np.int64]
 Images = tuple[ByteImage, ByteImage, ByteImage, ByteImage, ByteImage]
 Places = tuple[NDArray[np.int32], NDArray[np.int32]]  # rows and columns of blocks
 
-# Smallest camera step with parallax, px.
-MIN_STEP_PX = 2.0
+# Smaller shifts explain nothing, px.
+MIN_SHIFT_PX = 0.3
 # The background lags: it shows edges where they were some multiples of tau before; the earlier frame shows
 # them where they were one tau before, with a margin in px.
 LAG, EARLY_PX = 5.0, 0.5
@@ -42,9 +44,9 @@ def find_parallax(
     blocks: LabelImage,
     count: int,
     radius: int,
-    shift: tuple[float, float],
+    shifts: Sequence[FloatArray],
 ) -> Flags:
-    """The blocks of foreground that the shift explains: whole components, and parts of others.
+    """The blocks of foreground that one of the shifts explains: whole components, and parts of others.
 
     A roof's edge joins the foreground of a vehicle that drives along it. What would fall into pieces without
     its explained parts is no such vehicle, and stays whole.
@@ -55,22 +57,29 @@ def find_parallax(
         blocks: int32[n, 3], its components, see `components_of`.
         count: number of components.
         radius: registration error to tolerate, px.
-        shift: see `explained_blocks`.
+        shifts: see `explained_blocks`, of each block.
 
     Returns:
         bool[n].
     """
-    states = explained_blocks(*images, mask, blocks, radius, *shift)
+    found = np.zeros(len(blocks), np.bool_)
+    for shift in shifts:
+        states = explained_blocks(*images, mask, blocks, radius, shift)
+        found |= _explained(states, blocks, count, (mask.shape[0] // 2, mask.shape[1] // 2))
+    return found
+
+
+def _explained(states: ByteImage, blocks: LabelImage, count: int, shape: tuple[int, int]) -> Flags:
+    """The blocks that one shift explains, bool[n]; `shape` is that of the mask in blocks."""
     votes = states > NOT_SAMPLED, states == IS_EXPLAINED
     places, components = (blocks[:, 0] // 2, blocks[:, 1] // 2), blocks[:, 2]
-    shape = mask.shape[0] // 2, mask.shape[1] // 2
     all_votes, agreeing = (np.bincount(components, vote, count) for vote in votes)
     is_whole = agreeing >= EXPLAINED * np.maximum(all_votes, 1.0)
     near_votes, near_agreeing = (_sums_around(places, vote, shape) for vote in votes)
     is_part = near_agreeing >= EXPLAINED * np.maximum(near_votes, 1.0)
     if is_part.any():
         is_part &= _pieces(places, components, ~is_part, shape)[components] <= 1
-    return is_whole[components] | is_part
+    return np.asarray(is_whole[components] | is_part)
 
 
 def _sums_around(places: Places, votes: Flags, shape: tuple[int, int]) -> IntegerArray:
@@ -91,7 +100,7 @@ def _pieces(places: Places, components: LabelImage, stays: Flags, shape: tuple[i
     return np.bincount(owners[1:], minlength=components.max() + 1)
 
 
-@kernel(*[UINT8_STRIDED] * 6, INT32, types.int64, types.float64, types.float64)
+@kernel(*[UINT8_STRIDED] * 6, INT32, types.int64, FLOAT64)
 def explained_blocks(
     image: ByteImage,
     background: ByteImage,
@@ -101,8 +110,7 @@ def explained_blocks(
     mask: ByteImage,
     blocks: LabelImage,
     radius: int,
-    shift_x: float,
-    shift_y: float,
+    shifts: FloatArray,
 ) -> ByteImage:
     """Whether the shift explains blocks of foreground, both by the background and by the earlier frame.
 
@@ -117,15 +125,13 @@ def explained_blocks(
         mask: uint8[h, w], foreground.
         blocks: int32[n, 3], see `components_of`.
         radius: registration error to tolerate, px.
-        shift_x: vector to where tall objects may have shifted from: the motion of the view over the canvas in
-            the last tau frames, times the largest h / (H - h); px.
-        shift_y: the same, downwards.
+        shifts: float64[n, 2], px, of each block the vector to where it may have shifted from in the last tau
+            frames.
 
     Returns:
         uint8[n], `NOT_SAMPLED`, `NOT_EXPLAINED` or `IS_EXPLAINED`.
     """
     states = np.zeros(len(blocks), np.uint8)
-    beyond = 1.0 + EARLY_PX / np.sqrt(shift_x * shift_x + shift_y * shift_y)
     for index in range(0, len(blocks), max(1, -(-len(blocks) // MAX_BLOCKS))):
         row, column = blocks[index, 0], blocks[index, 1]
         # The diagonal corner where this one is not in the mask; blocks with neither are skipped.
@@ -133,12 +139,17 @@ def explained_blocks(
         row, column = row + other, column + other
         if mask[row, column] == 0:
             continue
+        states[index] = NOT_EXPLAINED
         # Signed, as bounds may be below zero.
         value, most = np.int64(image[row, column]), np.int64(thresholds[row, column])
         low, high = value - most, value + most
+        shift_x, shift_y = shifts[index, 0], shifts[index, 1]
+        length = np.sqrt(shift_x * shift_x + shift_y * shift_y)
+        if not length >= MIN_SHIFT_PX:  # or no number
+            continue
         path = LAG * shift_x, LAG * shift_y
-        states[index] = NOT_EXPLAINED
         if _explains(background, valid, radius, row, column, path, low, high):
+            beyond = 1.0 + EARLY_PX / length
             path = beyond * shift_x, beyond * shift_y
             if _explains(earlier, earlier, 1, row, column, path, low, high):
                 states[index] = IS_EXPLAINED

@@ -30,7 +30,8 @@ def slides_in(now, before, learnt, known=EVERYWHERE):
     assert mask.any()
     blocks, count = components_of(mask)
     images = (now, learnt, known, before, thresholds)
-    return mask, blocks, find_parallax(images, mask, blocks, count, 1, (2.0, 0.0))
+    shifts = np.full((len(blocks), 2), (2.0, 0.0))
+    return mask, blocks, find_parallax(images, mask, blocks, count, 1, [shifts])
 
 
 def judged(now, before, learnt, known=EVERYWHERE):
