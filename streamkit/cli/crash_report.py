@@ -33,10 +33,6 @@ class CrashReport:
 
     `faulthandler` prints the stack of each thread. Elements mark themselves in memory shared with a shell
     process (`Element.at_work`), which prints the names of those marked unless `close` was called before.
-
-    Args:
-        elements: the elements of the graph.
-        is_json: whether the shell process prints a JSON object.
     """
 
     def __init__(self, elements: Iterable[Element], *, is_json: bool = False) -> None:

@@ -16,11 +16,6 @@ if TYPE_CHECKING:
 class MessagePrinter:
     """Prints errors, unless `quiet` also notes, warnings and interrupts, and with `verbose` everything.
 
-    Args:
-        pipeline: the pipeline.
-        display: what is printed on.
-        verbose: whether to print caps, states, every message, and the traceback of an error.
-
     Attributes:
         quiet: whether to print errors only.
         shortfalls: warnings that something the pipeline is for was not made.

@@ -120,11 +120,7 @@ class StreamEncoder:
 
 
 class StreamDecoder:
-    """The reader's side of a link.
-
-    Args:
-        packages: see `ValueDecoder`.
-    """
+    """The reader's side of a link."""
 
     def __init__(self, packages: Iterable[str]) -> None:
         self.slots = SlotReader()

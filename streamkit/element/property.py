@@ -243,9 +243,6 @@ class SettingsOf(Generic[T]):
 
     Nested settings dataclasses add their own settings; other fields keep their defaults. The instance is
     cached until a property is set.
-
-    Args:
-        kind: the dataclass.
     """
 
     def __init__(self, kind: type[T]) -> None:

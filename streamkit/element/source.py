@@ -217,6 +217,3 @@ class Source(Element):
             if other.caps is not None and other.peer is not None:
                 other.check_accepted(other.caps)
                 other.send_event(CapsEvent(other.caps))
-
-    def receive_event(self, pad: Pad, event: Event) -> None:
-        """Never called: a source has no sink pads."""

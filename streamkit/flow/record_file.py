@@ -31,9 +31,6 @@ class RecordFile:
     Iterating yields each with the number of its run, from 1: another run was appended where epoch and frame
     number do not go up; its ids are other targets.
 
-    Args:
-        path: the file.
-
     Attributes:
         is_cut_off: whether the last line was only half written, as by a process that was killed; it is left
             out.

@@ -119,13 +119,7 @@ class BranchOutput:
 
 
 class BranchOutputs:
-    """The outputs of one run whose branches join, leave or may fail alone; other pads push into their chain.
-
-    Args:
-        graph: the graph.
-        bus: gets a warning for each dropped branch.
-        end: the sinks of a dropped branch are removed from it.
-    """
+    """Outputs of one run whose branches join, leave or may fail alone; other pads push into their chain."""
 
     def __init__(self, graph: Graph, bus: Bus, end: StreamEnd) -> None:
         self._graph = graph

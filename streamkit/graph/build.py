@@ -27,7 +27,7 @@ from streamkit.graph.assignments import (
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, auto_name
-from streamkit.graph.linking import LinkEnd, Linker, PendingLink
+from streamkit.graph.linking import LinkEnd, Linker
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
     BinNode,
@@ -97,7 +97,7 @@ class GraphBuilder:
         self._linker = Linker(self.graph, self._bins, self._auto_name)
         self._places: dict[Element, Place] = {}
         self._numbers: Counter[str] = Counter()
-        self._pending_links: list[PendingLink] = []
+        self._pending_links: list[tuple[LinkEnd, LinkEnd, LinkNode, Caps | None]] = []
         self._pending_properties: list[PendingProperty] = []
 
     def build(self, chains: Sequence[ChainNode]) -> Graph:
@@ -161,7 +161,7 @@ class GraphBuilder:
     def _make_links(self) -> None:
         for link in self._pending_links:
             try:
-                self._linker.make(link)
+                self._linker.make(*link)
             except DescriptionError:
                 # Report caps conflicts of earlier links before this error.
                 if not self.graph.has_loop():
@@ -204,7 +204,7 @@ class GraphBuilder:
             kind, edge = ("source", "ends") if left is None else ("sink", "begins")
             rule = f"link has no {kind}: the chain in the brackets {edge} with a reference or an address"
             raise DescriptionError("link", rule, link.place)
-        self._pending_links.append(PendingLink(left, right, caps, link.every_pad, link.place))
+        self._pending_links.append((left, right, link, caps))
 
     # Nodes.
 

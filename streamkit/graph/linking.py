@@ -16,6 +16,7 @@ from streamkit.graph.bins import BinTree, bin_of
 from streamkit.graph.delayed_link import DelayedLink
 from streamkit.graph.graph import Graph
 from streamkit.graph.link import LinkRequest, awaits_pads, choose_pads
+from streamkit.graph.parse import LinkNode
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +37,6 @@ class LinkEnd:
         return replace(self.place, column=column, length=len(pad))
 
 
-@dataclass(frozen=True, slots=True)
-class PendingLink:
-    """A link to be made once all elements exist."""
-
-    source: LinkEnd
-    sink: LinkEnd
-    caps: Caps | None
-    every_pad: bool
-    place: Place
-
-
 class Linker:
     """Makes links one by one.
 
@@ -62,10 +52,10 @@ class Linker:
         self._bins = bins
         self._auto_name = auto_name
 
-    def make(self, link: PendingLink) -> None:
+    def make(self, left: LinkEnd, right: LinkEnd, link: LinkNode, caps: Caps | None) -> None:
         """Makes a link, or a delayed link if the stream may add the pad; raises `DescriptionError`."""
-        source, sink = self._resolve(link.source), self._resolve(link.sink)
-        src_names, sink_names = link.source.pads, link.sink.pads
+        source, sink = self._resolve(left), self._resolve(right)
+        src_names, sink_names = left.pads, right.pads
         both_named = bool(src_names and sink_names)
         if both_named and len(src_names) != len(sink_names):
             what = f"{len(src_names)} pads of {source.name} cannot meet {len(sink_names)} pads of {sink.name}"
@@ -73,9 +63,9 @@ class Linker:
         if not both_named:
             src_names, sink_names = ("".join(src_names[:1]),), ("".join(sink_names[:1]),)
         for src_name, sink_name in zip(src_names, sink_names, strict=True):
-            places = link.source.pad_place(src_name), link.sink.pad_place(sink_name)
+            places = left.pad_place(src_name), right.pad_place(sink_name)
             request = LinkRequest(
-                source, src_name, sink, sink_name, link.place, *places, link.caps, link.every_pad
+                source, src_name, sink, sink_name, link.place, *places, caps, link.every_pad
             )
             if link.every_pad and not both_named:
                 self._make_all(request)

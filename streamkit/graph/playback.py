@@ -139,8 +139,9 @@ class Playback:
 
     def finish(self) -> None:
         """Makes every source end its stream with EOS."""
-        for source in self._sources():
-            source.finish()
+        for element in self._graph.local():
+            if isinstance(element, Source):
+                element.finish()
 
     def stop(self) -> None:
         """Stops reporting hangs and the end of the stream; reports transforms that gave no frame."""
@@ -302,6 +303,3 @@ class Playback:
         """The sinks whose end this process awaits: those of other processes, too, in the main one."""
         members = self._graph.elements if self._graph.here is None else self._graph.local()
         return [element for element in members if isinstance(element, Sink)]
-
-    def _sources(self) -> list[Source]:
-        return [element for element in self._graph.local() if isinstance(element, Source)]
