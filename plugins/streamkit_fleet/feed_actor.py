@@ -60,12 +60,7 @@ class FeedLog(JsonDisplay):
 
 
 class FeedActor:
-    """A feed: as `launch -e --metrics`, again with back-off when the pipeline fails.
-
-    Args:
-        name: of the feed.
-        feed: its entry in the table.
-    """
+    """A feed: as `launch -e --metrics`, again with back-off when the pipeline fails."""
 
     def __init__(self, name: str, feed: FeedSpec) -> None:
         self._name, self._feed = name, feed

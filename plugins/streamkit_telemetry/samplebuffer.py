@@ -56,9 +56,6 @@ class SampleBuffer:
     def sample_at(self, pts: int) -> tuple[Sample, int, bool] | None:
         """The sample for a time.
 
-        Args:
-            pts: of the frame, ns.
-
         Returns:
             The sample, interpolated where its neighbours are near enough; the time from the frame to the
             nearest one measured (negative: it is older), ns; whether that is stale. None without any sample.

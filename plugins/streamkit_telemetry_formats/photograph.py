@@ -37,10 +37,6 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
     is that published of the DJI camera, whose pictures of 16:9 are cut out of a sensor of another shape; else
     that of the focal length for 35 mm film, which counts along the diagonal, or of focal length and sensor.
 
-    Args:
-        data: the JPEG file.
-        pts: of the image, ns.
-
     Returns:
         The sample, or None where the file has no position.
 

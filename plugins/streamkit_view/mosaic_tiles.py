@@ -29,9 +29,6 @@ class MosaicTiles:
     `stitch` shows a mosaic on a grid of pixels that is fixed to the plane. While the next image continues
     the grid of the last, tiles stay where they are. One of another plane, size or scale, or that has lost
     ground, begins anew.
-
-    Args:
-        feed: index of the feed.
     """
 
     def __init__(self, feed: int) -> None:

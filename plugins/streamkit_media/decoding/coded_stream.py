@@ -20,10 +20,6 @@ KEYFRAME = int(FrameFlags.KEYFRAME)
 class CodedStream:
     """What begins anew with each format or epoch of the packets.
 
-    Args:
-        first: a packet of it.
-        decoder: takes its packets, and no others.
-
     Attributes:
         caps, epoch: of its packets.
         framerate: by the caps; None if unknown.

@@ -15,13 +15,7 @@ LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 
 class Completeness:
-    """Compares the video that comes out of a file with its declared duration.
-
-    Args:
-        container: the file.
-        video: its stream.
-        start_s, stop_s: the part that is read, s; by default all of it.
-    """
+    """Compares the video that comes out of a file with its declared duration."""
 
     def __init__(
         self, container: InputContainer, video: VideoStream, start_s: float = 0.0, stop_s: float | None = None

@@ -45,14 +45,10 @@ class MultiFileSrc(Source):
                 f"stop-index={self.stop_index} must not be below start-index={self.start_index}"
             )
         first = str(self._path(self.start_index))
-        if not Path(first).exists() and (number := self._lowest_number()) is not None:
-            raise ResourceError(f"{first} is not there; the files begin with start-index={number}")
+        if not Path(first).exists() and (numbers := list(self._numbers_there())):
+            raise ResourceError(f"{first} is not there; the files begin with start-index={min(numbers)}")
         with open_container(first) as container:
             self._caps = video_caps(video_stream(container, first)).with_fields(framerate=self.framerate)
-
-    def _lowest_number(self) -> int | None:
-        """Number of the first file there is, or None."""
-        return min(self._numbers_there(), default=None)
 
     def _numbers_there(self) -> Iterator[int]:
         """Numbers of the files there are, in any order."""

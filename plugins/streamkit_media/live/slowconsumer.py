@@ -64,10 +64,6 @@ class CatchUp:
 
     Where decoding is slower than the stream there are always newer ones: then the first frame after a jump to
     a keyframe is shown, and in any case one per second.
-
-    Args:
-        latency_ns: how long a frame may wait.
-        now_ns: monotonic clock.
     """
 
     def __init__(self, latency_ns: int, now_ns: int) -> None:

@@ -23,9 +23,6 @@ class ConnectionSockets:
     """The sockets of one connection that FFmpeg makes: those to its port that are opened from now on.
 
     Two connections to the same server do not cut each other: what one has claimed, the others leave alone.
-
-    Args:
-        port: of the server.
     """
 
     _lock = threading.Lock()

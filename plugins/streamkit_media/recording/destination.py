@@ -42,12 +42,7 @@ class Destination:
 
 
 class PlaylistFile:
-    """A playlist or segment, as far as FFmpeg writes it; it appears when it is closed whole.
-
-    Args:
-        path: of the file.
-        fail: called with an error, of which FFmpeg would not tell.
-    """
+    """A playlist or segment, as far as FFmpeg writes it; it appears when it is closed whole."""
 
     def __init__(self, path: Path, fail: Callable[[OSError], object]) -> None:
         self._file, self._fail = OutputFile(path, is_whole=True), fail
