@@ -73,7 +73,7 @@ class SessionSettings:
         doc="Sessions found without connect and listen: those on this machine, or on the local network.",
     )
     config: str | None = setting(
-        None, doc="A zenoh configuration file (JSON5), for TLS, passwords and everything else."
+        None, file="read", doc="A zenoh configuration file (JSON5), for TLS, passwords and everything else."
     )
     cut_off_s: float = 5.0
 

@@ -41,7 +41,9 @@ class Endpoint(Element):
         True, doc="Over TLS, refuse a server whose certificate is not trusted or of another host."
     )
     tls_ca_file: str = Property(
-        "", doc="Over TLS, file (PEM) of the authorities that are trusted; the system's where empty."
+        "",
+        file="read",
+        doc="Over TLS, file (PEM) of the authorities that are trusted; the system's where empty.",
     )
     timeout_s: float = Property(
         5.0, min=0.1, max=600.0, unit="s", doc="Silence, also while connecting, that ends a connection."

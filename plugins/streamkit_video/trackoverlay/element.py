@@ -65,7 +65,7 @@ class TrackOverlay(Transform):
     detections: bool = Property(False, live=True, doc="Draw the boxes of detections, too.")
     status: bool = Property(True, live=True, doc="Write frame number, registration and tracks in the corner.")
     snapshot: str | None = Property(
-        None, doc="Image file for the last frame with a confirmed track, written at the end."
+        None, file="write", doc="Image file for the last frame with a confirmed track, written at the end."
     )
 
     @override

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from streamkit import (
+    DescriptionError,
     Detections,
     Frame,
     Pipeline,
@@ -173,6 +174,14 @@ def test_no_confirmed_track_no_snapshot(tmp_path: Path) -> None:
         harness.drain()
         assert any("no frame had a confirmed track" in message.text for message in harness.messages)
     assert not target.exists()
+
+
+def test_a_snapshot_never_takes_the_place_of_an_input(tmp_path: Path) -> None:
+    """Nor of the file of another element."""
+    image = tmp_path / "shot.png"
+    image.write_bytes(b"a photograph")
+    with pytest.raises(DescriptionError, match=r"trackoverlay0 must not write .*: it is read by filesrc0"):
+        Pipeline.parse(f"filesrc location={image} ! decode ! trackoverlay snapshot={image} ! fakesink")
 
 
 def test_a_bad_snapshot_path_fails_at_start(tmp_path: Path) -> None:
