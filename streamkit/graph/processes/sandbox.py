@@ -30,11 +30,15 @@ READABLE = (
 )  # fmt: skip
 WRITABLE = ("/dev/null",)
 
-# Numbers of x86-64: what starts programs or processes, looks into others, or changes the system.
+# Numbers of x86-64, by what the calls do.
 REFUSED = (
-    57, 58, 59, 101, 135, 155, 161, 163, 164, 165, 166, 167, 168, 169, 172, 173, 175, 176, 179, 227, 246, 248,
-    249, 250, 272, 298, 304, 308, 310, 311, 312, 313, 320, 321, 322, 323, 424, 425, 426, 427, 428, 429, 430,
-    431, 432, 438, 440, 442,
+    57, 58, 59, 322,  # start programs or processes: fork vfork execve execveat
+    101, 310, 311, 312, 424, 438, 440,  # look into others: ptrace process_vm_* kcmp pidfd_* process_madvise
+    155, 161, 165, 166, 304, 428, 429, 430, 431, 432, 442,  # change what is mounted, or open around it
+    272, 308,  # leave namespaces: unshare setns
+    248, 249, 250,  # use the kernel's keys
+    135, 298, 321, 323, 425, 426, 427,  # personality perf_event_open bpf userfaultfd io_uring_*
+    163, 164, 167, 168, 169, 172, 173, 175, 176, 179, 227, 246, 313, 320,  # administer the machine
 )  # fmt: skip
 CLONE, CLONE3, CLONE_THREAD, FIRST_X32 = 56, 435, 0x10000, 0x40000000
 AUDIT_ARCH_X86_64 = 0xC000003E
@@ -107,6 +111,7 @@ def _filter_calls() -> None:
     """Refuses the calls of `REFUSED`, and new processes; threads are allowed."""
 
     def step(code: int, value: int, if_true: int = 0, if_false: int = 0) -> bytes:
+        """An instruction; a comparison skips as many of the next ones as its outcome says."""
         return struct.pack("<HBBI", code, if_true, if_false, value)
 
     refuse = [step(RETURN, ERRNO | EPERM)]
