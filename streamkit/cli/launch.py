@@ -26,20 +26,15 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.stderr import exit_with_error, fail, fail_usage, lines_in, print_line
+from streamkit.cli.stderr import fail, fail_usage, lines_in, print_line
 from streamkit.errors import DescriptionError, StreamkitError
 from streamkit.graph.variables import unused_variables
 from streamkit.handoff.library_threads import share_cores
-from streamkit.masking import mask_secrets, presentable_value
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit.service.signals import handling_signals
 
 if TYPE_CHECKING:
-    from msgspec import Struct
-
     from streamkit.cli.display import Display
-    from streamkit.cli.run import Run
-    from streamkit.flow.statistics import RunStatistics
     from streamkit.graph.pipeline import Pipeline
     from streamkit.service.monitor import Monitor
 
@@ -149,6 +144,7 @@ def launch(
     with exit_on_interrupt(quiet=quiet):
         with without_collection():
             from streamkit.cli.open_ends import open_ends
+            from streamkit.cli.results import check_stats_file, print_results
             from streamkit.cli.run import Run
             from streamkit.service.monitor import Monitor
 
@@ -160,7 +156,7 @@ def launch(
             pipeline = build(source, as_json=json_errors)
             gc.collect()  # the pipeline that was measured
         if stats_file is not None:
-            _check_stats_file(stats_file, pipeline)
+            check_stats_file(stats_file, pipeline)
     gc.freeze()  # what the imports have made is not searched again while the elements start
     if pipeline.graph.processes:
         share_cores(len(pipeline.graph.processes) + 1)
@@ -173,39 +169,8 @@ def launch(
     run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
     with serve_metrics(monitor, metrics):
         code = run.run()
-    result = _print_results(run, stats, stats_file, summary, strict=strict)
+    result = print_results(run, stats, stats_file, summary, strict=strict)
     _exit(code or result, abandons_start=run.abandons_start)
-
-
-def _print_results(
-    run: Run, stats: Form | None, stats_file: Path | None, summary: Form | None, *, strict: bool
-) -> int:
-    """Prints and writes what a run has counted and made.
-
-    Returns:
-        1 if the counters cannot be written, or with `strict` if something was not made; else 0.
-    """
-    from msgspec import structs
-
-    from streamkit.cli.summary import as_text, summarise, written_files
-
-    assert run.statistics is not None
-    code, display, printer = 0, run.display, run.printer
-    statistics = structs.replace(run.statistics, shortfalls=printer.shortfalls)
-    if strict and printer.shortfalls:
-        code = 1
-        if printer.quiet:  # else they were printed as warnings
-            display.print_each("error", printer.shortfalls)
-    if stats == "json":
-        typer.echo(to_json(statistics))
-    made = summarise(statistics)
-    if summary == "json":
-        typer.echo(to_json(made))
-    if stats_file is not None and not _write_counters(stats_file, statistics, display):
-        code = 1
-    if summary == "text" or (run.has_played and not printer.quiet):
-        display.print_line(as_text(made, written_files(statistics)))
-    return code
 
 
 @contextlib.contextmanager
@@ -256,21 +221,6 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
         fail_description(error, source, as_json=as_json)
 
 
-def _check_stats_file(file: Path, pipeline: Pipeline) -> None:
-    """Exits, before a run, where the file of counters is one of the pipeline's or cannot be written."""
-    from streamkit.errors import write_remedy
-    from streamkit.graph.files import user_of
-    from streamkit.output.file import check_writable
-
-    if user := user_of(file, pipeline.graph.elements):
-        text = f"{file} is a file of {user}; name another"
-        raise typer.BadParameter(text, param_hint="--stats-file")
-    try:
-        check_writable(file)
-    except OSError as error:
-        exit_with_error(f"--stats-file {file} cannot be written: {error.strerror}{write_remedy(error)}")
-
-
 def _supervise(*, is_timed: bool) -> NoReturn:
     """Runs this command in a child, without `--supervise`, until it ends cleanly."""
     from streamkit.service.supervisor import STREAMKIT_COMMAND, Supervisor
@@ -307,26 +257,6 @@ def choose_display(pipeline: Pipeline, stats: Form | None, log_format: LogFormat
     display = chosen(pipeline)
     display.is_timed = log_format == "timed"
     return display
-
-
-def _write_counters(file: Path, statistics: RunStatistics, display: Display) -> bool:
-    """Writes the counters into a file; prints an error and returns False if that fails."""
-    from streamkit.output.file import write_whole
-
-    try:
-        write_whole(file, (to_json(statistics) + "\n").encode())
-    except OSError as error:
-        display.print_line(f"error: --stats-file {file} cannot be written: {error.strerror}")
-        return False
-    return True
-
-
-def to_json(value: Struct) -> str:
-    """Counters as one JSON object, on one line."""
-    import msgspec
-
-    plain = presentable_value(msgspec.to_builtins(value), mask_secrets)
-    return msgspec.json.encode(plain).decode()
 
 
 def _exit(code: int, *, abandons_start: bool) -> NoReturn:

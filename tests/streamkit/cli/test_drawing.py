@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from streamkit import Pipeline
-from streamkit.cli.launch import to_json
 from streamkit.cli.main import make_app
+from streamkit.cli.results import to_json
 from streamkit.flow.statistics import RunStatistics
 
 TEXT = "fakesrc num-buffers=40 ! queue name=q ! identity name=half drop-probability=1 ! fakesink"
