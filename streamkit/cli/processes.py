@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from bisect import bisect_right
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
 from streamkit.cli.description import Description
 from streamkit.cli.stderr import print_line
 from streamkit.graph.parse import ElementNode, parse
-from streamkit.graph.processes.balance import balanced_cuts
 from streamkit.handoff.library_threads import available_cores
 from streamkit.masking import mask_secrets
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from streamkit.graph.pipeline import Pipeline
 
 MEASURE_S = 5.0
+MIN_GAIN = 0.1  # of the time of a frame: a process takes about 120 MiB, and times vary by some percent
 CROSSING_NS = 150_000  # of a 1080p frame, in each of two processes; see benchmarks/process_bins.py
 RAW_VIDEO = "video/x-raw"  # side data of packets does not cross
 
@@ -111,6 +113,34 @@ def _is_raw_video(graph: Graph, before: list[Element]) -> bool:
         (link.source in before) is not (link.request.sink in before) for link in graph.delayed_links
     )
     return not waiting and len(sources) == 1 and str(sources[0].caps).startswith(RAW_VIDEO)
+
+
+def balanced_cuts(work: Sequence[float], cuts: Collection[int], cores: int, crossing: float) -> list[int]:
+    """The places at which to cut a chain, such that the busiest process has least to do.
+
+    Args:
+        work: of each part of the chain, in order.
+        cuts: numbers of the parts before which it may be cut.
+        cores: largest number of processes.
+        crossing: what a cut costs each of the two processes, in the unit of `work`.
+
+    Returns:
+        Some of `cuts`, in order; none if that would save less than a tenth.
+    """
+
+    @functools.cache
+    def split(first: int, processes: int) -> tuple[float, int, tuple[int, ...]]:
+        """The work of the busiest process from a part on, and the number and places of the cuts."""
+        before = crossing if first else 0.0
+        found: list[tuple[float, int, tuple[int, ...]]] = [(before + sum(work[first:]), 0, ())]
+        for place in (place for place in cuts if processes > 1 and place > first):
+            most, count, places = split(place, processes - 1)
+            most = max(most, before + sum(work[first:place]) + crossing)
+            found.append((most, count + 1, (place, *places)))
+        return min(found)
+
+    most, _, places = split(0, cores)
+    return list(places) if most <= (1 - MIN_GAIN) * sum(work) else []
 
 
 def _bracketed(text: str, starts: list[Place], ends: list[Place]) -> str:
