@@ -46,17 +46,16 @@ class VmtiEncode(Transform):
     @override
     def start(self) -> None:
         self._caps = Caps(KLV_CAPS)
-        self._warned: set[str] = set()
 
     def transform(self, frame: Frame) -> Frame | None:
         """The packet of a frame; none where no tracker has looked at it."""
         tracks = frame.get(Tracks)
         if tracks is None:
             self.count_drop("no tracks")
-            self._warn_once("no tracks come with the frames: put particletrack upstream")
+            self.warn_once("no tracks come with the frames: put particletrack upstream")
             return None
         if frame.capture is None:
-            self._warn_once("the frames have no time of capture: the packets' time stamps count from 1970")
+            self.warn_once("the frames have no time of capture: the packets' time stamps count from 1970")
             now_us, utc_us = (frame.pts or 0) // 1000, None
         else:
             now_us = utc_us = frame.capture.utc_ns // 1000
@@ -73,11 +72,6 @@ class VmtiEncode(Transform):
         ]
         data = local_set_packet(b"".join(elements))
         return frame.replace(data=data, caps=self._caps, flags=0, metadata={})
-
-    def _warn_once(self, text: str) -> None:
-        if text not in self._warned:
-            self._warned.add(text)
-            self.post_warning(text)
 
 
 def target_of(track: Track, utc_us: int | None) -> VmtiTarget:

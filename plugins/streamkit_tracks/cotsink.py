@@ -41,7 +41,6 @@ class CotSink(Sink):
     @override
     def start(self) -> None:
         self._executor = self._sender = None
-        self._has_warned = False
         self._waits: dict[int, int] = {}  # by id, until when no other event of a target is due, ns
         self._tally = RecordTally(needs_positions=True)
         try:
@@ -102,6 +101,5 @@ class CotSink(Sink):
 
     def _failed(self, error: Exception) -> None:
         self.count_drop("not sent")
-        if not self._has_warned and not self.stopping.is_set():
-            self._has_warned = True
-            self.post_warning(f"events to {self.address} are not sent: {error}; retrying")
+        if not self.stopping.is_set():
+            self.warn_once(f"events to {self.address} are not sent: {error}; retrying", "failure")

@@ -27,7 +27,6 @@ class PacedSource(Source):
 
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
     is_live: bool = Property(False, doc="Pace the frames in real time, as a camera does.")
-    _is_slow = False  # whether a warning of it was posted
 
     def begin_format(self, caps: Caps, pace: Fraction, start_ns: int) -> None:
         """Prepares frames of a format from a running time on, ns; `pace` is in frames per second."""
@@ -75,10 +74,10 @@ class PacedSource(Source):
         if now_ns - window[1] < WINDOW_NS:
             return window
         share = (end_ns - window[0]) / (now_ns - window[1])
-        if share < SLOWEST and not self._is_slow:
-            self._is_slow = True
-            self.post_warning(
+        if share < SLOWEST:
+            self.warn_once(
                 f"makes {share * pace:.0f} of {pace} frames/s: this machine does not keep up; put a queue "
-                "behind it, or ask for a smaller size or rate"
+                "behind it, or ask for a smaller size or rate",
+                "rate",
             )
         return end_ns, now_ns

@@ -74,7 +74,6 @@ class ZenohSink(SessionElement, Sink):
     def start(self) -> None:
         self._publication = None
         self._has_waited = not self.wait_subscribers
-        self._has_warned = False
         self._tally = RecordTally()
         settings = self.settings
         self._publishes_frames = bool(settings.frame_rate) and FRAME not in self.pads
@@ -167,9 +166,8 @@ class ZenohSink(SessionElement, Sink):
         )
 
     def _failed(self, error: Exception) -> None:
-        if not self._has_warned and not self.stopping.is_set():
-            self._has_warned = True
-            self.post_warning(f"something was not published: {error_line(error)}")
+        if not self.stopping.is_set():
+            self.warn_once(f"something was not published: {error_line(error)}", "failure")
 
     def _close(self, limit_s: float, cancelled: threading.Event | None = None) -> None:
         publication, self._publication = self._publication, None

@@ -83,7 +83,6 @@ class ZenohSrc(SessionElement, Source):
         self._first: tuple[int, int] | None = None
         self._runs: RecentDict[str, int] = RecentDict()
         self._counted: dict[str, int] = {}
-        self._warned: set[str] = set()
         is_frame = self.receive is Content.FRAME
         try:
             self._expression = stream_key(self.key, FRAME) if is_frame else records_key(self.key)
@@ -164,9 +163,8 @@ class ZenohSrc(SessionElement, Source):
             if new > 0:
                 self.count_drop(reason, new)
                 self._counted[name] = getattr(counts, name)
-        for text in set(receiver.warnings()) - self._warned:
-            self._warned.add(text)
-            self.post_warning(f"{self._expression}: {text}")
+        for text in receiver.warnings():
+            self.warn_once(f"{self._expression}: {text}")
 
     def _frame(self, receiver: MessageReceiver, message: ReceivedMessage) -> Frame | None:
         if message.is_deleted:

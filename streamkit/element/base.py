@@ -83,6 +83,7 @@ class Element(PadOwner, PropertyOwner):
         self.drops: Counter[str] = Counter()
         self.results: Counter[str] = Counter()
         self.outcomes: Counter[str] = Counter()
+        self._warned_of: set[str] = set()
         self.activity: tuple[str, int, Frame | None] | None = None
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
@@ -132,6 +133,12 @@ class Element(PadOwner, PropertyOwner):
     def post_warning(self, text: str, code: str = "") -> None:
         """Posts a warning message; `launch --strict` fails after one with the code `shortfall`."""
         self.post(Message(MessageKind.WARNING, self.name, text, {"code": code} if code else {}))
+
+    def warn_once(self, text: str, subject: str = "") -> None:
+        """Posts a warning, unless one of the subject, else with the text, was posted so in this run."""
+        if (subject or text) not in self._warned_of:
+            self._warned_of.add(subject or text)
+            self.post_warning(text)
 
     def post_message(self, name: str, **fields: object) -> None:
         """Posts an element message with a name and fields."""
@@ -214,6 +221,7 @@ class Element(PadOwner, PropertyOwner):
             pad.reset()
         for counts in (self.drops, self.results, self.outcomes):
             counts.clear()
+        self._warned_of.clear()
         self.has_failed, self.waited_ns = False, 0
 
     def enter(self, call: str, now_ns: int, frame: Frame | None = None) -> None:

@@ -105,7 +105,6 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         self._shift = self._begin = self._keyframe = 0
         self._bytes = self._count = 0
         self._last_dts: int | None = None
-        self._warned: set[str] = set()
         super().start()
 
     def begin(self) -> None:
@@ -184,11 +183,11 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         if not is_keyframe:
             since_ns = pts - self._keyframe
             if self._writer is not None and 0 < 2 * self.max_size_time < since_ns:
-                self._warn_once(
-                    "length",
+                self.warn_once(
                     f"a segment of {since_ns / SECOND_NS:.1f} s or more, max-size-time is "
                     f"{self.max_size_time / SECOND_NS:g} s: no keyframe has come at which another can "
                     "begin; set the keyframe interval of the camera or encoder to it, or less",
+                    "length",
                 )
             return False
         if self._writer is None or self._caps is None:
@@ -223,14 +222,9 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         self.count_drop(DAMAGED)
         if self._writer is not None and not self._writer.has_begun:
             self.end()
-        self._warn_once(
-            "damage", f"{self.location}: a packet is left out: {error}; others like it are counted"
+        self.warn_once(
+            f"{self.location}: a packet is left out: {error}; others like it are counted", "damage"
         )
-
-    def _warn_once(self, subject: str, text: str) -> None:
-        if subject not in self._warned:
-            self._warned.add(subject)
-            self.post_warning(text)
 
     def end(self) -> None:
         """Completes the file under way; one that nothing could be written to is removed."""

@@ -403,6 +403,27 @@ def test_element_messages_and_warnings_reach_the_bus(register: Register) -> None
     ]  # fmt: skip
 
 
+def test_a_warning_of_each_subject_comes_once_in_a_run(register: Register) -> None:
+    """And once more in the next run."""
+
+    class Complains(Sink):
+        """Warns at each frame."""
+
+        sink = "ANY"
+
+        def render(self, frame: Frame) -> None:
+            self.warn_once("dirty")
+            self.warn_once(f"frame {frame.seq} is dark", "light")
+
+    register(complains=Complains)
+    pipeline = Pipeline.parse("fakesrc num-buffers=3 ! complains")
+    texts: list[str] = []
+    pipeline.bus.watch(lambda message: texts.append(message.text) if str(message.kind) == "warning" else None)
+    for _ in range(2):
+        pipeline.run(timeout_s=10)
+    assert texts == ["dirty", "frame 0 is dark"] * 2
+
+
 def test_the_context_manager_stops_the_pipeline() -> None:
     """Also after an exception of the application."""
     pipeline = Pipeline.parse("fakesrc ! fakesink")
