@@ -14,6 +14,8 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from streamkit_zenoh.endpoints import is_loopback
+
 LOG = logging.getLogger("streamkit.view")
 COOKIE = "streamkit_view"  # and the port: browsers send a cookie to all ports of a host
 POLICY = (
@@ -37,14 +39,6 @@ def log_once(reason: str) -> None:
     if reason not in _LOGGED and len(_LOGGED) < LOGGED_LIMIT:
         _LOGGED.add(reason)
         LOG.warning("refused: %s; further ones are not reported", reason)
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only processes of this machine reach an address or name."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 @dataclass(frozen=True)

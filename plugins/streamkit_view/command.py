@@ -55,10 +55,11 @@ def view(
         from streamkit_view.session import run_server
     except ImportError as error:
         exit_with_error(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
-    from streamkit_view.access import LOG, Access, is_loopback
+    from streamkit_view.access import LOG, Access
     from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.locations import is_source
     from streamkit_view.playback import PlayedPipeline
+    from streamkit_zenoh.endpoints import is_loopback
 
     sources = [text for text in what if is_source(text)]
     _check_arguments(what, sources, video, connect)

@@ -42,13 +42,15 @@ def is_local(endpoint: str) -> bool:
     match = ENDPOINT.fullmatch(endpoint)
     if match is None:
         return SOCKET_FILE.fullmatch(endpoint) is not None
-    host = match["host"].strip("[]")
-    if host == "localhost":
-        return True
+    return is_loopback(match["host"].strip("[]"))
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only processes of this machine reach an address or name."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
-        return False
+        return host == "localhost"
 
 
 def is_secure(endpoint: str) -> bool:
