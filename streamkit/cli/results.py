@@ -30,7 +30,7 @@ def check_stats_file(file: Path, pipeline: Pipeline) -> None:
     try:
         check_writable(file)
     except OSError as error:
-        exit_with_error(f"--stats-file {file} cannot be written: {error.strerror}{write_remedy(error)}")
+        exit_with_error(_write_failure(file, error))
 
 
 def print_results(
@@ -65,9 +65,13 @@ def _write_counters(file: Path, statistics: RunStatistics, display: Display) -> 
     try:
         write_whole(file, (to_json(statistics) + "\n").encode())
     except OSError as error:
-        display.print_line(f"error: --stats-file {file} cannot be written: {error.strerror}")
+        display.print_line(f"error: {_write_failure(file, error)}")
         return False
     return True
+
+
+def _write_failure(file: Path, error: OSError) -> str:
+    return f"--stats-file {file} cannot be written: {error.strerror}{write_remedy(error)}"
 
 
 def to_json(value: msgspec.Struct) -> str:
