@@ -111,7 +111,7 @@ class FrameDiff(Transform):
         start_kernels("streamkit_differencer", warm_up, is_live=self.query_live(), report=self.post_warning)
         self._differencer = Differencer(own_motion=self.motion in (MotionSource.AUTO, MotionSource.OWN))
         self._last_seq: int | None = None
-        self._crowded = self._has_warned = self._is_held = False
+        self._crowded = self._is_held = False
         self._last_event = ModelChange.NONE
 
     @override
@@ -174,12 +174,12 @@ class FrameDiff(Transform):
         dropped = result.objects.dropped
         if dropped and not self._crowded:
             self.post_message("crowded", found=len(result.objects) + dropped, kept=len(result.objects))
-        if dropped and not self._has_warned:
-            self._has_warned = True
-            self.post_warning(
+        if dropped:
+            self.warn_once(
                 f"{len(result.objects) + dropped} detections in a frame, more than "
                 f"max-objects={self.settings.objects.max_objects}; those with the lowest scores are dropped: "
-                "raise max-objects, or foreground-threshold or min-area if they are noise"
+                "raise max-objects, or foreground-threshold or min-area if they are noise",
+                subject="max-objects",
             )
         self._crowded = bool(dropped)
 

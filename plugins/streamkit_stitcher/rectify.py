@@ -58,7 +58,6 @@ class Rectify(Transform):
         Raises:
             ResourceError: neither focal length nor field of view is set, or a text is not numbers.
         """
-        self._warned: set[str] = set()
         if not (self.focal_px > 0 or self.field_of_view > 0):
             raise ResourceError(
                 f"{self.name}: the camera must be known, focal-px and field-of-view are both 0; "
@@ -99,18 +98,17 @@ class Rectify(Transform):
             return 0.0, 0.0
         pose = frame.get(Pose)
         if pose is None or pose.is_stale or (pose.sensor_angles is None and pose.pitch is None):
-            self._warn_once("without attitude", "has no pose with its tilt and is not levelled")
+            self.warn_once("a frame has no pose with its tilt and is not levelled; others may follow")
             return 0.0, 0.0
         tilt = camera_tilt(pose.pitch or 0.0, pose.roll or 0.0, pose.sensor_angles or STRAIGHT_DOWN)
         if not self._rectifier.can_level(*tilt):
             degrees = math.degrees(math.hypot(*tilt))
-            self._warn_once("tilted", f"is tilted by {degrees:.1f} degrees and levelled up to max-tilt only")
+            self.warn_once(
+                f"a frame is tilted by {degrees:.1f} degrees and levelled up to max-tilt only; "
+                "others may follow",
+                subject="max-tilt",
+            )
         return tilt
-
-    def _warn_once(self, kind: str, what: str) -> None:
-        if kind not in self._warned:
-            self._warned.add(kind)
-            self.post_warning(f"a frame {what}; others may follow")
 
     def _rectifier_of(self, caps: Caps) -> Rectifier:
         shape = caps.integer("height"), caps.integer("width")
