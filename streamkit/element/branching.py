@@ -12,6 +12,7 @@ from typing_extensions import override
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, PadTemplate
+from streamkit.element.transform import drained_frames
 from streamkit.errors import StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import (
@@ -122,7 +123,7 @@ class Combine(Element):
             return
         if not self.has_failed:
             with self.guarded():
-                for frame in self.drain():
+                for frame in drained_frames(self.drain()):
                     self.push_output(frame)
         self.src_pad.send_event(EOS)
 
@@ -178,9 +179,16 @@ class Split(Element):
     @override
     def receiver(self, pad: Pad) -> Callable[[Frame], None]:
         def receive(frame: Frame) -> None:
-            for name, out in self.split(frame).items():
+            outputs = self.split(frame)
+            if not isinstance(outputs, Mapping):
+                raise TypeError(
+                    f"split returns frames by the name of their pad, got {type(outputs).__name__}: "
+                    'write {"PAD": frame}, or {} for none'
+                )
+            for name, out in outputs.items():
                 target = self.pads.get(name)
                 if target is None:
+                    self.check_declares_src(name)
                     continue
                 target.push(target.announce_caps(out))
 

@@ -63,6 +63,17 @@ class PadOwner:
         """Whether there is a pad of this name, and it is linked."""
         return name in self.pads and self.pads[name].peer is not None
 
+    def check_declares_src(self, name: str) -> None:
+        """Raises `StateError` where a frame is for a src pad that no template of the class allows."""
+        declared = [
+            template for template in self.pad_templates.values() if template.direction is Direction.SRC
+        ]
+        if not any(template.matches(name) for template in declared):
+            raise StateError(
+                f"a frame is for the pad {name!r}, which {type(self).__name__} does not declare; "
+                f"it has {', '.join(template.name for template in declared)}"
+            )
+
     def upstream(self) -> list[Element]:
         """The elements linked to the sink pads."""
         return [pad.peer.element for pad in self.sink_pads() if pad.peer is not None]

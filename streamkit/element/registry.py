@@ -37,8 +37,10 @@ def register_element(found: ElementClass, name: str = "") -> ElementClass:
         TypeError: it is no subclass of `Element`.
         ValueError: an installed package has an element of the name.
     """
-    if not (isinstance(found, type) and issubclass(found, Element)):
-        raise TypeError(f"register_element takes a subclass of streamkit.Element, got {found!r}")
+    given: object = found
+    if not (isinstance(given, type) and issubclass(given, Element)):
+        remedy = f'; write register_element(CLASS, "{given}")' if isinstance(given, str) else ""
+        raise TypeError(f"register_element takes a subclass of streamkit.Element, got {given!r}{remedy}")
     name = name or found.__name__.lower()
     entry = installed_elements().get(name)
     if entry is not None and not is_registered(name):

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from typing_extensions import override
 
 from streamkit.element.base import Element
 from streamkit.element.pad import Direction, Pad
-from streamkit.errors import StateError
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EndOfStream, EosEvent, Event
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
 
+T = TypeVar("T")
 Result = Frame | Iterable[Frame | tuple[str, Frame]] | None
 
 
@@ -35,7 +35,7 @@ class Transform(Element):
     # Overridden by authors.
 
     def transform(self, frame: Frame) -> Result:
-        """Returns a frame, several, or None; `(pad name, frame)` leaves through that pad."""
+        """Returns a frame, several, or None; of several, `(pad name, frame)` leaves through that pad."""
         raise NotImplementedError(f"{type(self).__name__} does not define transform")
 
     def drain(self) -> Iterable[Frame | tuple[str, Frame]]:
@@ -102,7 +102,7 @@ class Transform(Element):
     def _drain(self) -> None:
         # If downstream wants no more of them, EOS follows all the same: other threads behind wait for it.
         with self.calling("drain"), contextlib.suppress(EndOfStream):
-            for item in self.drain():
+            for item in drained_frames(self.drain()):
                 self.push_output(*(item if isinstance(item, tuple) else ("src", item)))
 
     def side_pads(self) -> list[Pad]:
@@ -125,14 +125,7 @@ class Transform(Element):
             pad.push(self.announce_src_caps(frame))
             return
         if pad is None or pad.peer is None:
-            declared = [
-                template for template in self.pad_templates.values() if template.direction is Direction.SRC
-            ]
-            if not any(template.matches(name) for template in declared):
-                raise StateError(
-                    f"a frame is for the pad {name!r}, which {type(self).__name__} does not declare; "
-                    f"it has {', '.join(template.name for template in declared)}"
-                )
+            self.check_declares_src(name)
             return
         frame = pad.announce_caps(frame)
         with contextlib.suppress(EndOfStream):
@@ -173,3 +166,10 @@ class Transform(Element):
         self._configure(self.pads["sink"].caps or caps, caps)
         pad.send_event(CapsEvent(caps))
         return frame
+
+
+def drained_frames(drained: Iterable[T]) -> Iterable[T]:
+    """What `drain` has returned; raises `TypeError` where that is one frame."""
+    if isinstance(drained, Frame):
+        raise TypeError("drain returns several frames, got one Frame: write yield frame")
+    return drained

@@ -135,13 +135,14 @@ class RunStatistics(msgspec.Struct, frozen=True, kw_only=True):
     shortfalls: list[str] = []
 
 
-def read_statistics(file: Path) -> RunStatistics:
+def read_statistics(file: str | Path) -> RunStatistics:
     """The counters in a file that `launch --stats-file` has written.
 
     Raises:
         OSError: the file cannot be read.
         StreamError: it holds something else.
     """
+    file = Path(file)
     if file.stat().st_size > FILE_LIMIT_BYTES:
         raise StreamError(f"{file}: statistics have at most {FILE_LIMIT_BYTES} bytes")
     try:

@@ -180,10 +180,10 @@ class Chain:
             name, frame = item if isinstance(item, tuple) and len(item) == 2 else ("src", item)
             if not isinstance(frame, Frame):
                 of = "" if frame is results else f" of {type(frame).__name__}"
-                raise TypeError(
-                    f"transform returns a Frame, several, or None, got {kind}{of}: "
-                    "put data into a frame with frame.replace(data=...)"
-                )
+                remedy = "put data into a frame with frame.replace(data=...)"
+                if isinstance(results, tuple) and isinstance(frame, str):
+                    remedy = f'for another pad, write yield "{frame}", frame'
+                raise TypeError(f"transform returns a Frame, several, or None, got {kind}{of}: {remedy}")
             element.push_output(name, frame)
             element.enter("frame", time.perf_counter_ns(), frame)
 

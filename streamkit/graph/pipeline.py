@@ -305,6 +305,7 @@ class Pipeline:
             description: starts with an element with a sink pad, as "queue ! fakesink".
 
         Raises:
+            KeyError: the pipeline has no element of the name.
             DescriptionError: the text is invalid, or cannot be linked.
             ElementFailure: an element of the branch could not start; the branch is removed.
         """

@@ -1,6 +1,7 @@
 """Combine and Split."""
 
 from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import pytest
 
@@ -132,3 +133,26 @@ def test_an_error_at_eos_takes_precedence_over_an_end(register: Register) -> Non
     register(evenodd=EvenOdd, fails=Fails, full=Full)
     with pytest.raises(ElementFailure, match=r"^fails0: ValueError: disk full"):
         Pipeline.parse("fakesrc num-buffers=2 ! evenodd name=s s.even ! fails s.odd ! full").run(timeout_s=10)
+
+
+@pytest.mark.parametrize(
+    ("returned", "rule"),
+    [
+        ({"third": Frame(b"", Caps("a/b"))}, "'third', which Wrong does not declare; it has even, odd"),
+        (Frame(b"", Caps("a/b")), "split returns frames by the name of their pad, got Frame: write"),
+    ],
+)
+def test_what_no_pad_of_a_split_can_take_is_an_error(register: Register, returned: Any, rule: str) -> None:
+    """It would be lost without a word."""
+
+    class Wrong(EvenOdd):
+        """Returns something else."""
+
+        def split(self, frame: Frame) -> Any:
+            return returned
+
+    register(wrong=Wrong)
+    with pytest.raises(ElementFailure, match=rule):
+        Pipeline.parse("fakesrc num-buffers=1 ! wrong name=w  w.even ! fakesink  w.odd ! fakesink").run(
+            timeout_s=20
+        )

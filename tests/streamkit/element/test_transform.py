@@ -8,6 +8,7 @@ import pytest
 
 from streamkit import (
     Caps,
+    Combine,
     Direction,
     DiscontinuityEvent,
     ElementFailure,
@@ -303,6 +304,7 @@ def test_a_transform_without_its_method_says_so(register: Register) -> None:
     [
         (5, "transform returns a Frame, several, or None, got int: put data"),
         ([5], "transform returns a Frame, several, or None, got list of int: put data"),
+        (("side", Frame(b"", Caps("a/b"))), 'got tuple of str: for another pad, write yield "side", frame'),
         ([("aside", Frame(b"", Caps("a/b")))], "'aside', which Answering does not declare; it has src, side"),
     ],
 )
@@ -363,6 +365,31 @@ def test_frames_of_drain_are_checked_as_those_of_transform() -> None:
         harness.push(frame())
         with pytest.raises(ElementFailure, match=r"^late: ValueError: GRAY8 of 4 x 2 px is uint8\[2, 4\]"):
             harness.drain()
+
+
+@pytest.mark.parametrize("base", [Transform, Combine])
+def test_one_frame_of_drain_is_an_error_with_the_rule(register: Register, base: type) -> None:
+    """`return` where `yield` is meant."""
+
+    class Holding(base):  # type: ignore[misc]
+        """Holds a frame until the end."""
+
+        sink = src = "ANY"
+
+        def transform(self, frame: Frame) -> None:
+            self.held = frame
+
+        def combine(self, pad_name: str, frame: Frame) -> None:
+            self.held = frame
+
+        def drain(self) -> Any:
+            return self.held
+
+    register(holding=Holding)
+    with pytest.raises(
+        ElementFailure, match="drain returns several frames, got one Frame: write yield frame"
+    ):
+        Pipeline.parse("fakesrc num-buffers=1 ! holding ! fakesink").run(timeout_s=20)
 
 
 def test_a_class_without_pads_is_refused() -> None:
