@@ -7,7 +7,7 @@ import enum
 import io
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 from xml.sax.saxutils import escape
@@ -169,6 +169,12 @@ def utc_time(record: Record) -> datetime | None:
 def iso_text(time: datetime) -> str:
     """A UTC time in ISO 8601, to the millisecond."""
     return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def kml_line(places: Sequence[str], options: str = "") -> str:
+    """A KML line through places, after its options; a point where there is one place, which is no line."""
+    kind = "LineString" if len(places) > 1 else "Point"
+    return f"<{kind}>{options}<coordinates>{' '.join(places)}</coordinates></{kind}>"
 
 
 def xml_text(text: str) -> str:

@@ -14,7 +14,7 @@ from streamkit import Pose
 from streamkit.geometry.camera import ground_coordinates
 from streamkit.geometry.homography import corners
 from streamkit.geometry.posed_camera import posed_camera
-from streamkit_tracks.file_formats import iso_text, xml_text
+from streamkit_tracks.file_formats import iso_text, kml_line, xml_text
 
 CORNERS = 4
 ABOVE_GROUND = ("above take-off", "above ground")  # of what is nearly level, the same
@@ -49,16 +49,24 @@ class PathPoint:
 
 
 def path_placemark(points: Sequence[PathPoint], name: str) -> str:
-    """The flight path: a gx:Track with the heading, and further values where telemetry has them."""
+    """The flight path: a gx:Track with the heading, and further values where telemetry has them.
+
+    A line where a time is unknown: of a gx:Track, everything may be left empty but the times.
+    """
     poses = [point.pose for point in points]
+    times = [iso_text(point.time) for point in points if point.time is not None]
+    places = [
+        (f"{pose.longitude:.7f}", f"{pose.latitude:.7f}", f"{pose.altitude or 0:.1f}") for pose in poses
+    ]
+    head = f"<Placemark><name>{escape(xml_text(name))}</name><styleUrl>#path</styleUrl>"
+    mode = f"<altitudeMode>{_altitude_mode(poses)}</altitudeMode>"
+    if len(times) < len(points):
+        return f"{head}{kml_line([','.join(place) for place in places], mode)}</Placemark>\n"
     lines = [
-        f"<Placemark><name>{escape(xml_text(name))}</name><styleUrl>#path</styleUrl><gx:Track>",
-        f"<altitudeMode>{_altitude_mode(poses)}</altitudeMode>",
-        *(f"<when>{iso_text(point.time) if point.time else ''}</when>" for point in points),
-        *(
-            f"<gx:coord>{pose.longitude:.7f} {pose.latitude:.7f} {pose.altitude or 0:.1f}</gx:coord>"
-            for pose in poses
-        ),
+        f"{head}<gx:Track>",
+        mode,
+        *(f"<when>{time}</when>" for time in times),
+        *(f"<gx:coord>{' '.join(place)}</gx:coord>" for place in places),
         *(f"<gx:angles>{_angles(pose.heading)}</gx:angles>" for pose in poses),
         '<ExtendedData><SchemaData schemaUrl="#pose">',
     ]

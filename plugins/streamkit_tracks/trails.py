@@ -16,6 +16,7 @@ from streamkit_tracks.file_formats import (
     Record,
     RecordFormat,
     iso_text,
+    kml_line,
     located,
     utc_time,
     xml_text,
@@ -132,8 +133,8 @@ class KmlTrails(TrailFormat):
             whens = "".join(f"<when>{time}</when>" for time in trail.times)
             places = "".join(f"<gx:coord>{east:.8f} {north:.8f} 0</gx:coord>" for east, north in trail.places)
             return f"{head}<gx:Track>{whens}\n{places}</gx:Track></Placemark>\n"
-        places = " ".join(f"{east:.8f},{north:.8f}" for east, north in trail.places)
-        return f"{head}<LineString><coordinates>{places}</coordinates></LineString></Placemark>\n"
+        line = kml_line([f"{east:.8f},{north:.8f}" for east, north in trail.places])
+        return f"{head}{line}</Placemark>\n"
 
     @override
     def end(self) -> bytes:

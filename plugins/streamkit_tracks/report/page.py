@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from html import escape
 from typing import TYPE_CHECKING
 
+from streamkit import SECOND_NS
+
 if TYPE_CHECKING:
     from streamkit import RunStatistics
     from streamkit_tracks.report.run_data import RecordedRun, TargetPath
@@ -61,13 +63,15 @@ def build_page(
 def _totals(run: RecordedRun) -> str:
     paths, frames = run.shown_paths(), len(run.times_s)
     seconds = run.times_s[-1] if run.times_s else 0.0
+    first = next((pts for pts in run.pts_ns if pts is not None), None)
+    start = f", from {first / SECOND_NS:.2f} s of the stream on, where times here begin" if first else ""
     missing = f" ({run.missing[-1]} more have no record)" if any(run.missing) else ""
     size = "" if run.size is None else f" of {run.size[0]} x {run.size[1]} px"
     states = Counter(filter(None, run.statuses))
     registration = ", ".join(f"{count} {status}" for status, count in states.most_common())
     states_text = f"; registration: {registration}" if registration else ""
     return (
-        f"Source {run.source}: {frames} frames{missing}{size} in {seconds:.1f} s, "
+        f"Source {run.source}: {frames} frames{missing}{size} in {seconds:.1f} s{start}, "
         f"{len(paths)} confirmed targets of {len(run.paths)} ids{states_text}."
     )
 

@@ -90,13 +90,26 @@ def test_positions_come_once_an_interval(tmp_path: Path) -> None:
 
 
 def test_what_is_unknown_is_left_empty(tmp_path: Path) -> None:
-    """No time, heading or altitude is made up."""
-    root = written(tmp_path / "a.kml", [frame(0, Pose(48.0, 11.0), capture=False)])
-    assert texts(root, f"{KML}when") == [""]
+    """No heading or altitude is made up."""
+    root = written(tmp_path / "a.kml", [frame(0, Pose(48.0, 11.0))])
     assert texts(root, f"{GX}angles") == [""]
     assert texts(root, f"{KML}altitudeMode") == ["clampToGround"]
     assert set(texts(root, f"{GX}value")) == {""}
     assert not texts(root, f"{KML}coordinates")
+
+
+@pytest.mark.parametrize(("count", "kind"), [(4, "LineString"), (1, "Point")])
+def test_without_times_the_path_is_a_line(tmp_path: Path, count: int, kind: str) -> None:
+    """As of DJI's subtitles: no `when` may be empty, and no line has one position."""
+    pose = replace(POSE, source="dji above take-off")
+    frames = [frame(2 * number, pose, capture=number == 1) for number in range(count)]
+    root = written(tmp_path / "a.kml", frames, views=False)
+    assert not list(root.iter(f"{GX}Track"))
+    (line,) = root.iter(f"{KML}{kind}")
+    assert [child.text for child in line] == [
+        "relativeToGround",
+        " ".join(["11.0000000,48.0000000,600.0"] * count),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -92,3 +92,6 @@ def test_kml_has_a_track_or_a_line_without_times() -> None:
     assert mark is not None
     text = mark.findtext("k:LineString/k:coordinates", None, SPACE)
     assert text == "11.50000000,48.50000000 11.51000000,48.50000000"
+    mark = ElementTree.fromstring(written(KmlTrails(), timeless[:1])).find("k:Document/k:Placemark", SPACE)
+    assert mark is not None
+    assert mark.findtext("k:Point/k:coordinates", None, SPACE) == "11.50000000,48.50000000"  # no line has one

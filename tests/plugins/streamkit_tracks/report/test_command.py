@@ -1,5 +1,6 @@
 """`streamkit report`: the page of a finished run shows its targets, and loads nothing."""
 
+import json
 import re
 import subprocess
 import sys
@@ -54,6 +55,19 @@ def test_the_page_shows_the_run(run: tuple[Path, Path], tmp_path: Path) -> None:
     assert sources == ["data:image/jpeg;base64", *["data:image/svg+xml;base64"] * 3, "data:image/jpeg;base64"]
     assert "<td>1</td><td>0.00</td><td>0.76</td><td>20</td>" in text
     assert re.search(r'(?:src|href)="(?!data:)', text) is None
+
+
+def test_a_run_that_begins_late_in_its_stream_says_when(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """`tracks` and `explain` have the times of the stream, the page those from the first frame."""
+    later, page = tmp_path / "later.jsonl", tmp_path / "page.html"
+    lines = [json.loads(line) for line in run[0].read_text().splitlines()]
+    later.write_text(
+        "".join(json.dumps(line | {"pts_ns": line["pts_ns"] + 2 * 10**9}) + "\n" for line in lines)
+    )
+    assert report(later, "-o", page).returncode == 0
+    assert "in 0.8 s, from 2.00 s of the stream on, where times here begin, 1 confirmed" in page.read_text()
+    assert report(run[0], "-o", page).returncode == 0
+    assert "in 0.8 s, 1 confirmed" in page.read_text()
 
 
 def test_a_full_disk_is_reported_with_the_page(run: tuple[Path, Path], tmp_path: Path) -> None:
