@@ -7,6 +7,7 @@ import errno
 from av.error import (
     FFmpegError,
     HTTPForbiddenError,
+    HTTPOtherClientError,
     HTTPServerError,
     HTTPUnauthorizedError,
     InvalidDataError,
@@ -81,7 +82,13 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
         )
     if is_network(location):
         kind = InvalidMedia if isinstance(error, InvalidDataError) else ResourceError
-        check = "the log of the server" if isinstance(error, HTTPServerError) else "address, port and path"
+        check = "address, port and path"
+        if isinstance(error, HTTPServerError):
+            check = "the log of the server"
+        elif isinstance(
+            error, HTTPOtherClientError
+        ):  # the answer to a client that asks for none of the streams
+            check += ", and that it has video, not sound alone"
         return kind(f"{where}: cannot be opened: {reason_of(error)}; check {check}")
     return StreamError(
         f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "

@@ -92,11 +92,15 @@ def view(
 
 def _check_arguments(what: list[str], sources: list[str], video: str, connect: str | None) -> None:
     """Exits with code 2 where an argument is no file, URL, key or endpoint, before the page is announced."""
+    from streamkit_view.locations import wrong_address
     from streamkit_zenoh.endpoints import endpoints
     from streamkit_zenoh.keys import publication_root
 
     if sources and len(what) > 1:
         _refuse(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
+    for text in sources:
+        if "://" in text and (reason := wrong_address(text)):
+            _refuse(reason)
     for text in {*what, video} - {*sources, ""}:
         if Path(text).is_dir():
             _refuse(f"{text} is a folder; give a file, or the key of a zenohsink as {text}/tracks")

@@ -49,6 +49,21 @@ def unplayable(location: str, *, with_records: bool = False) -> str:
     return ""
 
 
+def wrong_address(url: str) -> str:
+    """Why no element receives from a URL; "" where one does, though nothing may answer there."""
+    source = choose_source(url)
+    if not source.is_live:
+        return ""
+    pipeline = Pipeline.parse(f"{source.element} name=camera ! fakesink")
+    pipeline["camera"].set_property(source.property, url)
+    try:
+        with pipeline:
+            pipeline.ready()  # checks the address, and connects to nothing
+    except ElementFailure as error:
+        return str(error.cause)
+    return ""
+
+
 def size_conflict(records: str, video: str) -> str:
     """Why records are not those of a video: frames of another size; "" where none is known to differ."""
     caps = caps_of(video)

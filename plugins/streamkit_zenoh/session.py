@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
 import zenoh
@@ -166,10 +167,14 @@ def certificate_fault(endpoint: str, config: zenoh.Config) -> str | None:
     if match is None or match["protocol"] != "tls":
         return None
     settings = json.loads(config.get_json("transport/link/tls")) or {}
+    root, certificate, key = map(
+        settings.get, ("root_ca_certificate", "connect_certificate", "connect_private_key")
+    )
     try:
-        context = ssl.create_default_context(cafile=settings.get("root_ca_certificate"))
+        for file in filter(None, (root, certificate, key)):
+            Path(file).open("rb").close()  # the errors of ssl do not name the file
+        context = ssl.create_default_context(cafile=root)
         context.check_hostname = settings.get("verify_name_on_connect") is not False
-        certificate, key = settings.get("connect_certificate"), settings.get("connect_private_key")
         if certificate and key and settings.get("enable_mtls"):
             context.load_cert_chain(certificate, key)
     except (OSError, ValueError) as error:

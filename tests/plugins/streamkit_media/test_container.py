@@ -135,6 +135,8 @@ def test_a_server_that_fails_is_not_the_fault_of_the_address() -> None:
     assert str(open_failure("rtsp://a/b", failed, None)).endswith("; check the log of the server")
     missing = av.error.HTTPNotFoundError(0, "Server returned 404")
     assert str(open_failure("rtsp://a/b", missing, None)).endswith("; check address, port and path")
+    silent = av.error.HTTPOtherClientError(0, "Server returned 4XX")
+    assert str(open_failure("rtsp://a/b", silent, None)).endswith("and that it has video, not sound alone")
 
 
 @pytest.mark.parametrize(

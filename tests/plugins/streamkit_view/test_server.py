@@ -350,6 +350,8 @@ def test_the_end_of_a_publisher_and_a_missing_one_are_told_apart(
         (("rtsp://a/b", "--video", "/dev/null"), "records and their video go together"),
         (("uav/1", "--listen", "nonsense"), "--listen must be HOST:PORT"),
         (("uav/1", "--listen", "127.0.0.1:99999"), "--listen must be HOST:PORT"),
+        (("rstp://a/b",), "'rstp://a/b' must begin with udp:// or tcp://"),
+        (("rtsp://u:secret@:1/b",), "rtsp://***@:1/b"),
         (("rtsp://a/b", "uav/1"), "give keys, or one file or URL"),
         (("uav/1", "--basemap", "none.tif"), "--basemap none.tif: No such file"),
         (("tests",), "tests is a folder; give a file, or the key of a zenohsink as tests/tracks"),

@@ -36,6 +36,7 @@ def test_unreadable_certificates_are_reported(tmp_path: Path) -> None:
     fault = certificate_fault("tls/127.0.0.1:1", _config(root_ca_certificate=str(tmp_path / "none.pem")))
     assert fault is not None
     assert "cannot be used" in fault
+    assert "none.pem" in fault
 
 
 def test_a_server_without_tls_is_reported() -> None:
