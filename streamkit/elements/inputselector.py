@@ -11,7 +11,7 @@ from streamkit.element.branching import Combine
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
-from streamkit.errors import PropertyError
+from streamkit.elements.activepad import check_active_pad
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import EOS, EndOfStream, Event
 from streamkit.flow.frame import Frame
@@ -53,7 +53,7 @@ class InputSelector(Combine):
 
     @override
     def start(self) -> None:
-        self._check_pad(self.active_pad)  # every input is known now
+        check_active_pad(self, self.active_pad, "sink_%u")  # every input is known now
 
     @override
     def begin_run(self) -> None:
@@ -145,20 +145,10 @@ class InputSelector(Combine):
     def property_changed(self, name: str) -> None:
         """Wakes waiting inputs; ends the stream if the new active input has ended."""
         if name == "active_pad":
-            self._check_pad(self.active_pad)
+            check_active_pad(self, self.active_pad, "sink_%u")
         if self.is_playing:
             with self.combine_lock:
                 self._send_eos_if_all_ended()
-
-    def _check_pad(self, name: str | None) -> None:
-        """Refuses a name that is not a pad; while the graph is built, one that cannot become a pad."""
-        template = self.pad_templates["sink_%u"]
-        if name is None or name in self.pads or (self.host is None and template.matches(name)):
-            return
-        known = ", ".join(pad for pad in self.pads if template.matches(pad)) or "sink_0, ..."
-        raise PropertyError(
-            f"{self.name}: property active-pad cannot be {name!r}: it takes the name of a pad ({known})"
-        )
 
     def flush(self, *, begins: bool) -> None:
         """A flush forgets times and cached frames, and ends waits."""

@@ -10,6 +10,7 @@ from streamkit.element.branching import Split
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
+from streamkit.elements.activepad import check_active_pad
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import SegmentEvent
 from streamkit.flow.frame import Frame
@@ -38,6 +39,10 @@ class OutputSelector(Split):
         Negotiation.ALL, doc="Caps that bound upstream: none, those of all branches, or of the active one."
     )
     resend_latest: bool = Property(False, live=True, doc="Send the newest frame again after a switch.")
+
+    @override
+    def start(self) -> None:
+        check_active_pad(self, self.active_pad, "src_%u")  # every branch is known now
 
     @override
     def begin_run(self) -> None:
@@ -88,7 +93,10 @@ class OutputSelector(Split):
 
     def property_changed(self, name: str) -> None:
         """Switches branches; renegotiates if the active branch bounds upstream."""
-        if name != "active_pad" or not self.is_playing:
+        if name != "active_pad":
+            return
+        check_active_pad(self, self.active_pad, "src_%u")
+        if not self.is_playing:
             return
         self._switched = self.resend_latest
         if self.pad_negotiation_mode is Negotiation.ACTIVE:

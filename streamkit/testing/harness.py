@@ -52,7 +52,7 @@ class _TestSink(Sink):
 
 
 class Harness:
-    """Runs one element in the calling thread, as its host.
+    """Runs one element in the calling thread, as its host; what a source gives needs a `Pipeline`.
 
     Attributes:
         element: the element under test.
@@ -76,7 +76,12 @@ class Harness:
             downstream: caps that downstream accepts.
             clock: instead of the system clock.
             **properties: of an element given by its type.
+
+        Raises:
+            TypeError: it is neither.
         """
+        if not isinstance(element, str | Element):
+            raise TypeError(f"Harness takes the name of an element, or an instance, got {element!r}")
         self.element = make_element(element, **properties) if isinstance(element, str) else element
         self.messages: list[Message] = []
         self._frames: list[Frame] = []
@@ -116,7 +121,14 @@ class Harness:
             source.pads["src"].link(pad)
 
     def push(self, frame: Frame, pad: str = "sink") -> list[Frame]:
-        """Pushes a frame, after its caps if they are new; returns the output."""
+        """Pushes a frame, after its caps if they are new; returns the output.
+
+        Raises:
+            TypeError: it is no frame.
+            StateError: the element has no such sink pad, or the harness is closed.
+        """
+        if not isinstance(frame, Frame):
+            raise TypeError(f"push takes a Frame, got {type(frame).__name__}: write Frame(data, caps)")
         src = self._feed(pad)
         if src.caps is None or frame.caps != src.caps:
             src.send_event(CapsEvent(frame.caps))
@@ -159,6 +171,9 @@ class Harness:
     def _feed(self, pad: str) -> Pad:
         if not self._open:
             raise StateError("the harness is closed")
+        if pad not in self._sources:
+            known = ", ".join(self._sources) or "none: a source runs in a Pipeline"
+            raise StateError(f"{self.element.name} has no sink pad {pad!r}; it has {known}")
         return self._sources[pad].pads["src"]
 
     # Called by the element.

@@ -2,7 +2,7 @@
 
 import pytest
 
-from streamkit import ANY, ElementFailure, Frame, Pipeline
+from streamkit import ANY, DescriptionError, ElementFailure, Frame, Pipeline, PropertyError
 
 IN = "input-selector name=s ! appsink name=out  appsrc name=a ! s.sink_0  appsrc name=b ! s.sink_1"
 
@@ -61,6 +61,20 @@ def test_output_selector_hands_to_the_active_branch() -> None:
     with Pipeline.parse(text) as pipeline:
         pipeline.run(10)
         assert (pipeline["one"].count, pipeline["two"].count) == (4, 0)
+
+
+def test_an_active_branch_that_is_not_there_is_refused() -> None:
+    """Every frame would go to the first branch."""
+    text = "fakesrc num-buffers=3 is-live=true ! output-selector name=s active-pad=src_{}  s. ! fakesink"
+    rule = r"active-pad cannot be 'src_1': it takes the name of a pad \(src_0\)$"
+    with pytest.raises(ElementFailure, match=rule):
+        Pipeline.parse(text.format(1)).run(timeout_s=10)
+    with pytest.raises(DescriptionError, match="cannot be 'src_x': it takes the name of a pad"):
+        Pipeline.parse(text.format("x"))
+    with Pipeline.parse(text.format(0)) as pipeline:
+        pipeline.play()
+        with pytest.raises(PropertyError, match=rule):
+            pipeline["s"].set_property("active-pad", "src_1")
 
 
 def test_output_selector_switches() -> None:

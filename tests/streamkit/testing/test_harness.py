@@ -1,5 +1,7 @@
 """Harness."""
 
+from typing import Any
+
 import pytest
 
 from streamkit import (
@@ -16,6 +18,7 @@ from streamkit import (
     Property,
     PropertyError,
     Split,
+    StateError,
     StreamkitError,
     Transform,
 )
@@ -215,3 +218,17 @@ def test_a_sink_reports_that_it_has_finished() -> None:
         assert not harness.has_ended
         harness.drain()
         assert harness.has_ended
+
+
+def test_what_cannot_be_pushed_or_run_is_named() -> None:
+    """An author's first mistakes: an array, another pad, a source, a class."""
+    frame: Any = Frame(b"", ANYTHING)
+    with Harness("identity") as one, pytest.raises(TypeError, match="push takes a Frame, got bytes: write"):
+        one.push(frame.data)
+    with Harness("funnel") as one, pytest.raises(StateError, match="no sink pad 'sink'; it has funnelpad0"):
+        one.push(frame)
+    with Harness("fakesrc") as one, pytest.raises(StateError, match="none: a source runs in a Pipeline"):
+        one.push(frame)
+    unsuitable: Any = Lifecycle
+    with pytest.raises(TypeError, match="takes the name of an element, or an instance, got <class"):
+        Harness(unsuitable)
