@@ -213,9 +213,11 @@ class ElementFailure(StreamkitError, RuntimeError):
         place: str = "",
         traceback: str = "",
     ) -> None:
-        what = str(cause).removeprefix(f"{element}: ") or type(cause).__name__
-        if not isinstance(cause, StreamkitError):
-            what = f"{type(cause).__name__}: {what}"
+        what, kind_of_cause = str(cause).removeprefix(f"{element}: "), type(cause).__name__
+        if not what:
+            what = kind_of_cause
+        elif not isinstance(cause, StreamkitError):
+            what = f"{kind_of_cause}: {what}"
         if isinstance(cause, ValueError) and what.endswith("is read-only"):  # numpy's words
             what += ": frames are shared, write into the copy of frame.writable()"
         kind = f" ({factory})" if factory and factory != element.rstrip("0123456789") else ""

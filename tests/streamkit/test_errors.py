@@ -65,3 +65,8 @@ def test_a_write_into_a_shared_frame_names_the_remedy() -> None:
         "trail0: ValueError: assignment destination is read-only: frames are shared, "
         "write into the copy of frame.writable()"
     )
+
+
+def test_an_exception_without_words_is_named_once() -> None:
+    """As of a bare `assert`."""
+    assert str(ElementFailure("trail0", "trail", AssertionError())) == "trail0: AssertionError"

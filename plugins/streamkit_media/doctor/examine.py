@@ -18,7 +18,7 @@ from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.files.completeness import declared_length_s, tolerance_s
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
-from streamkit_media.live.reachability import connection_failure
+from streamkit_media.live.reachability import server_failure
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
 FILE_PACKETS = 3000  # of the beginning of a file
@@ -89,7 +89,7 @@ def _reach(location: str, timeout_s: float) -> list[Check]:
     host = parts.hostname or ""
     if not host:
         return [bad("address", "no host in it; write rtsp://host:port/path")]
-    if reason := connection_failure(host, port, timeout_s):
+    if reason := server_failure(location, timeout_s):
         return [bad("reach", f"{reason}; check address, cable and firewall")]
     if parts.scheme == "rtsps":
         return [good("reach", f"{host} port {port} answers")]

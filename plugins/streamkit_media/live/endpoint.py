@@ -105,8 +105,9 @@ class Endpoint(Element):
 
     @property
     def _url(self) -> str:
-        """The location as FFmpeg gets it."""
-        return with_credentials(self.location, self.user_id, self.user_pw)
+        """The location as FFmpeg gets it, which knows schemes in small letters only."""
+        scheme, colon, rest = self.location.partition(":")
+        return with_credentials(f"{scheme.lower()}{colon}{rest}", self.user_id, self.user_pw)
 
     def listens(self, failure: ResourceError | None) -> bool:
         """Whether to try again at once after a failure: the next try is itself a wait for the sender."""

@@ -26,10 +26,24 @@ def unreachable(location: str, ca_file: str | None, limit_s: float, remedy: str)
     """
     parts, limit_s = urlsplit(location), min(limit_s, LOOK_LIMIT_S)
     host, port = parts.hostname or "", port_of(location)
-    if reason := connection_failure(host, port, limit_s):
+    if reason := server_failure(location, limit_s):
         return f"{reason}; {remedy}"
     plain = PLAIN_OF.get(parts.scheme)
     return tls_failure(host, port, ca_file, limit_s, plain) if plain else ""
+
+
+def server_failure(location: str, limit_s: float) -> str:
+    """Why no TCP connection to the server of a URL can be made; "" where one can.
+
+    With an @ behind the host, what looks like host and port may begin a password: they are not named.
+    """
+    parts = urlsplit(location)
+    reason = connection_failure(parts.hostname or "", port_of(location), limit_s)
+    if reason and any("@" in part for part in (parts.path, parts.query, parts.fragment)):
+        return (
+            "no connection to the host; slash, ?, # and at sign in a password must be %2F, %3F, %23 and %40"
+        )
+    return reason
 
 
 def connection_failure(host: str, port: int, limit_s: float) -> str:

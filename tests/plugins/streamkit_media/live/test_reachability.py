@@ -1,6 +1,8 @@
 import socket
 
-from streamkit_media.live.reachability import connection_failure
+import pytest
+
+from streamkit_media.live.reachability import connection_failure, server_failure
 
 
 def test_refusal_names_the_reason() -> None:
@@ -12,6 +14,13 @@ def test_refusal_names_the_reason() -> None:
     assert connection_failure("127.0.0.1", port, 1) == refused
     unknown = "the host name 'no-such-host.invalid' is not known here"
     assert connection_failure("no-such-host.invalid", 554, 1) == unknown
+
+
+@pytest.mark.parametrize("password", ["s3@cr/et", "1@secret/x", "12?se@cret"])
+def test_no_part_of_a_password_is_taken_for_the_host(password: str) -> None:
+    """An @ or / in it that is not written %40 or %2F."""
+    reason = server_failure(f"rtsp://user:{password}@127.0.0.1:9/live", 1)
+    assert reason.startswith("no connection to the host; slash, ?, # and at sign in a password must be %2F")
 
 
 def test_refusal_is_bounded() -> None:

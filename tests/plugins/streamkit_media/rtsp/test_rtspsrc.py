@@ -106,7 +106,8 @@ def test_the_location_is_shown_without_password() -> None:
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_a_real_server_plays(real_server: Any, transport: str) -> None:
     """Live frames come with arrival and capture time, all of them in order, the first one whole."""
-    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
+    scheme = "rtsp" if transport == "tcp" else "RTSP"
+    location = f"{scheme}://user:secret@127.0.0.1:{real_server.port}/live"
     source = f"rtspsrc name=r location={location} transport={transport} latency=4000"
     text = f"{source} ! decode ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
