@@ -112,8 +112,13 @@ class AppSrc(Source):
         Raises:
             StateError: the queue stayed full for `timeout_s`, the pipeline stopped, or `end` was called.
             ElementFailure: the pipeline has failed.
-            TypeError: an array without caps.
+            TypeError: an array without caps, or None.
         """
+        if item is None:
+            raise TypeError(
+                f"{self.name}: push takes a frame or data, got None: cv2's read gives it where there is no "
+                "image; call end() after the last one"
+            )
         if not isinstance(item, Event | Frame):
             if self.caps in (None, ANY) and hasattr(item, "__array_interface__"):
                 raise TypeError(

@@ -139,6 +139,16 @@ def test_data_that_the_filter_refuses_is_an_error() -> None:
         assert "disagree on x" in message.text
 
 
+def test_none_is_refused_where_it_is_pushed() -> None:
+    """It is what a failed read of OpenCV gives; the element behind would be blamed."""
+    with Pipeline.parse(
+        "appsrc name=in caps=video/x-raw,format=GRAY8,width=4,height=2 ! fakesink"
+    ) as pipeline:
+        pipeline.play()
+        with pytest.raises(TypeError, match=r"in: push takes a frame or data, got None: .* call end"):
+            pipeline["in"].push(None)
+
+
 def test_an_array_without_caps_is_refused() -> None:
     """Its pixel format is unknown; bytes without caps may be anything and pass."""
     pipeline = Pipeline.parse("appsrc name=in ! fakesink")
