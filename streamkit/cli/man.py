@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,7 +32,9 @@ def man(
             count += 1
     except OSError as error:
         exit_with_error(f"{folder} cannot be written: {error.strerror}")
-    typer.echo(f"{count} pages in {presentable(str(target))}; read them with: man streamkit")
+    where = presentable(str(target))
+    command = "man streamkit" if folder == DEFAULT else f"man -l {shlex.quote(f'{where}/streamkit.1')}"
+    typer.echo(f"{count} pages in {where}; read them with: {command}")
 
 
 def pages() -> Iterator[tuple[str, str]]:

@@ -16,7 +16,9 @@ def pages(tmp_path: Path) -> Path:
     folder = tmp_path / "man" / "man1"
     done = CliRunner().invoke(make_app(), ["man", str(folder)])
     assert done.exit_code == 0, done.output
-    assert f"{len(list(folder.iterdir()))} pages in {folder}" in done.stdout
+    # man does not look for pages in any folder.
+    command = f"man -l {folder}/streamkit.1"
+    assert f"{len(list(folder.iterdir()))} pages in {folder}; read them with: {command}\n" in done.stdout
     return folder
 
 
