@@ -42,7 +42,7 @@ class TrackAttach(Transform):
 
     def _read_run(self) -> Iterator[TrackRecord]:
         for run, record in RecordFile(Path(self.location)):
-            self._run_count = run
+            self._run_count = max(self._run_count, run)
             if run == self.run:
                 yield record
 

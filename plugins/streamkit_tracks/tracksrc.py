@@ -34,15 +34,16 @@ class TrackSrc(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         """One frame for each line; raises `StreamError` where a line is no record."""
-        records, run = RecordFile(self.location), 0
+        records, runs = RecordFile(self.location), 0
         for run, record, line in records.lines():
+            runs = max(runs, run)
             if self.run in (0, run):
                 yield Frame(
                     line, TRACKS_CAPS, pts=record.pts_ns, epoch=record.epoch, seq=record.seq,
                     capture=record.capture,
                 )  # fmt: skip
-        if self.run > run:
-            self.post_warning(f"location={self.location}: no run {self.run}, it has {run}", "shortfall")
+        if self.run > runs:
+            self.post_warning(f"location={self.location}: no run {self.run}, it has {runs}", "shortfall")
         if records.is_cut_off:
             self.post_warning(f"the last line of {self.location} is only half written and left out")
 

@@ -28,8 +28,9 @@ NO_TIME = -(2**63)  # `pts_ns` of a frame without a time
 class RecordFile:
     """The records of a file, in order.
 
-    Iterating yields each with the number of its run, from 1: another run was appended where epoch and frame
-    number do not go up; its ids are other targets.
+    Iterating yields each with the number of its run, from 1: another run begins with another source, whose
+    records may stand between those of the first, and where epoch and frame number of a source do not go up.
+    Its ids are other targets.
 
     Attributes:
         is_cut_off: whether the last line was only half written, as by a process that was killed; it is left
@@ -49,7 +50,8 @@ class RecordFile:
 
     def lines(self) -> Iterator[tuple[int, TrackRecord, bytes]]:
         """As iterating, with the line of each record, which may hold fields unknown to `TrackRecord`."""
-        number, run, newest = 0, 1, None
+        number, runs = 0, 0
+        newest: dict[str, tuple[int, tuple[int, int]]] = {}  # run, epoch and frame number of each source
         with self.path.open("rb") as file:
             while line := file.readline(LINE_LIMIT_BYTES):
                 number += 1
@@ -59,15 +61,16 @@ class RecordFile:
                     record = decode_record(line)
                 except StreamError as error:
                     is_last = not line.endswith(b"\n") and not file.read(1)
-                    if is_last and newest is not None:
+                    if is_last and newest:
                         self.is_cut_off = True
                         return
                     remedy = "give a .jsonl file of tracksink; streamkit convert makes one of CSV or MOT"
                     raise StreamError(f"{self.path}:{number}: {error}; {remedy}") from None
                 order = record.epoch, record.seq
-                if newest is not None and order <= newest:
-                    run += 1
-                newest = order
+                run, last = newest.get(record.source, (0, order))
+                if order <= last:
+                    run = runs = runs + 1
+                newest[record.source] = run, order
                 yield run, record, line.strip()
 
 

@@ -117,7 +117,7 @@ def read_run(path: Path, number: int | None) -> list[Labelled]:
         if run > len(runs):
             runs.append([])
         shown = [target for target in record.tracks if target.state in SHOWN_STATES]
-        runs[-1] += [(record.seq + 1, target.id, sides(target.bbox)) for target in shown]
+        runs[run - 1] += [(record.seq + 1, target.id, sides(target.bbox)) for target in shown]
     if number is not None and number > len(runs):
         raise ValueError(f"{path}: no run {number}, it has {len(runs)}")
     chosen = number or len(runs)

@@ -139,9 +139,11 @@ def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
     for of_run, record in records:
         if of_run > len(runs):
             runs.append(TrackFile())
-        runs[-1].frames += 1
-        runs[-1].others |= {target.id for target in record.tracks if target.state == "confirmed"}
-        runs[-1].moments += [_moment(record, target) for target in record.tracks if target.id == number]
+        runs[of_run - 1].frames += 1
+        runs[of_run - 1].others |= {target.id for target in record.tracks if target.state == "confirmed"}
+        runs[of_run - 1].moments += [
+            _moment(record, target) for target in record.tracks if target.id == number
+        ]
     if run is not None and run > len(runs):
         raise ValueError(f"{path}: no run {run}, it has {len(runs)}")
     with_track = [index for index, found in enumerate(runs, 1) if found.moments]

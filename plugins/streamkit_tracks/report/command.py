@@ -60,8 +60,8 @@ def read_run(file: Path, wanted: int | None) -> RecordedRun:
     for run, record in RecordFile(file):
         if wanted is None and run > number:
             found = RecordedRun()
-        number = run
-        if wanted in (None, run):
+        number = max(number, run)
+        if run == (wanted or number):
             found.add(record)
     check_run(file, number, wanted)
     return found

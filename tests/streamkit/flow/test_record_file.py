@@ -17,10 +17,12 @@ from streamkit import (
 from streamkit.flow.record import GeoRecord
 
 
-def record(seq: int, *targets: TargetRecord, epoch: int = 0, pts_ns: int | None = None) -> bytes:
+def record(
+    seq: int, *targets: TargetRecord, epoch: int = 0, pts_ns: int | None = None, source: str = "uav"
+) -> bytes:
     """A line of a file."""
     made = TrackRecord(
-        schema="streamkit.tracks/1", source="uav", seq=seq, epoch=epoch, pts_ns=pts_ns, tracks=targets,
+        schema="streamkit.tracks/1", source=source, seq=seq, epoch=epoch, pts_ns=pts_ns, tracks=targets,
         dropped=0,
     )  # fmt: skip
     return encode_record(made) + b"\n"
@@ -41,6 +43,23 @@ def test_a_run_begins_where_numbers_do_not_go_up(tmp_path: Path) -> None:
     path.write_bytes(b"".join(lines))
     assert [(run, one.epoch, one.seq) for run, one in RecordFile(path)] == [
         (1, 0, 0), (1, 0, 5), (1, 1, 2), (2, 0, 0), (3, 0, 0)
+    ]  # fmt: skip
+
+
+def test_each_source_has_runs_of_its_own(tmp_path: Path) -> None:
+    """As where zenohsrc receives several publishers, whose records alternate."""
+    path = tmp_path / "tracks.jsonl"
+    lines = (
+        record(7),
+        record(2, source="b"),
+        record(8),
+        record(3, source="b"),
+        record(0, source="b"),
+        record(9),
+    )
+    path.write_bytes(b"".join(lines))
+    assert [(run, one.source, one.seq) for run, one in RecordFile(path)] == [
+        (1, "uav", 7), (2, "b", 2), (1, "uav", 8), (2, "b", 3), (3, "b", 0), (1, "uav", 9)
     ]  # fmt: skip
 
 

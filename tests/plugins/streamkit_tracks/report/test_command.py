@@ -70,6 +70,24 @@ def test_a_run_that_begins_late_in_its_stream_says_when(run: tuple[Path, Path], 
     assert "in 0.8 s, 1 confirmed" in page.read_text()
 
 
+def test_runs_that_alternate_are_kept_apart(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """The records of two publishers, one by one: each run has its own."""
+    both, page = tmp_path / "both.jsonl", tmp_path / "page.html"
+    lines = run[0].read_text().splitlines()
+    other = [json.dumps(json.loads(line) | {"source": "other"}) for line in lines[:10]]
+    both.write_text("".join(f"{one}\n{two}\n" for one, two in zip(lines[:10], other, strict=True)))
+    for arguments in ((), ("--run", "2")):
+        done = report(both, "-o", page, *arguments)
+        assert done.returncode == 0, done.stderr
+        assert "Source other: 10 frames of" in page.read_text()
+    for command in (["tracks", both], ["explain", both, "1"]):
+        done = subprocess.run(
+            [BINARY, *map(str, command)], capture_output=True, text=True, timeout=patience(60), check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert re.search("2 targets, 2 confirmed|has 2 runs, this is run 2", done.stderr)
+
+
 def test_a_full_disk_is_reported_with_the_page(run: tuple[Path, Path], tmp_path: Path) -> None:
     """`/dev/full` refuses every write."""
     page = tmp_path / "page.html"
