@@ -166,7 +166,7 @@ class _Composer:
             cv2.copyTo(result[window], shown, block)
 
     def _blended(self, labels: LabelArray, numbers: LabelArray, corner: tuple[int, int]) -> ImageArray | None:
-        """The blended frames of a block, uint8[h, w, 3]; None without frames."""
+        """The blended frames of a block, uint8[h, w, 3], at least 1; None without frames."""
         size = labels.shape[1] * self._factor, labels.shape[0] * self._factor
         blended: Any = None
         if len(numbers) == 1:
@@ -179,7 +179,8 @@ class _Composer:
             blended, _ = blender.blend(None, None)
         if blended is None:
             return None
-        return np.asarray(cv2.convertScaleAbs(np.maximum(blended, 0), alpha=1 / _FINENESS), dtype=np.uint8)
+        # What no frame shows stays 0, and nothing else is.
+        return np.asarray(cv2.convertScaleAbs(np.maximum(blended, _FINENESS), alpha=1 / _FINENESS), np.uint8)
 
     def _feed(self, blender: Any, own: MaskArray, number: int, corner: tuple[int, int]) -> None:
         """Adds one frame's part of a block, with a margin, to the blender."""

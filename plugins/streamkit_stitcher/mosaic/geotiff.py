@@ -16,6 +16,7 @@ _MODEL_PIXEL_SCALE: Final = 33550
 _MODEL_TIE_POINT: Final = 33922
 _MODEL_TRANSFORMATION: Final = 34264
 _GEO_KEY_DIRECTORY: Final = 34735
+_GDAL_NODATA: Final = 42113
 _PROJECTED, _PIXEL_IS_AREA, _METRE = 1, 1, 9001
 _BIG_BYTES: Final = 4_000_000_000
 # Relative to the scale: moves no pixel of the largest mosaic by a tenth of one.
@@ -71,12 +72,12 @@ def north_up(geo: Georeference) -> FloatArray:
 
 
 def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> None:
-    """Writes a tiled TIFF, georeferenced if possible.
+    """Writes a tiled TIFF, georeferenced if possible; 0 is declared as no data.
 
     Raises:
         OSError: the file cannot be written.
 
-    Source: OGC GeoTIFF standard 1.1, 19-008r4: tags 33550, 33922, 34264 and 34735.
+    Source: OGC GeoTIFF standard 1.1, 19-008r4: tags 33550, 33922, 34264 and 34735; tag 42113 of GDAL.
     """
     import tifffile
 
@@ -89,7 +90,7 @@ def write_geotiff(image: ImageArray, path: Path, geo: Georeference | None) -> No
         compression="zlib",
         bigtiff=colours.nbytes > _BIG_BYTES,
         metadata=None,
-        extratags=[] if geo is None else _tags(geo),
+        extratags=[(_GDAL_NODATA, "s", 0, "0", True), *([] if geo is None else _tags(geo))],
     )
 
 

@@ -118,7 +118,9 @@ class Mosaic:
         size = (right - left, bottom - top)
         pixels, depth = self.read(left, top, *size)
         to_box = normalised(translation(-np.array([left, top])) @ to_canvas)
-        warped = cv2.warpPerspective(frame, to_box, size, borderMode=cv2.BORDER_REPLICATE)
+        # What no frame shows stays 0, and nothing else is.
+        shown = np.maximum(frame, np.uint8(1))
+        warped = cv2.warpPerspective(shown, to_box, size, borderMode=cv2.BORDER_REPLICATE)
         flat = np.minimum(depth_inside(shape), np.uint8(deepest))
         deep = np.asarray(cv2.warpPerspective(flat, to_box, size, borderMode=cv2.BORDER_CONSTANT), np.uint8)
         share = cv2.addWeighted(deep, 0.5 / _SEAM_DEPTH, depth, -0.5 / _SEAM_DEPTH, 0.5, dtype=cv2.CV_32F)

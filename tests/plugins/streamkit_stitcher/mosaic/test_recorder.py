@@ -1,5 +1,7 @@
 """Selection of frames, and writing."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -216,3 +218,21 @@ def test_a_geotiff_has_north_on_top(ground, tmp_path):
     turned = np.rot90(flat)[10:-10, 10:-10].astype(float)
     shown = upright[10 : 10 + turned.shape[0], 10 : 10 + turned.shape[1]]
     assert np.abs(shown - turned).mean() < 12
+
+
+@pytest.mark.parametrize("final", [True, False])
+def test_what_no_frame_shows_is_no_data(tmp_path, final):
+    """Black ground is not taken for a gap: it is 1, and a TIFF declares 0 as no data."""
+    tifffile = pytest.importorskip("tifffile")
+    recorder = MosaicRecorder(RecorderSettings(str(tmp_path / "m.tif"), final=final))
+    for number in range(2):
+        black = np.zeros((*SMALL, 3), np.uint8)
+        shift = translation(np.array([500.0, 200.0]) * number)
+        where = registered(keyframe=True, key_index=number)
+        add(recorder, replace(where, to_reference=shift), black)
+    recorder.finish({0: {n: translation(np.array([500.0, 200.0]) * n) for n in range(2)}})
+    with tifffile.TiffFile(tmp_path / "m.tif") as file:
+        assert file.pages[0].tags[42113].value == "0"
+        image = file.pages[0].asarray()
+    assert (image[20:340, 20:620] == 1).all()
+    assert (image[380:540, 20:480] == 0).all()
