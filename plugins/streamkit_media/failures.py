@@ -85,9 +85,8 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
         check = "address, port and path"
         if isinstance(error, HTTPServerError):
             check = "the log of the server"
-        elif isinstance(
-            error, HTTPOtherClientError
-        ):  # the answer to a client that asks for none of the streams
+        elif isinstance(error, HTTPOtherClientError):
+            # The answer to a client that asks for none of the streams.
             check += ", and that it has video, not sound alone"
         return kind(f"{where}: cannot be opened: {reason_of(error)}; check {check}")
     return StreamError(
