@@ -28,6 +28,8 @@ FIRST_NORMAL = np.array([0.0, 0.65, 0.76])
 # largest one.
 MIN_TRANSLATION = 0.01
 NORMAL_RATE, MAX_NORMAL_RATE = 2.0, 0.1
+# Weight of a frame in the translation: cameras shake, but do not change their speed at once.
+TRANSLATION_RATE = 0.1
 # Smaller motions of the view are noise, px of the canvas.
 MIN_STEP_PX = 2.0
 # Longer ways are not searched, px of the canvas.
@@ -110,6 +112,8 @@ class ViewMotionEstimator:
     """Estimates how the view moves, from where the frames of a stream lie on the canvas."""
 
     _normal: FloatArray = field(default_factory=FIRST_NORMAL.copy)
+    # The mean translation, in heights; None before the first.
+    _mean: FloatArray | None = None
     # Working pixels to the canvas, of the last frames.
     _positions: list[FloatArray] = field(default_factory=list)
 
@@ -152,4 +156,7 @@ class ViewMotionEstimator:
         rate = min(NORMAL_RATE * length, MAX_NORMAL_RATE)
         mean = self._normal + rate * (normal - self._normal)
         self._normal = mean / np.linalg.norm(mean)
-        return CameraTranslation(camera @ translation, np.asarray(normal @ np.linalg.inv(camera), np.float64))
+        before = translation if self._mean is None else self._mean
+        smooth = np.asarray(before + TRANSLATION_RATE * (translation - before), np.float64)
+        self._mean = smooth
+        return CameraTranslation(camera @ smooth, np.asarray(normal @ np.linalg.inv(camera), np.float64))
