@@ -129,13 +129,9 @@ def _assign_group(
 def gated(table: TargetTable) -> BoolArray:
     """bool[n]: targets that are found at a distance from their prediction, not only upon it.
 
-    A region of motion has no look, and may come from anything: only those that were detected in the last one.
-    Of objects those that are not dormant, or whose position is known.
+    Those that are not dormant, and of the others those whose position is known.
     """
-    rows = table.rows
-    if not table.are_objects:
-        return np.asarray(rows["frames_undetected"] == 0)
-    return np.asarray(~table.dormant | (position_doubt(rows) < KNOWN_TO))
+    return np.asarray(~table.dormant | (position_doubt(table.rows) < KNOWN_TO))
 
 
 def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:

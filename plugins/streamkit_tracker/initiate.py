@@ -14,7 +14,7 @@ from streamkit_tracker.trail import extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.update.return_search import ReturnSearch
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, widened
+from streamkit_tracker.window_geometry import LENGTH, WIDTH
 
 MIN_STRAIGHTNESS = 0.5
 TENTATIVE_SHARE = 4
@@ -57,10 +57,10 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
 def start_appearance(table: TargetTable, index: int, space: Space | None, sampler: WindowSampler) -> None:
     """Learns the appearance of the target in a row at its window, in a feature space or its own template."""
     target, model, settings = table.rows[index], table.models[index], table.settings
-    window, context = target["window"].copy(), 1.0 if target["manual"] else settings.context
-    side = settings.patch_for(context * window[LENGTH : WIDTH + 1].max(), table.settled)
+    window = target["window"].copy()
+    side = settings.patch_for(window[LENGTH : WIDTH + 1].max(), table.settled)
     model.patch = (side, side) if space is None else space.patch_size
-    pixels = sampler.sample(widened(window[None], context), model.patch)[0]
+    pixels = sampler.sample(window[None], model.patch)[0]
     model.template = (
         EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
     )

@@ -10,7 +10,7 @@ from streamkit.settings import setting
 from streamkit_tracker.appearance.eigen_template import EigenSettings
 from streamkit_tracker.update.layered_filter import LayerSettings
 
-CROWD = 6  # targets: more get fewer samples and particles
+CROWD = 6  # targets: more get fewer samples
 MIN_PATCH = 16
 MIN_PARTICLES = 8
 
@@ -23,7 +23,6 @@ class TrackerSettings:
         seen_layers: particles of a target whose detection was found in the frame.
         layers: particles of a target that is searched by its appearance alone.
         eigen: how templates learn.
-        context: side of the sampled window relative to the target, for targets started by detections.
     """
 
     seen_layers: ClassVar = LayerSettings(particles=32, keep=6, size_particles=2, angle_particles=2)
@@ -63,26 +62,20 @@ class TrackerSettings:
     patch: int = setting(
         32, min=8, max=128, unit="samples", doc="Largest side of the compared patches; 16 in a crowd."
     )
-    context: float = 1.15
     eigen: EigenSettings = field(default_factory=EigenSettings)
     seed: int = setting(0, min=0, doc="Same seed and same frames give the same tracks.")
 
     def patch_for(self, longest_side: float, followed: int) -> int:
         """Side of the patches of a target that starts now: no more samples than its pixels call for.
 
-        Its sampled window has the longest side `longest_side`, px; `followed` targets are followed already.
+        Its window has the longest side `longest_side`, px; `followed` targets are followed already.
         """
         side = self.patch if followed < CROWD else min(self.patch, MIN_PATCH)
         return min(side, max(MIN_PATCH, 8 * math.ceil(longest_side / 8)))
 
-    def layers_for(self, detected: bool, followed: int, share: float = 1.0) -> LayerSettings:
-        """Particles for one target: fewer where a detection leads, or in a crowd of more than six.
-
-        `share` is the part of the usual number, 0 to 1.
-        """
+    def layers_for(self, detected: bool, share: float) -> LayerSettings:
+        """Particles for one target, fewer where a detection leads; `share` is the part of these, 0 to 1."""
         layers = self.seen_layers if detected else self.layers
-        if not detected and followed > CROWD:
-            share = share / 2
         if share >= 1:
             return layers
         return replace(

@@ -30,6 +30,8 @@ from streamkit_tracker.update.measurement import find_again, learn_appearances, 
 from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
 
+SEARCH_EVERY = 2  # frames, of a target that its detections keep in place
+
 
 class MultiTargetTracker:
     """Tracks what moves in a stream of frames.
@@ -150,8 +152,7 @@ class MultiTargetTracker:
         """bool[n]: targets whose appearance is searched in this frame."""
         rows, followed = self.targets.rows, self.targets.followed
         found = rows["detection"] >= 0
-        # In turn, a detection of its own is enough for a target.
-        is_in_turn = (rows["id"] + self._frames) % self._budget.turn == 0
-        resting = has_own_detection(rows) & ~is_in_turn
-        # Boxes that show the whole target are better than any template.
-        return np.asarray(followed & ~resting & ~rows["whole"] & (found | ~self.targets.dormant))
+        # in every other frame, a detection of its own is enough for a target
+        is_resting = has_own_detection(rows) & ((rows["id"] + self._frames) % SEARCH_EVERY > 0)
+        # boxes that show the whole target are better than any template
+        return np.asarray(followed & ~is_resting & ~rows["whole"] & (found | ~self.targets.dormant))

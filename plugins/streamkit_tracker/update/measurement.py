@@ -25,7 +25,6 @@ from streamkit_tracker.window_geometry import (
     WIDTH,
     Float32Array,
     FloatArray,
-    widened,
 )
 
 SIDES_STD = 0.12
@@ -54,12 +53,11 @@ def measure(
     rows, settings = table.rows, table.settings
     searches = _expectations(table, searched, observation, sampler)
     models = [table.models[index] for index in searched.tolist()]
-    usual = [settings.layers_for(led, len(searched), budget_share) for led in (False, True)]
+    usual = [settings.layers_for(led, budget_share) for led in (False, True)]
     # no detection leads a target drawn by hand
     is_led = (rows["detection"][searched] >= 0) & ~rows["manual"][searched]
     layers = [usual[led] for led in is_led.tolist()]
-    contexts = np.where(rows["manual"][searched], 1.0, settings.context)
-    shorter = contexts * searches["window"][:, LENGTH : WIDTH + 1].min(axis=1)
+    shorter = searches["window"][:, LENGTH : WIDTH + 1].min(axis=1)
     factors = np.clip(shorter // [max(model.patch) for model in models], 1, min(sampler.shape))
     groups: dict[Kind, list[int]] = {}
     for place, (model, factor) in enumerate(zip(models, factors.astype(int).tolist(), strict=True)):
@@ -68,7 +66,7 @@ def measure(
         groups.setdefault(kind, []).append(place)
     for kind, members in groups.items():
         alike = [models[place] for place in members]
-        found = search(sampler, alike, searches[members], contexts[members], kind, settings.sigma**2)
+        found = search(sampler, alike, searches[members], kind, settings.sigma**2)
         _judge(table, searched[members], *found)
     alone = np.flatnonzero((rows["detection"] >= 0) & ~rows["measured"])
     chosen, is_whole = rows["detection"][alone], rows["whole"][alone, None]
@@ -224,15 +222,14 @@ def _learn_detected(table: TargetTable, index: IndexArray, sampler: WindowSample
     """Lets the templates of the targets in rows `index` learn their windows, those that are alike at once."""
     rows, models = table.rows[index], [table.models[row] for row in index.tolist()]
     windows = np.concatenate([rows["mean"][:, :2], rows["window"][:, LENGTH:]], axis=1)
-    wider = widened(windows, table.settings.context)
     groups: dict[tuple[tuple[int, int], int], list[int]] = {}
     for place, model in enumerate(models):
-        factor = shrink_factor(wider[place], model.patch, sampler.shape)
+        factor = shrink_factor(windows[place], model.patch, sampler.shape)
         groups.setdefault((model.patch, factor), []).append(place)
         model.particles = Particles.at(windows[place])
     for (patch, factor), members in groups.items():
-        crops = sampler.crop(wider[members], factor, len(members))
-        patches = sampler.sample(wider[members], patch, crops=crops)
+        crops = sampler.crop(windows[members], factor, len(members))
+        patches = sampler.sample(windows[members], patch, crops=crops)
         for place, pixels in zip(members, patches, strict=True):
             template = models[place].template
             assert template is not None

@@ -22,7 +22,6 @@ from streamkit_tracker.window_geometry import (
     half_turn,
     unit_grid,
     visible_fraction,
-    widened,
 )
 
 CROP_MARGIN = 0.15  # of the diagonal: how far later layers reach beyond the first
@@ -50,7 +49,6 @@ def search(
     sampler: WindowSampler,
     models: list[TargetModel],
     searches: SearchRows,
-    contexts: FloatArray,
     kind: Kind,
     variance: float,
 ) -> tuple[Estimates, FloatArray, Float32Array]:
@@ -60,7 +58,6 @@ def search(
         sampler: holds the frame.
         models: of the targets.
         searches: n rows of `SEARCH`.
-        contexts: float64[n], side of the sampled window relative to the target's.
         kind: of all of them.
         variance: of the residual of a rigid target.
 
@@ -76,16 +73,24 @@ def search(
     def compare(windows: FloatArray) -> tuple[FloatArray, Float32Array]:
         """Distances float64[n, k] of windows float64[n, k, 5], and the first patch of each target."""
         nonlocal crops
-        wider = widened(windows, contexts[:, None, None])
-        flat = wider.reshape(-1, 5)
+        flat = windows.reshape(-1, 5)
         # cut out around the first windows, those of the widest layer, with a margin for the others
-        crops = crops or sampler.crop(flat, kind.factor, len(wider), CROP_MARGIN)
+        crops = crops or sampler.crop(flat, kind.factor, len(windows), CROP_MARGIN)
         if features:
-            patches = sampler.sample(flat, patch, crops=crops).reshape(*wider.shape[:2], -1)
+            patches = sampler.sample(flat, patch, crops=crops).reshape(*windows.shape[:2], -1)
             return np.asarray(FeatureTemplate.distances(features, patches), np.float64), patches[:, 0]
-        distances, first = np.empty(wider.shape[:2]), np.empty((len(wider), patch[0] * patch[1]), np.float32)
+        distances = np.empty(windows.shape[:2])
+        first = np.empty((len(windows), patch[0] * patch[1]), np.float32)
         template_distances(
-            crops.quads, crops.places, kind.factor, wider, unit_grid(patch), rows, constants, distances, first
+            crops.quads,
+            crops.places,
+            kind.factor,
+            windows,
+            unit_grid(patch),
+            rows,
+            constants,
+            distances,
+            first,
         )
         return distances, first
 

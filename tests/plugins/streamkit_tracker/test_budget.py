@@ -32,25 +32,6 @@ def test_particles_come_back_after_calm_frames():
     assert budget.share == 1.0
 
 
-def test_beyond_the_fewest_particles_targets_take_turns():
-    """Every second, then every fourth frame; turns end before particles come back."""
-    budget = Budget(0.010)
-    for _ in range(3):
-        budget.spent(0.020)
-    assert (budget.share, budget.turn) == (0.125, 1)
-    turns = []
-    for _ in range(3):
-        budget.spent(0.020)
-        turns.append(budget.turn)
-    assert turns == [2, 4, 4]
-    states = []
-    for _ in range(3):
-        for _ in range(10):
-            budget.spent(0.001)
-        states.append((budget.share, budget.turn))
-    assert states == [(0.125, 2), (0.125, 1), (0.25, 1)]
-
-
 @pytest.mark.parametrize(("budget_ms", "share"), [(0.0, 1.0), (10.0, 0.5)])
 def test_without_a_budget_time_changes_nothing(
     monkeypatch: pytest.MonkeyPatch, budget_ms: float, share: float
@@ -66,7 +47,7 @@ def test_without_a_budget_time_changes_nothing(
 def test_shares_scale_every_layer():
     """Half of all three layers, and never none."""
     settings = TrackerSettings()
-    half = settings.layers_for(detected=False, followed=1, share=0.5)
+    half = settings.layers_for(detected=False, share=0.5)
     assert (half.particles, half.size_particles, half.angle_particles) == (110, 3, 3)
-    least = settings.layers_for(detected=True, followed=1, share=0.125)
+    least = settings.layers_for(detected=True, share=0.125)
     assert (least.particles, least.size_particles, least.angle_particles) == (8, 1, 1)
