@@ -129,20 +129,12 @@ class Memory:
         """Peak to sidelobe ratio of the oldest copy near a window, float64[5]; 1 at least."""
         return max(self._copies[0].respond(sampler, window).sharpness, 1.0)
 
-    def believe(self, *, in_latest: bool) -> None:
-        """Takes what is followed for the target, as other evidence has found it; judged anew from there.
-
-        The filter that goes on is the latest, or the oldest copy where that one followed something else.
-        """
-        if not in_latest:
-            self.latest = self._copies[0].copy()
+    def begin_again(self) -> None:
+        """Goes on with the oldest copy: the target was found again where the latest filter did not follow."""
+        self.latest = self._copies[0].copy()
         self._copies.clear()
         self._copies.append(self.latest.copy())
         self.sharpness = math.inf
-
-    def doubt(self) -> None:
-        """Claims nothing until the responses have been sharp for a while."""
-        self.sharpness = MIN_SHARPNESS
 
     def compare(self, region: Region | None) -> None:
         """Takes account of a frame by the region around the window, or None where the target was not seen."""

@@ -21,7 +21,7 @@ BORDER = 1  # cells around the target that belong to its look
 MARGIN = 2  # cells beyond it, that gradients at its rim need
 GRADIENTS = 5  # components kept of the gradient channels
 COLOUR_WEIGHT = np.float32(6.0)  # colours stay longer than the outline of a target that turns or walks
-FIRST_PATCHES, PATCHES, HARD_PATCHES = 256, 54, 10
+FIRST_PATCHES, PATCHES = 256, 64
 NEAR = 0.3  # sides: the same place, with the cells as they fall
 APART = 1.0  # sides from the target: what is there is background
 
@@ -67,7 +67,7 @@ class FrameDetector:
     what the filter that follows the target has lost.
 
     Source: Kalal, Mikolajczyk and Matas, Tracking-Learning-Detection, TPAMI 2012 (a detector beside a
-    tracker, with the most alike parts of the background as negatives).
+    tracker).
 
     Args:
         sampler: has been shown the first frame.
@@ -121,21 +121,12 @@ class FrameDetector:
         self._learnt += 1
 
     def _background(self, survey: Survey, place: FloatArray) -> Float32Array:
-        """Patches float32[n, k] beside a target at x y, float64[2]: evenly spread ones and the most alike."""
-        is_apart = (survey.distances(place) > APART) & np.isfinite(survey.scores)
-        free = np.flatnonzero(is_apart)
+        """Patches float32[n, k] beside a target at x y, float64[2], evenly spread."""
+        free = np.flatnonzero((survey.distances(place) > APART) & np.isfinite(survey.scores))
         count = PATCHES if self._learnt else FIRST_PATCHES
         stride = max(len(free) // count, 1)
-        chosen = [free[self._learnt % stride :: stride][:count]]
-        scores = np.where(is_apart, survey.scores, -np.inf)
-        for _ in range(HARD_PATCHES if self._learnt else 0):
-            row, column = divmod(int(scores.argmax()), scores.shape[1])
-            if np.isneginf(scores[row, column]):
-                break
-            chosen.append(np.array([row * scores.shape[1] + column]))
-            scores[max(row - 2, 0) : row + 3, max(column - 2, 0) : column + 3] = -np.inf
         windows = np.lib.stride_tricks.sliding_window_view(survey.features, self._shape, axis=(1, 2))
-        rows, columns = np.divmod(np.concatenate(chosen), scores.shape[1])
+        rows, columns = np.divmod(free[self._learnt % stride :: stride][:count], survey.scores.shape[1])
         size = len(survey.features) * math.prod(self._shape)
         return windows[:, rows, columns].swapaxes(0, 1).reshape(len(rows), size)
 

@@ -11,7 +11,7 @@ import msgspec
 from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, Response
 
 REMEMBERED = 15
-RIGID = 2.0
+RIGID = 2.0  # tolerance of a target that is not soft, at most
 USUAL_DISTANCE = 0.05
 MIN_RATE = 0.04  # of the usual response: slow, so that a cover does not become the usual within a second
 OUTLIER_WEIGHT = 0.25
@@ -19,8 +19,6 @@ FIRST_DEVIATION = 0.7  # of log responses, before a target has shown how much it
 LEARNT_DEVIATIONS, LEARNT_DROP = 2.5, 1.0
 SEEN_DEVIATIONS, SEEN_DROP = 4.0, 2.1
 DOUBTED_SHARE = 0.5  # of what a filter learns of a response at the edge of the clear ones, and less beyond
-FOUND_DROP = 1.0  # to be found again, which grows to SEEN_DROP by ...
-FOUND_RELIEF = 0.04  # ... so much in each frame
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -76,49 +74,36 @@ class Evidence:
     def _seen_drop(self) -> float:
         return max(SEEN_DROP * self._slack, SEEN_DEVIATIONS * self._deviation)
 
-    def is_credible(self, response: Response, *, frames_unseen: int) -> bool:
-        """Whether a filter response is no outlier among this target's responses.
-
-        Args:
-            response: of the filter.
-            frames_unseen: since the target was last seen; after a gap the limit is stricter at first.
-        """
-        drop = self._seen_drop
-        if frames_unseen > 0:
-            at_first = FOUND_DROP * self._slack + self._deviation
-            drop = min(drop, at_first + FOUND_RELIEF * frames_unseen)
-        return response.sharpness >= MIN_SHARPNESS and self.drop(response) <= drop
+    def is_credible(self, response: Response) -> bool:
+        """Whether a filter response is no outlier among this target's responses."""
+        return response.sharpness >= MIN_SHARPNESS and self.drop(response) <= self._seen_drop
 
     def is_clear(self, response: Response) -> bool:
         """Whether a response is so near this target's usual ones that its look may be learnt."""
         return self.drop(response) <= self._clear_drop
 
-    def judge(
-        self, distance: float, response: Response | None, *, informative: bool, unseen: bool
-    ) -> Verdict:
+    def judge(self, distance: float, response: Response | None, *, informative: bool) -> Verdict:
         """Weighs one frame, and remembers it when the target was seen.
 
         Args:
             distance: of the best window to the template.
             response: a filter response that `is_credible` took, or None.
             informative: whether the frame distinguishes positions.
-            unseen: the target was not seen in the last frame.
         """
-        gate = self._learnt_distance if unseen else self._seen_distance
-        seen = (informative and distance <= gate) or response is not None
+        seen = (informative and distance <= self._seen_distance) or response is not None
         learnt = seen and distance <= self._learnt_distance
-        share = 0.0
+        share = float(learnt)
         if response is not None:
-            clear = self.is_clear(response)
+            is_clear = self.is_clear(response)
+            learnt = is_clear and (learnt or self.tolerance > RIGID)
             credit = (self._seen_drop - self.drop(response)) / (self._seen_drop - self._clear_drop)
-            share = DOUBTED_SHARE * min(max(credit, 0.0), 1.0)
-            learnt = clear and (learnt or self.tolerance > RIGID)
-            self._remember(response, weight=1.0 if clear else OUTLIER_WEIGHT)
+            share = 1.0 if is_clear else DOUBTED_SHARE * max(credit, 0.0)
+            self._remember(response, weight=1.0 if is_clear else OUTLIER_WEIGHT)
         if seen:
             self._distances.append(distance)
             self.usual_distance = median(self._distances)
             self.tolerance = max(1.0, self.usual_distance / USUAL_DISTANCE)
-        return Verdict(seen, learnt, 1.0 if learnt else share)
+        return Verdict(seen, learnt, share)
 
     def drop(self, response: Response) -> float:
         """By how much the logarithm of a response lies below the usual one."""

@@ -16,7 +16,6 @@ from streamkit_tracker.trail import extended, steadiness
 from streamkit_tracker.update.detected_box import has_own_detection, motion_headings, turned_windows
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, Particles, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
-from streamkit_tracker.update.return_search import SAME_PLACE
 from streamkit_tracker.update.search import Kind, search
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -82,8 +81,7 @@ def _judge(
     """Judges the results of a search for the rows `index`; recognised targets are measured and learn."""
     rows, verdicts = table.rows, []
     similarities, informative = np.exp(-distances), (found.contrasts > MIN_CONTRAST).tolist()
-    manual, unseen = rows["manual"][index].tolist(), (rows["frames_unseen"][index] > 0).tolist()
-    is_crowded = rows["crowded"][index].tolist()
+    manual, is_crowded = rows["manual"][index].tolist(), rows["crowded"][index].tolist()
     for place, row in enumerate(index.tolist()):
         model = table.models[row]
         assert model.template is not None
@@ -91,7 +89,6 @@ def _judge(
             -math.log(max(similarities.item(place), 1e-9)),
             model.response,
             informative=model.template.textured and informative[place],
-            unseen=manual[place] and unseen[place],
         )
         learns = verdict.learnt and (manual[place] or is_crowded[place])
         if verdict.seen:
@@ -147,20 +144,20 @@ def _expect_manual(
     search: SearchRows,
 ) -> None:
     """Asks the correlation filter of a target drawn by hand where it is, and expects it there."""
-    evidence, frames_unseen = model.evidence, int(target["frames_unseen"])
+    evidence, is_unseen = model.evidence, bool(target["frames_unseen"] > 0)
     # The filter's search area covers any motion in a frame; only an unseen target needs its velocity.
     predicted = target["window"].copy()
-    if frames_unseen > 0:
+    if is_unseen:
         predicted[:2] += target["mean"][2:] * step_s
     unmoved = predicted.copy()
     unmoved[:2] = target["last_place"]
-    response = find_response(memory.latest, evidence, sampler, predicted, unmoved, frames_unseen)
+    response = find_response(memory.latest, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
     model.response = response
     if response is None:
         search["sides_precision"] = search["heading_precision"] = 0.0
         return
     expect_response(search, response, evidence.tolerance, float(target["drawn_angle"]))
-    if frames_unseen > 0:
+    if is_unseen:
         search["window"][LENGTH:] = response.window[LENGTH:]
 
 
@@ -192,8 +189,7 @@ def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
 def find_again(table: TargetTable, sampler: WindowSampler) -> None:
     """Looks for targets drawn by hand with their detectors.
 
-    A detector that agrees with what is followed makes the target sure. One that does not makes it unsure, and
-    moves a target that is not sure to where it was detected, beyond the region of the filter.
+    A target that is not sure moves to where its detector finds it, beyond the region of the filter.
     """
     rows = table.rows
     for index in np.flatnonzero(table.followed & rows["manual"]).tolist():
@@ -206,16 +202,11 @@ def find_again(table: TargetTable, sampler: WindowSampler) -> None:
         if found is None:
             continue
         apart = math.dist(found[:2], target["window"][:2]) / math.sqrt(found[LENGTH] * found[WIDTH])
-        if is_seen and apart <= SAME_PLACE:
-            memory.believe(in_latest=True)
-        elif is_seen and target["sure"]:
-            memory.doubt()
-        elif not is_seen or apart > PADDING / 2:  # nearer places the filter has compared itself
-            memory.believe(in_latest=False)
+        if not is_seen or (not target["sure"] and apart > PADDING / 2):  # nearer ones the filter has compared
+            memory.begin_again()
             target["window"], target["mean"][:2], target["mean"][2:] = found, found[:2], 0.0
-            target["recognised"] = True
+            target["recognised"] = target["sure"] = True
             model.particles, model.trail = Particles.at(found), found[None, :2].copy()
-        target["sure"] = memory.is_sure
 
 
 def _learn_detected(table: TargetTable, index: IndexArray, sampler: WindowSampler) -> None:

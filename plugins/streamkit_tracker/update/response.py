@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, CorrelationFilter, Response
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.targets import TargetModel
 from streamkit_tracker.update.evidence import Evidence
@@ -17,14 +17,9 @@ from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible
 PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
 PEAK_SIDES_STD = 0.004
 TURN_STD = 0.35  # rad about the drawn angle, for a rigid target
-TURN_CHANGE = np.array([0, 0, 0, 0, 0.2])
 FAR = 0.4  # sides; a peak nearer to the rim of what was looked at is faint
-MOVED = 0.1  # sides by which the camera has moved the prediction
+MOVED = 0.1  # sides between both places, from which both are asked
 GAIN = 0.1  # logarithms of a response, above the other one
-RING_PER_FRAME = 0.2
-MAX_RING = 3.0
-MIN_RING = 0.4
-GOLDEN = (math.sqrt(5) - 1) / 2  # turns and radii of successive places fill a disc evenly
 
 
 def find_response(
@@ -33,7 +28,8 @@ def find_response(
     sampler: WindowSampler,
     predicted: FloatArray,
     unmoved: FloatArray,
-    frames_unseen: int,
+    *,
+    is_unseen: bool,
 ) -> Response | None:
     """The best response around a prediction, or None where none is credible, or in the picture.
 
@@ -44,49 +40,34 @@ def find_response(
         predicted: float64[5].
         unmoved: float64[5], where the camera holds a target that it follows: at the place in the picture
             where it was last seen.
-        frames_unseen: since the target was last seen; the search grows with them.
+        is_unseen: whether the target was not seen in the last frame.
     """
     # a filter finds any usual motion in the picture; a registration may be wrong, or the camera may follow
-    best = discriminator.respond(sampler, predicted if frames_unseen > 0 else unmoved)
-    if frames_unseen > 0:
-        others = [search_place(unmoved if frames_unseen % 2 else predicted, frames_unseen)]
-        if best.sharpness >= MIN_SHARPNESS:
-            others += [best.window + turn for turn in (TURN_CHANGE, -TURN_CHANGE)]
-    else:
-        # a region fades towards its rim: a large motion is seen well only from near the target
-        side = math.sqrt(best.window[LENGTH] * best.window[WIDTH])
-        is_far = math.dist(best.window[:2], unmoved[:2]) > FAR * side
-        others = [best.window] if is_far else []
-        is_doubtful = is_far or not evidence.is_clear(best)
-        if is_doubtful and math.dist(unmoved[:2], predicted[:2]) > MOVED * side:
-            others.append(predicted)
+    best = discriminator.respond(sampler, unmoved)
+    # a region fades towards its rim: a large motion is seen well only from near the target
+    side = math.sqrt(best.window[LENGTH] * best.window[WIDTH])
+    is_far = math.dist(best.window[:2], unmoved[:2]) > FAR * side
+    others = [best.window] if is_far else []
+    is_doubtful = is_unseen or is_far or not evidence.is_clear(best)
+    if is_doubtful and math.dist(unmoved[:2], predicted[:2]) > MOVED * side:
+        others.append(predicted)
     for window in others:
         other = discriminator.respond(sampler, window)
         if evidence.drop(other) < evidence.drop(best) - GAIN:
             best = other
     # beyond the picture the region repeats its edge: a peak there says nothing, least of all that it has left
     is_shown = visible_fraction(np.array([[*best.window[:2], 1.0, 1.0, 0.0]]), sampler.shape)[0] > 0
-    if not is_shown or not evidence.is_credible(best, frames_unseen=frames_unseen):
+    if not is_shown or not evidence.is_credible(best):
         return None
     return replace(best, window=widened(best.window, discriminator.sizes.growth(sampler, best.window)))
 
 
 def is_in_place(model: TargetModel, window: FloatArray, sampler: WindowSampler) -> bool:
-    """Whether the filter of a target drawn by hand finds it near its window, float64[5], as after a gap."""
+    """Whether the filter of a target drawn by hand finds it near its window, float64[5]."""
     if model.memory is None:
         return False
     response = model.memory.latest.respond(sampler, window)
-    return model.evidence.is_credible(response, frames_unseen=1)
-
-
-def search_place(window: FloatArray, frames_unseen: int) -> FloatArray:
-    """Window float64[5] to ask the filter at besides the prediction: over some frames they fill a disc."""
-    side = math.sqrt(float(window[LENGTH] * window[WIDTH]))
-    radius = side * min(MIN_RING + RING_PER_FRAME * frames_unseen, MAX_RING)
-    reach, turn = radius * math.sqrt(frames_unseen * GOLDEN % 1), 2 * math.pi * GOLDEN * frames_unseen
-    place = window.copy()
-    place[:2] += reach * np.array([math.cos(turn), math.sin(turn)])
-    return place
+    return model.evidence.is_credible(response)
 
 
 def expect_response(search: SearchRows, response: Response, tolerance: float, drawn_angle: float) -> None:

@@ -13,10 +13,8 @@ LOOK_EVERY = 4  # frames
 AGREEING = 4  # looks in a row
 TRUSTED = 5  # first looks, before the detector can tell
 USUAL_RATE = 0.1
-LEARNT_SHARE = 0.5  # of the usual score
 DISTINCT = 1.3  # times the best score elsewhere
 STEP = 1.0  # sides between two looks
-SAME_PLACE = 0.5  # sides
 
 
 class ReturnSearch:
@@ -26,7 +24,7 @@ class ReturnSearch:
     by mistake does not become the target's look. Another place is believed when several looks in a row agree
     on it: each time its score is nearer to the target's usual one than to that of the background and clearly
     above that of any other place, and on average the oldest copy of the filter, which knows finer detail,
-    prefers it. A place that the filter does not prefer to a sure target is learnt as background.
+    prefers it to what is followed.
 
     Args:
         sampler: has been shown the first frame.
@@ -77,12 +75,7 @@ class ReturnSearch:
         if self._agreeing < AGREEING:
             return None
         self._agreeing = 0
-        is_followed = math.dist(found[:2], window[:2]) <= SAME_PLACE * survey.side
-        if is_followed or self._preference > 0:
-            return found
-        if is_sure:
-            self._detector.learn(survey, sampler, window)
-        return None
+        return found if self._preference > 0 else None
 
     def _count(self, place: FloatArray, side: float, preference: float) -> None:
         """Counts a look that found a place, x y float64[2], and how far the filter prefers it."""
@@ -94,7 +87,7 @@ class ReturnSearch:
     def _is_found(self, survey: Survey, place: FloatArray) -> bool:
         """Whether the detector finds the target at x y, float64[2], by itself; remembers its usual scores."""
         here, elsewhere = survey.score_at(place), survey.score_elsewhere(place)
-        if self._learnt >= TRUSTED and here <= max(elsewhere, LEARNT_SHARE * self._usual):
+        if self._learnt >= TRUSTED and here <= elsewhere:
             return False
         self._learnt += 1
         rate = max(USUAL_RATE, 1 / self._learnt)

@@ -10,25 +10,9 @@ from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, R
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import SEARCH
-from streamkit_tracker.update.response import (
-    expect_response,
-    find_response,
-    search_place,
-)
+from streamkit_tracker.update.response import expect_response, find_response
 
 WINDOW = np.array([100.0, 80, 40, 10, 0.3])
-
-
-def test_the_search_grows_with_the_gap_up_to_a_limit():
-    """Other places around the prediction fill a disc that grows, never beyond three sides."""
-    near, far = (
-        [np.hypot(*(search_place(WINDOW, count)[:2] - WINDOW[:2])) for count in counts]
-        for counts in (range(1, 6), range(1000, 1100))
-    )
-    assert 0 < max(near) < 30
-    assert 50 < max(far) <= 60
-    assert min(far) < 10
-    np.testing.assert_array_equal(search_place(WINDOW, 7)[2:], WINDOW[2:])
 
 
 def test_the_softer_the_target_the_more_the_filter_counts():
@@ -50,7 +34,8 @@ def found(
     now: np.ndarray,
     predicted: np.ndarray,
     unmoved: np.ndarray | None = None,
-    frames_unseen: int = 0,
+    *,
+    is_unseen: bool = False,
 ) -> Response | None:
     """Evidence of a textured target that trembled for ten frames where it was drawn, and is elsewhere."""
     generator = np.random.default_rng(4)
@@ -62,10 +47,10 @@ def found(
         near = drawn + generator.normal(0, 2, 5) * [1, 1, 0, 0, 0]
         sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, near), generator, 2.0))
         usual = discriminator.respond(sampler, drawn)
-        evidence.judge(0.02, usual, informative=True, unseen=False)
+        evidence.judge(0.02, usual, informative=True)
     sampler.set_frame(scenes.grey(scenes.paint(backdrop, texture, now), generator, 2.0))
     unmoved = predicted if unmoved is None else unmoved
-    return find_response(discriminator, evidence, sampler, predicted, unmoved, frames_unseen)
+    return find_response(discriminator, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
 
 
 @pytest.mark.parametrize("step", [(30.0, 0.0), (-12.0, 26.0)])
@@ -99,7 +84,7 @@ def test_an_unseen_target_is_found_again_where_it_was_last_in_the_picture(scenes
     """The camera has followed it, while the ground has carried the prediction away."""
     drawn = np.array([150.0, 120, 40, 34, 0.0])
     away = drawn + np.array([120.0, 60, 0, 0, 0])
-    response = found(scenes, drawn, drawn, away, unmoved=drawn, frames_unseen=1)
+    response = found(scenes, drawn, drawn, away, unmoved=drawn, is_unseen=True)
     assert response is not None
     assert math.dist(response.window[:2], drawn[:2]) < 1.0
 
