@@ -40,7 +40,8 @@ class VideoFileSink(MediaOutput):
     The first frame is at 0 s, as players expect it, and the others are at their distance from it. A video to
     be matched with records needs the times of the stream: encode ! packetsink keeps them. Over UDP there is
     a keyframe each second, so that a receiver may join at any time. Odd sizes are extended by one repeated
-    row or column at the lower or right edge.
+    row or column at the lower or right edge. A name with a number or time, out-%05d.mp4, gets a file for
+    each size that comes; with one file another size is an error.
 
     Example:
         videotestsrc num-buffers=50 ! videofilesink location=test.mp4
@@ -53,8 +54,8 @@ class VideoFileSink(MediaOutput):
     location: str = Property(
         "",
         file="write",
-        doc="File to write; missing folders are made. Or - (the standard output), udp://HOST:PORT, or a "
-        "playlist of segments (HLS), live.m3u8.",
+        doc="File to write, with a number or time, out-%05d.mp4, one for each size; missing folders are "
+        "made. Or - (the standard output), udp://HOST:PORT, or a playlist of segments (HLS), live.m3u8.",
     )
     max_files: int = Property(
         0, min=0, doc="Segments of a playlist kept; older ones are deleted. 0 keeps all."
@@ -69,8 +70,6 @@ class VideoFileSink(MediaOutput):
         self._writer = None
         self._encoder: Encoder | None = None
         self._caps: Caps | None = None
-        self._offset: int | None = None
-        self._frame_ns = self._last = 0
 
     def write(self, frame: Frame) -> None:
         """Encodes one frame.
@@ -92,30 +91,38 @@ class VideoFileSink(MediaOutput):
         self._writer.write_video(bytes(packet), pts, dts, None, packet.is_keyframe)
 
     def _follow(self, caps: Caps) -> None:
+        """Begins a file with the first frame, and the next where another size or format comes."""
         pixel_format, size = str(caps["format"]), (caps.integer("width"), caps.integer("height"))
         encoder = self._encoder
-        if encoder is None:
-            rate = max(caps_rate(caps) or ASSUMED_RATE, MIN_RATE)
-            self._frame_ns = round(SECOND_NS / rate)
-            self._last = -self._frame_ns
-            gop = KEYFRAME_INTERVAL
-            if self.is_sent or self.is_playlist:
-                gop = max(1, round(rate * (1 if self.is_sent else SEGMENT_NS // SECOND_NS)))
-            is_live = self.is_sent or rate < MIN_HOLDING_RATE
-            settings = EncoderSettings(
-                quality=self.crf, gop=min(gop, KEYFRAME_INTERVAL), preset=self.preset, live=is_live
-            )
-            self._encoder = encoder = Encoder(settings, pixel_format, size, rate)
-            output = self.open_output(count=self.max_files)
-            coded = coded_caps(encoder.codec, even(size[0]), even(size[1]))
-            self._writer = PacketWriter(output, self.container(), coded, rate=rate)
-        elif (pixel_format, size) != (encoder.pixel_format, encoder.size):
-            raise StreamError(
-                f"{self.location}: one file holds one size and format, it began with {encoder.pixel_format} "
-                f"{encoder.size[0]} x {encoder.size[1]} and now {pixel_format} {size[0]} x {size[1]} comes; "
-                "put videoscale and a caps filter before it"
-            )
+        if encoder is not None and (pixel_format, size) != (encoder.pixel_format, encoder.size):
+            if not self.names.is_several:
+                is_other = self.is_sent or self.is_playlist
+                number = "" if is_other else "give the name a number, out-%05d.mp4, or "
+                raise StreamError(
+                    f"{self.location}: one file holds one size and format, it began with "
+                    f"{encoder.pixel_format} {encoder.size[0]} x {encoder.size[1]} and now {pixel_format} "
+                    f"{size[0]} x {size[1]} comes; {number}put videoscale and a caps filter before it"
+                )
+            self.end()
+        if self._encoder is None:
+            self._begin_file(pixel_format, size, max(caps_rate(caps) or ASSUMED_RATE, MIN_RATE))
         self._caps = caps
+
+    def _begin_file(self, pixel_format: str, size: tuple[int, int], rate: Fraction) -> None:
+        self._offset: int | None = None
+        self._frame_ns = round(SECOND_NS / rate)
+        self._last = -self._frame_ns
+        gop = KEYFRAME_INTERVAL
+        if self.is_sent or self.is_playlist:
+            gop = max(1, round(rate * (1 if self.is_sent else SEGMENT_NS // SECOND_NS)))
+        is_live = self.is_sent or rate < MIN_HOLDING_RATE
+        settings = EncoderSettings(
+            quality=self.crf, gop=min(gop, KEYFRAME_INTERVAL), preset=self.preset, live=is_live
+        )
+        self._encoder = Encoder(settings, pixel_format, size, rate)
+        output = self.open_output(count=self.max_files)
+        coded = coded_caps(self._encoder.codec, even(size[0]), even(size[1]))
+        self._writer = PacketWriter(output, self.container(), coded, rate=rate)
 
     def _place(self, pts: int | None) -> int:
         """The frame's time in the file, ns; without one of its own that ascends, at the frame rate."""

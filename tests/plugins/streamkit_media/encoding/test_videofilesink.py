@@ -101,10 +101,26 @@ def test_a_new_size_is_refused_and_the_file_plays(tmp_path: Path) -> None:
     with Harness("videofilesink", location=str(path)) as harness:
         harness.push(grey_frame())
         with pytest.raises(
-            ElementFailure, match="began with GRAY8 64 x 48 and now GRAY8 32 x 48 comes; put videoscale"
+            ElementFailure,
+            match=r"began with GRAY8 64 x 48 and now GRAY8 32 x 48 comes; give the name a number, out-%05d",
         ):
             harness.push(grey_frame(width=32, index=1))
     assert count_of(path) == 1
+
+
+def test_a_numbered_name_has_a_file_for_each_size(tmp_path: Path) -> None:
+    """A camera that comes back at another size is recorded on; each file is whole and begins at 0 s."""
+    with Harness("videofilesink", location=str(tmp_path / "out-%03d.mp4")) as harness:
+        for index in range(30):
+            harness.push(grey_frame(width=64 if index < 10 or index >= 20 else 32, index=index))
+        harness.drain()
+        assert harness.element.results["files"] == 3
+    for number, width in enumerate((64, 32, 64)):
+        path = tmp_path / f"out-{number:03d}.mp4"
+        assert count_of(path) == 10
+        with av.open(str(path)) as container:
+            assert container.streams.video[0].width == width
+            assert next(container.decode(video=0)).time == pytest.approx(0.0, abs=1e-3)
 
 
 def test_odd_sizes_are_written(tmp_path: Path) -> None:
