@@ -68,23 +68,27 @@ class LinkWriter:
             FlowStop: the reader wants no more, or the pipeline stops.
         """
         link = self._link
+        flushes = link.flushes
         with link.waiting():
             try:
-                while not self._has_put(frame):
+                while not self._has_put(frame, flushes):
                     continue
             except Flushing:
                 if link.stopping.is_set():  # a flush is counted where the frame comes from
                     link.count_drop("pipeline stopped")
                 raise
 
-    def _has_put(self, frame: Frame) -> bool:
-        """Sends a frame to the present reader; False if that has ended meanwhile."""
+    def _has_put(self, frame: Frame, flushes: int) -> bool:
+        """Sends a frame to the present reader; False if that has ended meanwhile.
+
+        `flushes` is the number of those before the frame came: a later one drops it.
+        """
         with contextlib.suppress(ChannelClosed):  # `Processes` decides whether there is another
             connection = self._connection()
-            self._wait_for_room(connection)
+            self._wait_for_room(connection, flushes)
             if self._has_gap:
                 frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
-            if self._send(frame, connection):
+            if self._send(frame, connection, flushes):
                 self._has_gap = False
                 return True
         return False
@@ -108,7 +112,7 @@ class LinkWriter:
         self._used = connection
         return connection
 
-    def _wait_for_room(self, connection: Connection) -> None:
+    def _wait_for_room(self, connection: Connection, flushes: int) -> None:
         """Reads what the reader has taken; waits while `capacity` frames are on the way."""
         link, wait_s = self._link, 0.0
         while True:
@@ -121,16 +125,19 @@ class LinkWriter:
                 if is_over:
                     self._is_refused = True
                     raise EndOfStream(link.name)
-            if link.stopping.is_set() or link.is_flushing:
+            if link.must_give_up(flushes):
                 raise Flushing(link.name)
             if connection.counts[SENT] - connection.counts[TAKEN] < link.capacity:
                 return
             wait_s = POLL_S
 
-    def _send(self, frame: Frame, connection: Connection) -> bool:
+    def _send(self, frame: Frame, connection: Connection, flushes: int) -> bool:
         """Sends a frame, and counts it; False if that was cancelled."""
         is_sent = False
-        connection.counts[SENT] += 1
+        with self._link.lock:  # a flush that begins now drops what is counted
+            if self._link.must_give_up(flushes):
+                raise Flushing(self._link.name)
+            connection.counts[SENT] += 1
         try:
             is_sent = self._encoder.send_frame(frame, connection.channel, self._link.stopping.is_set)
         finally:

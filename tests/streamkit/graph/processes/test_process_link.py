@@ -13,6 +13,7 @@ from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, Flushing, GapEvent
 from streamkit.graph.processes.connection import COUNTS
+from streamkit.graph.processes.link_writer import LinkWriter
 from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 20.0
@@ -106,6 +107,24 @@ def test_a_frame_that_meets_a_flush_is_counted() -> None:
     thread.join(LIMIT_S)
     for link in (writer, reader):
         link.disconnect()
+
+
+def test_a_frame_on_its_way_into_a_link_is_dropped_by_a_flush(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where there was room for it before the flush began, and the flush is over since."""
+    reader = ProcessLink("reader")
+    writer = writer_to(reader)
+    wait_for_room = LinkWriter._wait_for_room
+
+    def wait_and_flush(*arguments: Any) -> None:
+        wait_for_room(*arguments)
+        writer.flush(begins=True)
+        writer.flush(begins=False)
+
+    monkeypatch.setattr(LinkWriter, "_wait_for_room", wait_and_flush)
+    with pytest.raises(Flushing):
+        writer.receiver(writer.pads["sink"])(Frame(b"", Caps("a/b")))
+    writer.disconnect()
+    reader.disconnect()
 
 
 def test_a_reader_that_connects_after_a_flush_gets_the_eos_from_before_it() -> None:
