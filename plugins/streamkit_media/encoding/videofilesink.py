@@ -104,6 +104,7 @@ class VideoFileSink(MediaOutput):
                     f"{size[0]} x {size[1]} comes; {number}put videoscale and a caps filter before it"
                 )
             self.end()
+            self._writer = None  # complete, whatever becomes of the next
         if self._encoder is None:
             self._begin_file(pixel_format, size, max(caps_rate(caps) or ASSUMED_RATE, MIN_RATE))
         self._caps = caps

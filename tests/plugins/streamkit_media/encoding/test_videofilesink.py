@@ -123,6 +123,17 @@ def test_a_numbered_name_has_a_file_for_each_size(tmp_path: Path) -> None:
             assert next(container.decode(video=0)).time == pytest.approx(0.0, abs=1e-3)
 
 
+def test_a_next_file_that_cannot_be_made_leaves_the_first_whole(tmp_path: Path) -> None:
+    """Its name was taken by another program meanwhile."""
+    with Harness("videofilesink", location=str(tmp_path / "out-%03d.mp4"), if_exists="fail") as harness:
+        harness.push(grey_frame())
+        (tmp_path / "out-001.mp4").write_bytes(b"another")
+        with pytest.raises(ElementFailure, match="exists already"):
+            harness.push(grey_frame(width=32, index=1))
+    assert count_of(tmp_path / "out-000.mp4") == 1
+    assert (tmp_path / "out-001.mp4").read_bytes() == b"another"
+
+
 def test_odd_sizes_are_written(tmp_path: Path) -> None:
     """A frame of odd size is recorded."""
     path = tmp_path / "out.mp4"
