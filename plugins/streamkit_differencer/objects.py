@@ -15,7 +15,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage, above
+from streamkit_differencer.arrays import ByteImage, FloatArray, Indices, LabelImage, above
 from streamkit_differencer.clusters import clustered
 from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
@@ -50,7 +50,7 @@ class Objects:
         boxes: float64[n, 4], x0 y0 x1 y1, the outer edges of the foreground.
         areas: float64[n], foreground, px.
         changes: float64[n], share of the foreground that changed within quiet_frames, 0 to 1.
-        confidences: float64[n], 0 to 1; empty until they are computed.
+        confidences: float64[n], 0 to 1; zeros until they are computed.
         dropped: number of objects above `max_objects`.
     """
 
@@ -65,6 +65,7 @@ class Objects:
         return len(self.areas)
 
 
+COLUMNS = ("centroids", "boxes", "areas", "changes", "confidences")
 NO_OBJECTS = Objects(np.zeros((0, 2)), np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
@@ -98,11 +99,16 @@ def find_objects(
     reported = np.flatnonzero((changes >= settings.min_change) | settings.stopped)
     order = reported[np.argsort(-table[reported, PIXELS], kind="stable")]
     kept = order[: max_objects or settings.max_objects]
-    rows = table[kept]
-    pixels = rows[:, PIXELS]
-    centroids = rows[:, SUM_X : SUM_Y + 1] / pixels[:, None] * scale + (scale - 1) / 2
-    boxes = (rows[:, LEFT : BOTTOM + 1] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
-    return Objects(centroids, boxes, pixels * scale**2, changes[kept], order.size - kept.size)
+    return replace(measured(table[kept], scale), dropped=order.size - kept.size)
+
+
+def measured(table: FloatArray, scale: int) -> Objects:
+    """The objects of rows of `measurement.measure_objects`; `scale` is frame pixels per pixel there."""
+    pixels = table[:, PIXELS]
+    centroids = table[:, SUM_X : SUM_Y + 1] / pixels[:, None] * scale + (scale - 1) / 2
+    boxes = (table[:, LEFT : BOTTOM + 1] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
+    changes = table[:, CHANGED] / pixels
+    return Objects(centroids, boxes, pixels * scale**2, changes, confidences=np.zeros(len(table)))
 
 
 def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]:
@@ -134,9 +140,12 @@ def most_confident(objects: Objects, count: int) -> Objects:
     of noise, which is large and new, push out older objects.
     """
     kept = np.sort(np.argsort(-objects.confidences, kind="stable")[:count])
-    names = "centroids", "boxes", "areas", "changes", "confidences"
-    rows = {name: getattr(objects, name)[kept] for name in names}
-    return replace(objects, dropped=objects.dropped + len(objects) - count, **rows)
+    return replace(chosen(objects, kept), dropped=objects.dropped + len(objects) - count)
+
+
+def chosen(objects: Objects, numbers: Indices) -> Objects:
+    """Some of the objects, int64[n], in this order."""
+    return replace(objects, **{name: getattr(objects, name)[numbers] for name in COLUMNS})
 
 
 def cells_of(foreground: ByteImage, scale: int) -> ByteImage:

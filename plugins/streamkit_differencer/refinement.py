@@ -12,7 +12,16 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, Flags, FloatArray, overlaps
+from streamkit_differencer.arrays import (
+    BOUNDS,
+    CORNERS,
+    Bounds,
+    ByteImage,
+    Corners,
+    Flags,
+    FloatArray,
+    overlaps,
+)
 from streamkit_differencer.foreground import MAX_BACKGROUND
 from streamkit_differencer.objects import Objects
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
@@ -86,7 +95,6 @@ def measured_at_full_resolution(
     """
     found = np.zeros((len(corners), 7))
     contrasts = np.empty(MAX_PX * MAX_PX, np.int16)
-    # A division for each pixel takes as long as all else.
     columns = np.empty(MAX_PX, np.uint32)
     for number in range(len(corners)):
         left, top = max(corners[number, 0], 0), max(corners[number, 1], 0)
@@ -94,23 +102,79 @@ def measured_at_full_resolution(
         width, height = right - left, bottom - top
         if not chosen[number] or min(width, height) <= 0 or max(width, height) > MAX_PX:
             continue
-        inside, total = 0, 0
-        for column in range(left, right):
-            columns[column - left] = min(column // scale, mask.shape[1] - 1)
-        for row in range(top, bottom):
-            line = mask[min(row // scale, mask.shape[0] - 1)]
-            for column in range(left, right):
-                index = (row - top) * width + column - left
-                contrasts[index] = -1
-                if line[columns[column - left]] > MAX_BACKGROUND:
-                    contrasts[index] = abs(
-                        np.int64(image[row, column]) - background_at(background, to_background, row, column)
-                    )
-                    inside += 1
-                    total += contrasts[index]
-        edge = EDGE_SHARE * total / max(inside, 1)
-        _outline(contrasts, (left, top, width, height), edge, found[number])
+        place = left, top, width, height
+        mean = _find_contrasts(image, background, to_background, mask, scale, place, columns, contrasts)
+        _outline(contrasts, place, EDGE_SHARE * mean, found[number])
     return found
+
+
+@kernel(UINT8_STRIDED, UINT8_STRIDED, FLOAT64, UINT8, types.int64, BOUNDS)
+def clear_foreground(
+    image: ByteImage,
+    background: ByteImage,
+    to_background: FloatArray,
+    mask: ByteImage,
+    scale: int,
+    bounds: Bounds,
+) -> ByteImage:
+    """The foreground in a part of the frame at full resolution, as far as its contrast is that of an object.
+
+    Args:
+        image: uint8[h, w], the frame at full resolution.
+        background: uint8, its border is replicated.
+        to_background: float64[3, 3], frame pixels to those of `background`.
+        mask: uint8, the frame's foreground at the working scale.
+        scale: frame pixels per working pixel.
+        bounds: first row and the one after the last, first column and the one after the last, in the frame.
+
+    Returns:
+        uint8[rows, columns], values of `mask`, 0 between objects.
+    """
+    top, bottom, left, right = bounds
+    place = left, top, right - left, bottom - top
+    contrasts, columns = np.empty(place[2] * place[3], np.int16), np.empty(place[2], np.uint32)
+    mean = _find_contrasts(image, background, to_background, mask, scale, place, columns, contrasts)
+    result = np.zeros((place[3], place[2]), np.uint8)
+    for row in range(place[3]):
+        line = mask[min((top + row) // scale, mask.shape[0] - 1)]
+        for column in range(place[2]):
+            if contrasts[row * place[2] + column] > EDGE_SHARE * mean:
+                result[row, column] = line[columns[column]]
+    return result
+
+
+@compiled
+def _find_contrasts(
+    image: ByteImage,
+    background: ByteImage,
+    to_background: FloatArray,
+    mask: ByteImage,
+    scale: int,
+    place: tuple[int, int, int, int],
+    columns: NDArray[np.uint32],
+    contrasts: NDArray[np.int16],
+) -> float:
+    """The contrast of each pixel of a box, -1 outside the foreground; returns the mean of the others.
+
+    `place` is the box's first column and row, its width and height; `columns` becomes those in the mask.
+    """
+    left, top, width, height = place
+    inside, total = 0, 0
+    for column in range(width):
+        # A division for each pixel takes as long as all else.
+        columns[column] = min((left + column) // scale, mask.shape[1] - 1)
+    for row in range(top, top + height):
+        line = mask[min(row // scale, mask.shape[0] - 1)]
+        for column in range(left, left + width):
+            index = (row - top) * width + column - left
+            contrasts[index] = -1
+            if line[columns[column - left]] > MAX_BACKGROUND:
+                contrasts[index] = abs(
+                    np.int64(image[row, column]) - background_at(background, to_background, row, column)
+                )
+                inside += 1
+                total += contrasts[index]
+    return total / max(inside, 1)
 
 
 @compiled

@@ -1,0 +1,122 @@
+"""Objects that stand close together, taken apart at full resolution.
+
+The foreground at a coarser scale joins neighbours: halo, hysteresis and cells each bridge a pixel. At full
+resolution the ground between them shows. What falls apart there may still be parts of one thing, such as the
+hood and the roof of a car: only an object that is larger than most of what moves is taken apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import cast
+
+import cv2
+import numpy as np
+
+from streamkit_differencer.arrays import Bounds, ByteImage, Flags, FloatArray, LabelImage, above
+from streamkit_differencer.measurement import PIXELS, measure_objects
+from streamkit_differencer.objects import COLUMNS, Objects, chosen, measured
+from streamkit_differencer.refinement import MAX_PX, clear_foreground
+
+# Objects of the last frames that the typical area is taken from, and the least number of them.
+MAX_AREAS, MIN_AREAS = 400, 5
+# A piece has at least this share of the typical area.
+PIECE_SHARE = 0.25
+# Ground shows between two pieces over this share of the object's size, and at least over this many px: less
+# may be the line where a bright part meets a dark one.
+
+GAP_SHARE, MIN_GAP_PX = 0.1, 2
+
+
+@dataclass(slots=True)
+class TypicalArea:
+    """Area of the object that half of the foreground of the last frames is smaller than, px.
+
+    It weighs objects by their area: of the many specks that noise leaves none counts for much.
+    """
+
+    _areas: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_AREAS))
+
+    def add(self, areas: FloatArray) -> None:
+        """Adds the objects of a frame, float64[n]."""
+        self._areas.extend(areas.tolist())
+
+    def value(self) -> float:
+        """The typical area, px; infinite before enough objects were seen."""
+        if len(self._areas) < MIN_AREAS:
+            return math.inf
+        areas = np.sort(np.array(self._areas))
+        sums = np.cumsum(areas)
+        return float(areas[np.searchsorted(sums, 0.5 * sums[-1])])
+
+
+def split_objects(
+    objects: Objects,
+    image: ByteImage,
+    background: ByteImage,
+    to_background: FloatArray,
+    mask: ByteImage,
+    scale: int,
+    typical: float,
+) -> Objects:
+    """The objects of a frame, with those taken apart between whose parts the ground shows.
+
+    Args:
+        objects: as measured on the foreground.
+        image: uint8[h, w], the frame at full resolution.
+        background: uint8[h, w].
+        to_background: float64[3, 3], frame pixels to those of `background`.
+        mask: uint8[h, w], the frame's foreground at the working scale.
+        scale: frame pixels per working pixel.
+        typical: area of objects that are not taken apart, px.
+    """
+    is_whole, found = np.ones(len(objects), np.bool_), []
+    sizes = np.prod(objects.boxes[:, 2:] - objects.boxes[:, :2], axis=1)
+    for number in np.flatnonzero(objects.areas > typical).tolist():
+        bounds = _bounds(objects.boxes[number], image)
+        if max(bounds[1] - bounds[0], bounds[3] - bounds[2]) > MAX_PX:
+            continue
+        foreground = clear_foreground(image, background, to_background, mask, scale, bounds)
+        gap = max(MIN_GAP_PX, round(GAP_SHARE * math.sqrt(objects.areas[number])))
+        pieces = _moved(_pieces(foreground, gap, round(PIECE_SHARE * typical)), (bounds[2], bounds[0]))
+        # What lies in the box of a smaller object is part of that one.
+        own = ~_are_within(pieces.boxes, objects.boxes[sizes < sizes[number]])
+        if np.count_nonzero(own) > 1:
+            is_whole[number] = False
+            found.append(chosen(pieces, np.flatnonzero(own)))
+    if not found:
+        return objects
+    parts = [chosen(objects, np.flatnonzero(is_whole)), *found]
+    united = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    return Objects(**united, dropped=objects.dropped)
+
+
+def _bounds(box: FloatArray, image: ByteImage) -> Bounds:
+    """The pixels of a box that lie in an image."""
+    left, top, right, bottom = np.rint(box + 0.5).astype(int).tolist()
+    return max(top, 0), min(bottom, image.shape[0]), max(left, 0), min(right, image.shape[1])
+
+
+def _are_within(boxes: FloatArray, others: FloatArray) -> Flags:
+    """bool[n], whether one of the others, float64[m, 4], contains each of the boxes, float64[n, 4]."""
+    left, top, right, bottom = boxes.T[:, :, None]
+    first, upper, last, lower = others.T[:, None, :]
+    contains = (first <= left) & (upper <= top) & (right <= last) & (bottom <= lower)
+    return np.asarray(contains.any(axis=1))
+
+
+def _moved(objects: Objects, shift: tuple[int, int]) -> Objects:
+    """The objects shifted by x and y, px."""
+    return replace(objects, centroids=objects.centroids + shift, boxes=objects.boxes + 2 * shift)
+
+
+def _pieces(foreground: ByteImage, gap: int, min_area: int) -> Objects:
+    """The connected parts of a foreground, with less than `gap` px within each, of `min_area` px or more."""
+    clear = above(foreground, 0)
+    near = cv2.dilate(clear, np.ones((gap, gap), np.uint8))
+    count, labels = cv2.connectedComponents(near, connectivity=4)
+    parts = cast("LabelImage", labels), count - 1
+    table = measure_objects(foreground, clear, *parts, 0, 0, 1, max(min_area, 1))
+    return measured(table[table[:, PIXELS] > 0.0], 1)

@@ -1,0 +1,126 @@
+"""Objects that stand close together, taken apart where the ground shows between them."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from streamkit_differencer.canvas import FIXED, working_to_frame
+from streamkit_differencer.differencer import Differencer
+from streamkit_differencer.objects import find_objects
+from streamkit_differencer.settings import DifferencerSettings, ObjectSettings
+from streamkit_differencer.splitting import MIN_AREAS, TypicalArea, split_objects
+
+SHAPE = (120, 160)
+SCALE = 2
+GROUND = 100
+BRIGHT, DARK = 220, 30
+TO_WORKING = np.linalg.inv(working_to_frame(SCALE))
+# A vehicle of 20 by 9 px as it is seen from a drone, and its area.
+LENGTH, WIDTH = 20, 9
+CAR = float(LENGTH * WIDTH)
+
+
+def painted(*things, shape=SHAPE):
+    """A frame with rectangles x0 y0 x1 y1 of a value each."""
+    frame = np.full(shape, GROUND, np.uint8)
+    for x0, y0, x1, y1, value in things:
+        frame[y0:y1, x0:x1] = value
+    return frame
+
+
+def car(x, y, value=BRIGHT):
+    """A vehicle that drives to the right."""
+    return x, y, x + LENGTH, y + WIDTH, value
+
+
+def coarse(frame):
+    """Objects at the working scale and their foreground, a pixel too wide on each side as by hysteresis."""
+    working = cv2.resize(frame, None, fx=1 / SCALE, fy=1 / SCALE, interpolation=cv2.INTER_AREA)
+    mask = np.where(cv2.absdiff(working, np.full_like(working, GROUND)) > 7, 255, 0).astype(np.uint8)
+    mask = cv2.dilate(mask, np.ones((3, 3), np.uint8))
+    return find_objects(mask, SCALE, ObjectSettings()), mask
+
+
+def parts(frame, typical=CAR):
+    """The objects of a frame, and those it is taken apart into."""
+    objects, mask = coarse(frame)
+    ground = np.full_like(mask, GROUND)
+    return objects, split_objects(objects, frame, ground, TO_WORKING, mask, SCALE, typical)
+
+
+@pytest.mark.parametrize("value", [BRIGHT, DARK])
+def test_vehicles_side_by_side_are_two(value):
+    """Five pixels of road between them are bridged at the working scale."""
+    frame = painted(car(40, 40), car(46, 40 + WIDTH + 5, value))
+    joined, found = parts(frame)
+    assert len(joined) == 1
+    assert len(found) == 2
+    order = np.argsort(found.boxes[:, 1])
+    np.testing.assert_allclose(found.boxes[order], [[39.5, 39.5, 59.5, 48.5], [45.5, 53.5, 65.5, 62.5]])
+    np.testing.assert_allclose(found.centroids[order], [[49.5, 44], [55.5, 58]])
+    np.testing.assert_allclose(found.areas, CAR)
+    assert found.changes.tolist() == [1.0, 1.0]
+
+
+def test_an_object_of_the_usual_size_is_one():
+    """The ground may show through it."""
+    joined, found = parts(painted(car(40, 40), car(46, 40 + WIDTH + 5)), typical=4 * CAR)
+    assert len(joined) == len(found) == 1
+
+
+def test_a_bright_part_next_to_a_dark_one_is_one_object():
+    """From bright to dark a line is as grey as the road."""
+    frame = painted((40, 40, 58, 49, BRIGHT), (58, 40, 59, 49, GROUND), (59, 40, 79, 49, DARK))
+    assert len(parts(frame)[1]) == 1
+
+
+def test_a_speck_beside_an_object_takes_nothing_apart():
+    """A piece has a quarter of the usual area at least."""
+    frame = painted(car(40, 40), car(60, 40), (46, 53, 50, 56, BRIGHT))
+    joined, found = parts(frame)
+    assert len(joined) == len(found) == 1
+    np.testing.assert_allclose(found.boxes, joined.boxes)
+
+
+def test_what_another_object_reports_is_not_reported_twice():
+    """The box of an object that is L-shaped holds another object."""
+    around = (30, 30, 36, 90, BRIGHT), (30, 84, 90, 90, BRIGHT)
+    joined, found = parts(painted(*around, car(60, 40)))
+    assert len(joined) == len(found) == 2
+
+
+def test_objects_at_the_border_are_taken_apart():
+    """Boxes are clipped to the frame."""
+    frame = painted((0, 0, 20, 9, BRIGHT), (0, 14, 20, 23, BRIGHT))
+    joined, found = parts(frame)
+    assert (len(joined), len(found)) == (1, 2)
+    assert found.boxes.min() == -0.5
+
+
+def test_typical_area_weighs_objects_by_their_area():
+    """Of many specks none counts for much."""
+    typical = TypicalArea()
+    typical.add(np.full(MIN_AREAS - 1, 200.0))
+    assert math.isinf(typical.value())
+    typical.add(np.full(40, 5.0))
+    assert typical.value() == 200.0
+
+
+def traffic(index):
+    """Lone vehicles on one road, two abreast on another."""
+    lone = [car(10 + 4 * index + 60 * lane, 20 + 40 * lane) for lane in range(3)]
+    abreast = [car(330 - 4 * index, 150), car(334 - 4 * index, 150 + WIDTH + 4, DARK)]
+    noise = np.random.default_rng(index).normal(0, 1.5, (200, 700))
+    frame = painted(*lone, *abreast, shape=(200, 700)) if index > 15 else np.full((200, 700), GROUND)
+    return np.clip(np.rint(frame + noise), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("merge_gap", "expected"), [(-1, 5), (1, 4)])
+def test_vehicles_abreast_among_others(merge_gap, expected):
+    """A gap that is asked for is kept to."""
+    settings = DifferencerSettings(working_scale=2, objects=ObjectSettings(merge_gap=merge_gap))
+    differencer = Differencer(settings)
+    counts = [len(differencer.update(traffic(index), FIXED).objects) for index in range(40)]
+    assert counts[25:] == [expected] * 15
