@@ -12,7 +12,8 @@ from pathlib import Path
 
 _STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
 _HOME_OF = {name: module for module, name in re.findall(r"^from (\S+) import (\w+) as", _STUB, re.MULTILINE)}
-__all__ = sorted(_HOME_OF)  # noqa: PLE0605  the names of the stub
+# Of `from streamkit import *`: the names of the stub; but files are still opened by Python's own `open`.
+__all__ = sorted(_HOME_OF.keys() - {"open"})  # noqa: PLE0605
 
 # For NumPy, which reads it when it is imported: its threads would compete with those of the elements.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,6 +1,7 @@
 """Import rules: rooms import one way; plugins use streamkit's public names and nothing of each other."""
 
 import ast
+import builtins
 import functools
 import importlib.metadata
 from pathlib import Path
@@ -233,5 +234,6 @@ def test_public_names_resolve() -> None:
     for name in streamkit.__all__:
         assert getattr(streamkit, name) is getattr(streamkit, name)
     assert set(streamkit.__all__) <= set(dir(streamkit))
+    assert not set(streamkit.__all__) & set(dir(builtins)), "import * would replace these"
     with pytest.raises(AttributeError, match="module 'streamkit' has no attribute 'Nothing'"):
         streamkit.Nothing  # noqa: B018
