@@ -90,7 +90,6 @@ class ParticleTrack(Transform):
         self._start_window = None if self.window is None else parse_window(self.window, self.name)
         self._tracker = MultiTargetTracker(self.settings)
         self._last: Frame | None = None
-        self._warned = False
 
     def wants_upstream(self) -> tuple[str, ...]:
         """Elements whose detections and registration it follows."""
@@ -116,9 +115,8 @@ class ParticleTrack(Transform):
         self._last = frame
         if self.compare is Compare.TEMPLATE:
             observation = dataclasses.replace(observation, space=None)
-        elif not self._warned and observation.space is None:
-            self._warned = True
-            self.post_warning(
+        elif observation.space is None:
+            self.warn_once(
                 "compare=features: no feature space comes with the frames yet: put waveleteigen upstream"
             )
         reports = self._tracker.step(image, observation)
