@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
+import re
 from collections.abc import Iterator
 from typing import Any, TypeVar
 
@@ -14,6 +15,7 @@ from streamkit.element.entries import PluginEntry, entries_by_name, installed_en
 from streamkit.errors import DescriptionError, Place, PluginBroken, StreamkitError, did_you_mean
 
 GROUP = "streamkit.elements"
+IDENTIFIER = r"[A-Za-z0-9_][A-Za-z0-9_\-%:]*"  # a name as descriptions write it
 ElementClass = TypeVar("ElementClass", bound=type[Element])
 _registered: dict[str, type[Element]] = {}
 
@@ -35,13 +37,18 @@ def register_element(found: ElementClass, name: str = "") -> ElementClass:
 
     Raises:
         TypeError: it is no subclass of `Element`.
-        ValueError: an installed package has an element of the name.
+        ValueError: an installed package has an element of the name, or no description can hold it.
     """
     given: object = found
     if not (isinstance(given, type) and issubclass(given, Element)):
         remedy = f'; write register_element(CLASS, "{given}")' if isinstance(given, str) else ""
         raise TypeError(f"register_element takes a subclass of streamkit.Element, got {given!r}{remedy}")
     name = name or found.__name__.lower()
+    if not re.fullmatch(IDENTIFIER, name):
+        raise ValueError(
+            f"an element's name must be letters a to z, digits, _ or -, not - first, got {name!r}; "
+            f'write register_element({found.__name__}, "NAME")'
+        )
     entry = installed_elements().get(name)
     if entry is not None and not is_registered(name):
         raise ValueError(f"{entry.where} is installed; register {found.__name__} by another name")

@@ -11,10 +11,11 @@ from typing import Any
 
 from lark.lexer import Lexer, Token
 
+from streamkit.element.registry import IDENTIFIER
+
 TOKEN_LIMIT = 20_000  # of a description
 BLANK = r"[ \t\n\r\f\v]"
 VISIBLE = r"[^ \t\n\r\f\v]"
-IDENTIFIER = r"[A-Za-z0-9_][A-Za-z0-9_\-%:]*"
 MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: avoids quadratic backtracking for a missing `!`
 CAPS = rf"{MIME}(?:\\[;!]|[^;!])*"
 BLANKS = re.compile(rf"{BLANK}+")

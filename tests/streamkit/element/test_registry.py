@@ -214,13 +214,16 @@ def test_a_class_is_registered_without_a_package() -> None:
 
 @pytest.mark.usefixtures("registered")
 def test_what_cannot_be_registered() -> None:
-    """No other class, no name of an installed element; and a process of its own needs a package."""
+    """No other class, no installed or unwritable name; and a process of its own needs a package."""
     with pytest.raises(TypeError, match=r"got 'x'; write register_element\(CLASS, \"x\"\)"):
         register_element("x")  # type: ignore[type-var]
     with pytest.raises(TypeError, match=r"takes a subclass of streamkit\.Element, got <class 'int'>"):
         register_element(int)  # type: ignore[type-var]
     with pytest.raises(ValueError, match=r"element 'queue' .* is installed; register Invert by another name"):
         register_element(inverting(1), "queue")
+    for name in ("my filter", "größe", "a/b", "-a"):
+        with pytest.raises(ValueError, match=rf"got '{name}'; write register_element\(Invert, \"NAME\"\)"):
+            register_element(inverting(1), name)
     register_element(inverting(1))
     with pytest.raises(DescriptionError, match="no other process can import it; omit process=true") as caught:
         Pipeline.parse("videotestsrc ! ( process=true videoscale ) ! invert ! fakesink")
