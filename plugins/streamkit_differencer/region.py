@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import cast
 
 import cv2
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage
+from streamkit_kernels.mask_image import read_mask
 
 IMAGE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm")
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
@@ -50,15 +50,3 @@ def region_mask(text: str, width: int, height: int) -> ByteImage:
     if not polygons:
         raise ValueError("no polygon given; write for example roi='0,0 640,0 640,200', or name an image")
     return result
-
-
-def read_mask(path: str) -> ByteImage:
-    """An image as a mask, uint8[h, w], 255 where it is brighter than half.
-
-    Raises:
-        ValueError: it cannot be read.
-    """
-    image = cv2.imread(path, cv2.IMREAD_GRAYSCALE) if Path(path).is_file() else None
-    if image is None:
-        raise ValueError(f"mask {path}: not an image that can be read; name a PNG or BMP, white inside")
-    return np.asarray(cv2.threshold(image, 127, 255, cv2.THRESH_BINARY)[1], np.uint8)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from streamkit import Caps, Frame, HiddenPixels, Property, ResourceError, Transform
+from streamkit_kernels.mask_image import read_mask
 from streamkit_video.pixel_formats import ANY_FORMAT
 
 Mask = NDArray[np.uint8]
@@ -48,7 +48,7 @@ class HudMask(Transform):
             if not self.areas.strip() and not self.location:
                 raise ValueError(f"areas= or location= must say where the graphics are; write {EXAMPLE}")
             rectangles(self.areas, 1, 1)  # of the text, before the size is known
-            self._image = read_image(self.location) if self.location else None
+            self._image = read_mask(self.location) if self.location else None
         except ValueError as error:
             raise ResourceError(f"{self.name}: {error}") from None
 
@@ -93,15 +93,3 @@ def rectangles(text: str, width: int, height: int) -> list[tuple[int, int, int, 
         left, top, across, down = np.minimum(numbers, width + height)
         found.append((int(left), int(top), int(np.ceil(left + across)), int(np.ceil(top + down))))
     return found
-
-
-def read_image(path: str) -> Mask:
-    """An image as a mask, uint8[h, w], 255 where it is brighter than half.
-
-    Raises:
-        ValueError: it cannot be read.
-    """
-    image = cv2.imread(path, cv2.IMREAD_GRAYSCALE) if Path(path).is_file() else None
-    if image is None:
-        raise ValueError(f"location={path}: not an image that can be read; name a PNG, white on the graphics")
-    return np.asarray(cv2.threshold(image, 127, 255, cv2.THRESH_BINARY)[1], np.uint8)
