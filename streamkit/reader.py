@@ -6,6 +6,7 @@ import dataclasses
 import logging
 import math
 import os
+import re
 import time
 import weakref
 from collections.abc import Iterable, Iterator
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 SOURCE, SINK = "reader_source", "reader_sink"
 FILE_SCHEMES = ("", "file", "http", "https")
+CAMERA = re.compile(r"\d{1,2}|/dev/video\d+")  # as OpenCV names one of this machine
 FORMATS = {1: "GRAY8", 3: "BGR", 4: "BGRA"}  # by channels; OpenCV's order of colours
 POLL_S = 0.005
 LOGGER = logging.getLogger("streamkit")
@@ -52,8 +54,10 @@ class SourceChoice(NamedTuple):
 
 
 def choose_source(location: str) -> SourceChoice:
-    """The element that reads a file or URL."""
+    """The element that reads a file or URL; of a camera of this machine, the one that says what does."""
     parts = urlsplit(location)
+    if CAMERA.fullmatch(location) and not os.path.isfile(location):
+        return SourceChoice("livesrc", "uri", True)
     if parts.scheme in ("rtsp", "rtsps"):
         return SourceChoice("rtspsrc", "location", True)
     if "://" in location and (parts.scheme not in FILE_SCHEMES or parts.path.endswith(".m3u8")):

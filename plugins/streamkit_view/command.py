@@ -99,7 +99,7 @@ def _check_arguments(what: list[str], sources: list[str], video: str, connect: s
     if sources and len(what) > 1:
         _refuse(f"give keys, or one file or URL, got {sources[0]} and {len(what) - 1} more")
     for text in sources:
-        if "://" in text and (reason := wrong_address(text)):
+        if reason := wrong_address(text):
             _refuse(reason)
     for text in {*what, video} - {*sources, ""}:
         if Path(text).is_dir():

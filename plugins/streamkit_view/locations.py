@@ -10,8 +10,8 @@ PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decod
 
 
 def is_source(text: str) -> bool:
-    """Whether an argument is a file or the URL of a camera, and not a key."""
-    return "://" in text or Path(text).is_file()
+    """Whether an argument is a file, or the URL or number of a camera, and not a key."""
+    return "://" in text or Path(text).is_file() or choose_source(text).is_live
 
 
 def is_run(text: str) -> bool:

@@ -281,6 +281,8 @@ def test_image_files_by_number_are_read_from_the_lowest(tmp_path: Path) -> None:
         ("https://host/live.m3u8?x=1", "livesrc", True),
         ("udp://@239.1.2.3:5000", "livesrc", True),
         ("rtsps://drone/live", "rtspsrc", True),
+        ("0", "livesrc", True),
+        ("/dev/video0", "livesrc", True),
     ],
 )
 def test_the_source_fits_the_location(location: str, element: str, is_live: bool) -> None:

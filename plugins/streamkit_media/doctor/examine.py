@@ -17,7 +17,7 @@ from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.files.completeness import declared_length_s, tolerance_s
-from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
+from streamkit_media.live.addresses import RTSP_SCHEMES, port_of
 from streamkit_media.live.reachability import server_failure
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
@@ -42,7 +42,7 @@ def examine(
         transport: tcp, udp or auto, for RTSP.
         report_step: called with a line before each step that takes seconds; nothing by default.
     """
-    if location.partition("://")[0].lower() in (*LIVE_SCHEMES, *RTSP_SCHEMES):
+    if choose_source(location).is_live:
         return _examine_live(location, seconds, timeout_s, transport, report_step)
     return _examine_file(location, timeout_s)
 

@@ -24,7 +24,7 @@ PROTOCOLS = "tcp,tls,http,https,httpproxy,crypto,data,rtmp,rtmps,rtmpt,rtmpts,rt
 CAMERA = (
     "FFmpeg reads no cameras here; have GStreamer send it: gst-launch-1.0 v4l2src ! videoconvert ! "
     "x264enc tune=zerolatency key-int-max=30 ! mpegtsmux ! udpsink host=127.0.0.1 port=5000, "
-    "and write uri=udp://127.0.0.1:5000"
+    "and receive udp://127.0.0.1:5000"
 )
 REMEDIES = {
     "rtsp": "rtspsrc receives RTSP; write rtspsrc location=rtsp://host:port/path",
@@ -84,7 +84,8 @@ class LiveSrc(LiveSource):
 
     @override
     def check_address(self, parts: SplitResult) -> None:
-        remedy = CAMERA if self.location.startswith("/dev/video") else REMEDIES.get(parts.scheme, "")
+        is_camera = self.location.startswith("/dev/video") or self.location.isdecimal()
+        remedy = CAMERA if is_camera else REMEDIES.get(parts.scheme, "")
         if not remedy and self.location and not is_network(self.location):
             remedy = "filesrc reads files; write filesrc location=FILE"
         if remedy:

@@ -235,6 +235,7 @@ REFUSED = {
     "srt://drone:9000": "srt-live-transmit",
     "v4l2:///dev/video0": "gst-launch-1.0 v4l2src",
     "/dev/video0": "gst-launch-1.0 v4l2src",
+    "0": "gst-launch-1.0 v4l2src",
     "rtsp://drone/live": "write rtspsrc location=",
     "rtp://@:5000": "write uri=udp://@:PORT",
     "flight.mp4": "write filesrc location=FILE",
