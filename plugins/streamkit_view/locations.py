@@ -25,7 +25,7 @@ def pipeline_for(location: str) -> tuple[str, str]:
         return "run.pipe", "tracksrc location"
     source = choose_source(location)
     name = "camera.pipe" if source.is_live else "file.pipe"
-    if Path(location).is_file() and media_type_of(location) not in PAGE_CODECS:
+    if Path(location).is_file() and why_no_packets(caps_of(location)):
         name = "images.pipe"
     return name, f"{source.element} {source.property}"
 
@@ -40,13 +40,22 @@ def unplayable(location: str, *, with_records: bool = False) -> str:
     if "://" in location:
         return ""
     try:
-        media_type = media_type_of(location)
+        reason = why_no_packets(caps_of(location))
     except ElementFailure as error:
         return str(error.cause)
-    if with_records and media_type not in PAGE_CODECS:
+    if with_records and reason:
         remedy = f"filesrc location={location} ! decode ! videofilesink location=flight.mp4"
-        return f"{location}: browsers decode no {media_type}; convert it: streamkit launch '{remedy}'"
+        return f"{location}: browsers {reason}; convert it: streamkit launch '{remedy}'"
     return ""
+
+
+def why_no_packets(caps: Caps | None) -> str:
+    """Why browsers cannot show the packets of these caps as `decode` shows them; "" where they can."""
+    name = "" if caps is None else str(caps.name)
+    if caps is None or name not in PAGE_CODECS:
+        return f"decode no {name}"
+    is_turned = caps.get("rotation") or caps.get("flipped")
+    return "do not turn the frames, as this file asks for" if is_turned else ""
 
 
 def wrong_address(url: str) -> str:
@@ -75,16 +84,6 @@ def size_conflict(records: str, video: str) -> str:
     return "{}: the tracks are of frames of {} x {} px, the video has {} x {}; give their own video".format(
         video, *recorded, *size
     )
-
-
-def media_type_of(file: str) -> str:
-    """The media type of a file's video, such as video/x-h264, or of its records.
-
-    Raises:
-        ElementFailure: the file cannot be played; `cause` says why.
-    """
-    caps = caps_of(file)
-    return "" if caps is None else str(caps.name)
 
 
 def caps_of(file: str) -> Caps | None:
