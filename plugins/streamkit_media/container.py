@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import stat
+import struct
 import time
 from collections.abc import Mapping
 from itertools import islice
-from typing import Protocol
+from typing import Any, Protocol
 from urllib.parse import quote, urlsplit
 
 import av
@@ -28,7 +29,7 @@ PIPE_REMEDY = (
 # Formats that read any text as video, or make FFmpeg open other files than the one asked for.
 UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lavfi"})
 
-# Only these containers have a rotation.
+# Only these containers have an orientation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
 LOOK_PACKETS = 8
 
@@ -156,16 +157,23 @@ def other_videos(container: InputContainer, chosen: VideoStream) -> list[int]:
     ]
 
 
-def display_rotation(container: InputContainer, stream: VideoStream) -> int:
-    """The counter-clockwise rotation of a file's video for display: 0, 90, 180 or 270 degrees.
+def display_orientation(container: InputContainer, stream: VideoStream) -> dict[str, int | bool]:
+    """How a file's video is to be turned for display, as fields of caps; empty where it is not.
 
-    FFmpeg returns it with a decoded frame only, so that packets are read up to the first frame.
+    `flipped` is true where it is first turned upside down, as a mirrored picture is; `rotation` is
+    counter-clockwise: 90, 180 or 270 degrees. FFmpeg returns them with a decoded frame only, so that packets
+    are read up to the first frame.
     """
     if not ROTATING_FORMATS & set(container.format.name.split(",")):
-        return 0
+        return {}
     try:
         packets = islice(container.demux(stream), LOOK_PACKETS)
-        frames = (frame for packet in packets for frame in stream.decode(packet))
-        return next((round(frame.rotation / 90) * 90 % 360 for frame in frames), 0)
+        frame = next((frame for packet in packets for frame in stream.decode(packet)), None)
     except (*MEDIA_ERRORS, OSError):
-        return 0  # playing reports what is wrong
+        return {}  # playing reports what is wrong
+    matrix: Any = None if frame is None else frame.side_data.get("DISPLAYMATRIX")
+    if frame is None or matrix is None:
+        return {}
+    a, b, _, c, d = struct.unpack_from("=5i", matrix)
+    fields = {"rotation": round(frame.rotation / 90) * 90 % 360, "flipped": a * d < b * c}
+    return {name: value for name, value in fields.items() if value}

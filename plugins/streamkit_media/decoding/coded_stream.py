@@ -23,7 +23,8 @@ class CodedStream:
     Attributes:
         caps, epoch: of its packets.
         framerate: by the caps; None if unknown.
-        rotation: by which frames are to be rotated counter-clockwise, degrees.
+        is_flipped: whether frames are to be turned upside down.
+        rotation: by which frames are to be rotated counter-clockwise, after that, degrees.
         decoder: as given.
         awaits_keyframe: whether decoding waits for a keyframe, which brings the parameter sets.
         frame_numbers: finds missing frames of H.264; None for other codecs.
@@ -39,6 +40,7 @@ class CodedStream:
         self.framerate = caps_rate(caps)
         rotation = caps.get("rotation", 0)
         self.rotation = rotation if isinstance(rotation, int) else 0
+        self.is_flipped = caps.get("flipped") is True
         self.decoder = decoder
         self.awaits_keyframe = not extradata
         self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None

@@ -14,7 +14,7 @@ from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError,
 from streamkit.handoff.library_threads import available_cores
 from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
 from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream
-from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, rotated
+from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, oriented
 from streamkit_media.decoding.marks import FrameMarks, Freshness, InherentDelay
 from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
 from streamkit_media.failures import reason_of
@@ -94,7 +94,7 @@ class Decode(Transform):
         if caps.get("rotation") in SIDEWAYS and {"width", "height"} <= fields.keys():
             fields["width"], fields["height"] = fields["height"], fields["width"]
         is_odd = any(isinstance(size := fields.get(name), int) and size % 2 for name in ("width", "height"))
-        is_packed_only = is_odd or caps.get("rotation")
+        is_packed_only = is_odd or caps.get("rotation") or caps.get("flipped")
         formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
         return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
 
@@ -265,8 +265,8 @@ class Decode(Transform):
         except OddSize as error:
             raise StreamError(str(error)) from None
         size = video_frame.width, video_frame.height
-        if stream.rotation:
-            pixels = rotated(pixels, stream.rotation)
+        if stream.rotation or stream.is_flipped:
+            pixels = oriented(pixels, stream.rotation, is_flipped=stream.is_flipped)
             size = size[::-1] if stream.rotation in SIDEWAYS else size
         caps = self._raw_caps
         if caps is None or (caps["width"], caps["height"]) != size:

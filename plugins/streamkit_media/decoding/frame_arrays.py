@@ -81,6 +81,6 @@ def plane_rows(frame: VideoFrame, index: int) -> Pixels:
     return rows[::-1] if line < 0 else rows
 
 
-def rotated(pixels: Pixels, degrees: int) -> Pixels:
-    """uint8[h, w] or uint8[h, w, 3] rotated counter-clockwise by 0, 90, 180 or 270 degrees."""
-    return np.ascontiguousarray(np.rot90(pixels, degrees // 90)) if degrees else pixels
+def oriented(pixels: Pixels, degrees: int, *, is_flipped: bool) -> Pixels:
+    """uint8[h, w] or uint8[h, w, 3] upside down where flipped, then rotated counter-clockwise."""
+    return np.ascontiguousarray(np.rot90(pixels[::-1] if is_flipped else pixels, degrees // 90))

@@ -118,6 +118,8 @@ def _format_check(seen: Seen, transport: str, size_seen: tuple[int, int] | None)
     width, height = size_seen or (caps.get("width"), caps.get("height"))
     size = f"{width!s} x {height!s}" if width else "size unknown before the first keyframe"
     over = f" over {transport.upper()}" if transport else ""
+    if caps.get("flipped"):
+        over += ", which decode turns upside down"
     if rotation := caps.get("rotation"):
         over += f", which decode rotates counter-clockwise by {rotation!s} degrees"
     facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}

@@ -24,7 +24,13 @@ from streamkit import (
 )
 from streamkit.output.names import is_network, local_path
 from streamkit_media.codecs import CODED_CAPS
-from streamkit_media.container import check_file, display_rotation, open_container, other_videos, video_stream
+from streamkit_media.container import (
+    check_file,
+    display_orientation,
+    open_container,
+    other_videos,
+    video_stream,
+)
 from streamkit_media.files.file_part import FilePart
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
@@ -96,12 +102,12 @@ class FileSrc(Source):
             except ValueError as error:
                 raise ResourceError(f"{error}, got {self._where!r}") from None
         self._caps: dict[StreamKind, Caps] = {}
-        self._rotation = 0
+        self._orientation: dict[str, int | bool] = {}
         with self._open() as container:
             self._kinds, self._duration_us = kinds_of(container), container.duration
             if self._video_is_wanted():
                 video = video_stream(container, self.location)
-                self._rotation = display_rotation(container, video)
+                self._orientation = display_orientation(container, video)
                 self._packet_caps(video, StreamKind.VIDEO)
                 if others := other_videos(container, video):
                     self.post_warning(
@@ -203,8 +209,8 @@ class FileSrc(Source):
     def _packet_caps(self, stream: Stream, kind: StreamKind) -> Caps:
         """The stream's caps; the same object while they are equal, which saves comparing them."""
         caps = stream_caps(stream, kind)
-        if kind is StreamKind.VIDEO and self._rotation:
-            caps = caps.with_fields(rotation=self._rotation)
+        if kind is StreamKind.VIDEO:
+            caps = caps.with_fields(**self._orientation)
         if self._caps.get(kind) != caps:
             self._caps[kind] = caps
         return self._caps[kind]

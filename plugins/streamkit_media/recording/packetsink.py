@@ -213,6 +213,11 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         except BaseException:
             self.take_back()
             raise
+        if caps.get("rotation") or caps.get("flipped"):  # PyAV writes it with streams that it encodes only
+            self.warn_once(
+                f"{self.location}: the copy does not say that its frames are to be turned for display: "
+                "put decode ! encode before"
+            )
         if self.arrivals:
             self._arrivals = cast("BinaryIO", arrivals_path(file.path).open("wb", buffering=0))
         self._shift, self._begin, self._bytes, self._caps = max(0, -pts), pts, 0, caps

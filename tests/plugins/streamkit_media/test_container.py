@@ -8,7 +8,7 @@ import av
 import pytest
 
 from streamkit import ResourceError, StreamError
-from streamkit_media.container import check_file, display_rotation, open_container, video_stream
+from streamkit_media.container import check_file, display_orientation, open_container, video_stream
 from streamkit_media.failures import open_failure
 
 
@@ -126,7 +126,7 @@ def test_a_video_of_which_nothing_decodes_is_not_rotated(small_video: Path, tmp_
             output.mux(packet)
     with open_container(str(cut)) as container:
         assert [other.type for other in container.streams] == ["video", "data"]
-        assert display_rotation(container, video_stream(container, "cut")) == 0
+        assert display_orientation(container, video_stream(container, "cut")) == {}
 
 
 def test_a_server_that_fails_is_not_the_fault_of_the_address() -> None:

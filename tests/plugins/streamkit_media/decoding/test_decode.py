@@ -415,14 +415,16 @@ def _all_frames(path: Path, skip: str) -> tuple[list[Frame], dict[str, int]]:
         return list(pipeline["out"]), dict(pipeline["d"].drops)
 
 
-@pytest.mark.parametrize("degrees", [90, 180, 270])
-def test_frames_are_rotated(tmp_path: Path, degrees: int) -> None:
-    """A file that says its frames are to be turned gives them turned, with size and caps to match."""
+@pytest.mark.parametrize(
+    ("degrees", "is_mirrored"), [(90, False), (180, False), (270, False), (0, True), (90, True)]
+)
+def test_frames_are_turned(tmp_path: Path, degrees: int, is_mirrored: bool) -> None:
+    """A file that says its frames are to be rotated or mirrored gives them so; size and caps match."""
     path = tmp_path / "turned.mp4"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=25, options={"crf": "5"})
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.set_display_rotation(degrees)
+        stream.set_display_rotation(degrees, hflip=is_mirrored)
         pixels = np.full((72, 64), 128, np.uint8)
         pixels[:48] = 60
         pixels[:16, :16] = 220
@@ -434,6 +436,7 @@ def test_frames_are_rotated(tmp_path: Path, degrees: int) -> None:
         pipeline.play()
         (frame,) = list(pipeline["out"])
     wanted = np.rot90(pixels[:48], degrees // 90)
+    wanted = wanted[:, ::-1] if is_mirrored else wanted
     assert frame.data.shape == wanted.shape
     assert (frame.caps["width"], frame.caps["height"]) == wanted.shape[::-1]
     assert np.abs(frame.data.astype(int) - wanted).mean() < 5

@@ -16,6 +16,7 @@ from streamkit import (
     ElementFailure,
     Frame,
     FrameFlags,
+    Message,
     MessageKind,
     Pipeline,
     ResourceError,
@@ -109,6 +110,23 @@ def test_times_below_zero_begin_at_zero(tmp_path: Path) -> None:
     """No container holds them: all are moved alike."""
     recorded(tmp_path / "x.mp4", reordered(-(10**9)))
     assert shown_times([tmp_path / "x.mp4"])[::59] == pytest.approx([0, 59 * 1001 / 30000], abs=1e-4)
+
+
+def test_a_copy_that_is_not_turned_as_its_original_is_told(tmp_path: Path) -> None:
+    """Frames of a camera held upright: a player shows the copy on its side."""
+    original, copy = tmp_path / "original.mp4", tmp_path / "copy.mp4"
+    with av.open(str(original), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_rotation(270)
+        container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
+        container.mux(stream.encode(None))
+    messages: list[Message] = []
+    with Pipeline.parse(f"filesrc location={original} ! packetsink location={copy}") as pipeline:
+        pipeline.bus.watch(messages.append)
+        pipeline.run(timeout_s=60)
+    (warning,) = (message.text for message in messages if message.kind is MessageKind.WARNING)
+    assert "the copy does not say that its frames are to be turned" in warning
 
 
 def test_telemetry_is_recorded_with_its_times(streamkit_data: Path, tmp_path: Path) -> None:
