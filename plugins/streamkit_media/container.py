@@ -130,13 +130,17 @@ def check_file(location: str) -> None:
         raise StreamError(f"{location}: the file is empty (0 bytes); it may not have been written yet")
 
 
-def video_stream(container: InputContainer, location: str) -> VideoStream:
-    """The stream FFmpeg finds best among the container's videos.
+def video_stream(container: InputContainer, location: str, index: int | None = None) -> VideoStream:
+    """The video stream of an index; by default the one FFmpeg finds best.
 
     Raises:
         StreamError: there is none, or no decoder for it.
     """
-    stream = container.streams.best("video")
+    videos = {video.index: video for video in container.streams.video}
+    stream = container.streams.best("video") if index is None else videos.get(index)
+    if index is not None and stream is None:
+        numbers = ", ".join(map(str, videos)) or "none"
+        raise StreamError(f"{mask_secrets(location)}: stream {index} is no video; videos are {numbers}")
     if stream is None:
         kinds = ", ".join(sorted({other.type for other in container.streams})) or "none"
         raise StreamError(f"{mask_secrets(location)}: a video stream is needed, its streams are: {kinds}")

@@ -64,9 +64,9 @@ class FileSrc(Source):
 
     The video comes out of `src`, or of `video` with `klv` and `klv_1` (first and second stream of MISB
     telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Of several videos FFmpeg's
-    best is read, and a warning names the others. Times are the file's own, exact to the nanosecond. A file of
-    bare KLV packets has none: they come out of `klv` without times. Video that ends before the end that its
-    container declares is warned of, as a shortfall: the file is cut short.
+    best is read, and a warning names the others, unless `video-stream` chooses one. Times are the file's own,
+    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times. Video
+    that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -86,6 +86,9 @@ class FileSrc(Source):
         None, min=0.0, unit="s", doc="End, from the beginning of the video; none is its own."
     )
     loop: bool = Property(False, doc="Repeat forever; times continue.")
+    video_stream: int | None = Property(
+        None, min=0, doc="Number of the stream whose video is read, from 0; none is FFmpeg's best."
+    )
 
     _is_opening = False
     _duration_us: int | None = None
@@ -106,13 +109,13 @@ class FileSrc(Source):
         with self._open() as container:
             self._kinds, self._duration_us = kinds_of(container), container.duration
             if self._video_is_wanted():
-                video = video_stream(container, self.location)
+                video = video_stream(container, self.location, self.video_stream)
                 self._orientation = display_orientation(container, video)
                 self._packet_caps(video, StreamKind.VIDEO)
-                if others := other_videos(container, video):
+                if self.video_stream is None and (others := other_videos(container, video)):
                     self.post_warning(
                         f"{self._where}: video stream {video.index} is read, and not {others}; "
-                        f"to read another, copy it out: ffmpeg -i FILE -map 0:{others[0]} -c copy OTHER"
+                        f"write video-stream={others[0]} to read another"
                     )
 
     def _check_properties(self) -> None:
@@ -228,9 +231,10 @@ class FileSrc(Source):
         wanted = {kind for kind in self._kinds if self.is_linked(kind.value)}
         uses_src_pad = self.is_linked("src") or not wanted
         kinds = wanted | ({StreamKind.VIDEO} if uses_src_pad else set())
-        streams = {
-            kind: (stream, self._packet_caps(stream, kind)) for stream, kind in streams_of(container, kinds)
-        }
+        found = {kind: stream for stream, kind in streams_of(container, kinds)}
+        if StreamKind.VIDEO in found:
+            found[StreamKind.VIDEO] = video_stream(container, self.location, self.video_stream)
+        streams = {kind: (stream, self._packet_caps(stream, kind)) for kind, stream in found.items()}
         where, count, shown = self._where, 0, 0
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")

@@ -27,19 +27,41 @@ def decoded(location: object, properties: str = "") -> list[Frame]:
         return list(pipeline["out"])
 
 
+def _several_videos(path: Path, count: int) -> None:
+    """Writes a file of some videos, grey of 50, 100, ..."""
+    with av.open(str(path), "w") as container:
+        streams = [container.add_stream("mpeg4", 25, width=64, height=48) for _ in range(count)]
+        for number in range(5):
+            for index, stream in enumerate(streams, 1):
+                frame = av.VideoFrame.from_ndarray(np.full((72, 64), 50 * index, np.uint8), "yuv420p")
+                frame.pts = number
+                container.mux(stream.encode(frame))
+        for stream in streams:
+            container.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_the_video_to_read_is_chosen(tmp_path: Path, index: int) -> None:
+    """As of a drone with a thermal camera beside the other; a number that is none says which there are."""
+    path = tmp_path / "two.mkv"
+    _several_videos(path, 2)
+    text = f'filesrc location="{path}" video-stream={index} ! decode ! appsink name=out'
+    with Pipeline.parse(text) as pipeline:
+        if index == 2:
+            with pytest.raises(ElementFailure, match="stream 2 is no video; videos are 0, 1"):
+                pipeline.play()
+            return
+        pipeline.play()
+        frames = list(pipeline["out"])
+        assert pipeline.bus.pop(0, (MessageKind.WARNING,)) is None
+    assert [int(frame.data.mean().round(-1)) for frame in frames] == [50 * (index + 1)] * 5
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_video_that_is_not_read_is_named(tmp_path: Path, count: int) -> None:
     """A camera's second picture, or a second program, would be missed in silence."""
     path = tmp_path / "two.mkv"
-    with av.open(str(path), "w") as container:
-        streams = [container.add_stream("mpeg4", 25, width=64, height=48) for _ in range(count)]
-        for number in range(5):
-            frame = av.VideoFrame.from_ndarray(np.full((72, 64), 90, np.uint8), "yuv420p")
-            frame.pts = number
-            for stream in streams:
-                container.mux(stream.encode(frame))
-        for stream in streams:
-            container.mux(stream.encode(None))
+    _several_videos(path, count)
     pipeline = Pipeline.parse(f'filesrc location="{path}" ! fakesink')
     messages: list[Message] = []
     pipeline.bus.watch(messages.append)
