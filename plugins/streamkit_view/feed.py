@@ -200,7 +200,8 @@ class Feed:
             return []
         if name == TRACKS:
             record = decode_message(TrackRecord, TRACKS_SCHEMA, received.content_type, payload)
-            self._last_frame_s = time.monotonic()
+            if not received.is_reply:
+                self._last_frame_s = time.monotonic()
             return [compressed_message(TRACKS, feed, msgspec.json.encode(record))]
         if name == VIDEO:
             packet = decode_json(received.header, VideoHeader)
@@ -216,8 +217,8 @@ class Feed:
         return [binary_message(FRAME, feed, msgspec.json.encode(header), payload)]
 
     def _note_status(self, status: StatusRecord) -> None:
-        """A publisher without records, `tracks=false`, is seen to play by the frames that it counts."""
+        """A publisher without records, `tracks=false`, is seen to play as its count of frames grows."""
         counted = status.run, status.frames
-        if status.frames and counted != self._counted:
+        if status.frames and self._counted not in (None, counted):
             self._last_frame_s = time.monotonic()
         self._status, self._counted = status, counted

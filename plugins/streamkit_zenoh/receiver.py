@@ -37,6 +37,7 @@ class ReceivedMessage(NamedTuple):
         header: the attachment after the stamp.
         stamp: run and number, 0 without a stamp.
         is_deleted: whether it deletes the key.
+        is_reply: whether it is a publisher's last, of any age, that was asked for.
     """
 
     key: str
@@ -45,6 +46,7 @@ class ReceivedMessage(NamedTuple):
     header: bytes
     stamp: Stamp
     is_deleted: bool
+    is_reply: bool
 
 
 class Counts(msgspec.Struct, frozen=True):
@@ -200,6 +202,7 @@ class MessageReceiver:
             header,
             stamp or NO_STAMP,
             sample.kind == zenoh.SampleKind.DELETE,
+            is_reply,
         )
         dropped = self.queue.put(message, size + len(header), wait_s=self._wait_s)
         if dropped:

@@ -15,6 +15,7 @@ from streamkit_view import feed as feed_module
 from streamkit_view.feed import Feed
 from streamkit_view.messages import PageMessage
 from streamkit_view.playback import PrintedLine
+from streamkit_zenoh.session import SessionSettings, close_session, open_session
 
 
 @pytest.fixture
@@ -56,6 +57,38 @@ def test_a_publisher_without_frames_is_waited_for(
         pipeline.play()
         wait_for(lambda: feed.state(0.0).reason == "The publisher is there; no frame has come yet.")
         assert feed.state(0.0).state == "waiting"
+
+
+@pytest.fixture
+def other_session() -> Iterator[zenoh.Session]:
+    """Of a page that is opened later."""
+    session = open_session(SessionSettings())
+    yield session
+    close_session(session, 5.0)
+
+
+@pytest.mark.parametrize("options", ["", "tracks=false"])
+def test_a_publisher_that_stands_still_does_not_play(
+    feed: Feed, other_session: zenoh.Session, key: str, wait_for: Callable[..., Any], options: str
+) -> None:
+    """To a page that is opened then: its last record and the frames that it has counted are of any age."""
+
+    def has_taken_all(one: Feed) -> bool:
+        state = one.state(0.0)
+        has_status = state.status is not None and state.status.frames == 1
+        return has_status and (bool(options) or state.received["tracks"] == 1)
+
+    caps = "video/x-raw,format=GRAY8,width=64,height=48"
+    with Pipeline.parse(f"appsrc name=in caps={caps} ! zenohsink key={key} {options}") as pipeline:
+        pipeline.play()
+        pipeline["in"].push(np.zeros((48, 64), np.uint8))
+        wait_for(lambda: has_taken_all(feed))
+        messages: list[PageMessage] = []
+        late = Feed(other_session, key, 0, messages.append)
+        wait_for(lambda: has_taken_all(late) and len(messages) == (not options))
+        assert late.state(0.0).state == "waiting"
+        for undeclare in late.close():
+            undeclare()
 
 
 def test_the_reason_of_a_silent_feed_is_what_its_pipeline_printed_since_the_last_frame(
