@@ -45,8 +45,9 @@ def connected(address: str | None, *, cores: int | None = None, wait_s: float = 
         ray.init(
             address or "local", log_to_driver=False, logging_level=logging.ERROR, namespace=NAMESPACE, **local
         )
-    except (ConnectionError, RuntimeError, ValueError) as error:
-        raise ResourceError(f"Ray at {address or 'this machine'} does not answer: {error}") from error
+    except (ConnectionError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ResourceError(f"Ray at {address or 'this machine'} does not answer: {reason}") from error
     try:
         yield
     finally:

@@ -37,7 +37,7 @@ def _exit_on_error() -> Iterator[None]:
 
 
 @contextmanager
-def _connected(address: str | None) -> Iterator[Any]:
+def _connected(address: str | None, *, ends_it: bool = False) -> Iterator[Any]:
     """Context with a connection to the fleet, and what can be done with it: the module `control`."""
     with _exit_on_error():
         from streamkit_fleet import local_ray
@@ -47,6 +47,12 @@ def _connected(address: str | None) -> Iterator[Any]:
         if not address and local is None:
             raise StateError("no fleet runs on this machine; start one with `streamkit fleet up`")
         if local is not None:
+            if local.is_ending and not ends_it:
+                raise StateError(
+                    "`streamkit fleet down` is ending the fleet of this machine; wait for its end"
+                )
+            if ends_it:
+                local_ray.begin_end(local)
             local_ray.use_token()
         with connected(address or (local.address if local else None), wait_s=START_LIMIT_S if local else 0.0):
             from streamkit_fleet import control
@@ -144,7 +150,7 @@ def drain(
 @fleet.command()
 def down(address: AddressOption = None) -> None:
     """Ends every feed, and the Ray that `up` has started."""
-    with _connected(address) as control:
+    with _connected(address, ends_it=True) as control:
         control.stop(control.running())
     from streamkit_fleet import local_ray
 

@@ -21,10 +21,11 @@ END_LIMIT_S = 30.0
 
 
 class LocalRay(msgspec.Struct, frozen=True):
-    """Address and process of the local Ray, as kept in a file."""
+    """Address and process of the local Ray, and whether `down` has begun, as kept in a file."""
 
     address: str
     pid: int
+    is_ending: bool = False
 
 
 def _record() -> Path:
@@ -95,6 +96,11 @@ def start(cores: int | None = None) -> LocalRay:
         time.sleep(0.01)
     process.returncode = 0  # it outlives this process, which is no reason to warn
     return local
+
+
+def begin_end(local: LocalRay) -> None:
+    """Notes that the local Ray is about to end, so that no command connects to it any more."""
+    write_whole(_record(), msgspec.json.encode(msgspec.structs.replace(local, is_ending=True)))
 
 
 def end(local: LocalRay) -> None:

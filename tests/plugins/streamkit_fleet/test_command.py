@@ -7,6 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
+from streamkit_fleet import cluster, local_ray
+from streamkit_fleet.local_ray import LocalRay
 
 
 def test_the_commands_are_listed_by_name() -> None:
@@ -36,3 +38,23 @@ def test_a_table_with_a_mistake_starts_no_ray(tmp_path: Path, monkeypatch: pytes
     done = CliRunner().invoke(make_app(), ["fleet", "up", str(table)], env={"COLUMNS": "200"})
     assert done.exit_code == 1
     assert done.stderr == f"error: {table}: feed gate: Object contains unknown field `coers`\n"
+
+
+@pytest.mark.parametrize("arguments", [("logs", "gate"), ("status",), ("up", "fleet.toml")])
+def test_a_fleet_that_ends_takes_no_command(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would wait for a minute for a Ray that goes."""
+    monkeypatch.chdir(tmp_path)
+    Path("fleet.toml").write_text('[feeds.gate]\ntext = "fakesrc ! fakesink"\n')
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setattr(local_ray, "_is_running", lambda _local: True)
+    monkeypatch.setattr(cluster, "connected", lambda *_, **__: pytest.fail("it connects"))
+    (tmp_path / "streamkit").mkdir()
+    local_ray.begin_end(LocalRay("127.0.0.1:1", 1))
+    done = CliRunner().invoke(make_app(), ["fleet", *arguments], env={"COLUMNS": "200"})
+    assert (done.exit_code, done.stdout) == (1, "")
+    assert (
+        done.stderr == "error: `streamkit fleet down` is ending the fleet of this machine; wait for its end\n"
+    )
