@@ -75,6 +75,14 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         if flags is not None:
             flags.writeable = False
 
+    def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
+        """For copies and for the processes of a pool, to which the shared empty mapping cannot go."""
+        metadata = dict(self.metadata)
+        return Frame, (
+            *(getattr(self, name) for name in self.__struct_fields__ if name != "metadata"),
+            metadata,
+        )
+
     def __repr__(self) -> str:
         """In one line, for notebooks and errors: pixels and metadata would fill the screen."""
         kinds = ", ".join(kind.__name__ for kind in self.metadata)

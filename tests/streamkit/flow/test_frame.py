@@ -1,5 +1,7 @@
 """Frames: shared read-only data, and writable copies."""
 
+import copy
+import pickle
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -15,6 +17,16 @@ Register = Callable[..., None]
 def grey_frame(seq: int = 0) -> Frame:
     """A black picture."""
     return Frame(np.zeros((2, 4), np.uint8), GREY, seq=seq)
+
+
+@pytest.mark.parametrize("metadata", [(), (Registration(np.eye(3), np.eye(3)),)])
+def test_a_frame_goes_to_another_process(metadata: tuple[object, ...]) -> None:
+    """As to those of multiprocessing.Pool, with or without metadata; it stays read-only."""
+    frame = grey_frame(7).attach(*metadata) if metadata else grey_frame(7)
+    for copied in (pickle.loads(pickle.dumps(frame)), copy.deepcopy(frame)):
+        np.testing.assert_array_equal(copied.data, frame.data)
+        assert (copied.seq, copied.caps, len(copied.metadata)) == (7, GREY, len(metadata))
+        assert not copied.data.flags.writeable
 
 
 class GreySource(Source):
