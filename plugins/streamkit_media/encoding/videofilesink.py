@@ -21,10 +21,13 @@ FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
 # Hybrid fragmented MP4: indexed when closed. FFmpeg's muxer crashes on some damaged streams, so it is used
 # for frames encoded here only. Without empty_moov it misreads the first fragment of a file not closed.
-# Such a file has no edit list yet: its frames are later by the frames that are reordered.
+# A file not closed has frames that are later by those that are reordered. One that is closed needs no edit
+# list, since its offsets may be negative; FFmpeg's ends a frame early where the last frame decoded is not the
+# last shown, and players then leave that out.
 HYBRID = {
     "movflags": "hybrid_fragmented+frag_keyframe+negative_cts_offsets+empty_moov",
     "frag_duration": "500000",
+    "use_editlist": "0",
 }
 OWN_FORMATS = {
     suffix: item._replace(options=HYBRID) if item.is_mp4 else item for suffix, item in FORMATS.items()

@@ -67,6 +67,27 @@ def test_a_file_has_the_length_and_rate_of_its_frames(tmp_path: Path, ending: st
     assert opened.get(cv2.CAP_PROP_FRAME_COUNT) == 50
 
 
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv"])
+def test_every_frame_of_a_moving_camera_is_shown(tmp_path: Path, ending: str) -> None:
+    """Also where the encoder codes frames after the last one that is shown: players keep to edit lists."""
+    noise = np.random.default_rng(0).integers(0, 256, (200, 400), np.uint8)
+    ground = np.asarray(cv2.GaussianBlur(noise, (0, 0), 2), np.uint8)
+    caps = "video/x-raw,format=GRAY8,width=160,height=120,framerate=25/1"
+    for count in range(25, 30):
+        path = tmp_path / f"{count}.{ending}"
+        with Pipeline.parse(f"appsrc name=in caps={caps} ! videofilesink location={path}") as pipeline:
+            pipeline.play()
+            for at in range(count):
+                pipeline["in"].push(
+                    np.ascontiguousarray(ground[at // 2 : at // 2 + 120, 2 * at : 2 * at + 160])
+                )
+            pipeline["in"].end()
+            pipeline.wait(60)
+        with av.open(str(path)) as container:
+            times = [float(frame.pts * frame.time_base) for frame in container.decode(video=0)]
+        assert times == pytest.approx([at / 25 for at in range(count)], abs=1e-3)
+
+
 def test_an_interrupted_file_plays(tmp_path: Path) -> None:
     """A pipeline stopped without EOS leaves a file that plays up to there."""
     path = tmp_path / "out.mp4"
