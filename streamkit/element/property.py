@@ -132,8 +132,8 @@ class PropertyDeclaration(Traits):
             ValueError, OverflowError: a text or number is no such value.
         """
         kind = self.kind
-        if self.file and isinstance(value, os.PathLike):
-            return os.fspath(value)
+        if self.file and isinstance(value, str | os.PathLike):
+            return os.path.expanduser(value)  # quotes keep the shell from it; a sink made a folder ~
         if isinstance(value, str) and kind is not str:
             return value_from_text(kind, value, minimum=self.minimum, maximum=self.maximum)
         if kind is float and isinstance(value, int | float) and not isinstance(value, bool):

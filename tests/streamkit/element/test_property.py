@@ -3,6 +3,7 @@
 import enum
 import re
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -37,6 +38,20 @@ class Derived(Sample):
 
     extra: int = Property(1)
     count: int = Property(7, max=7)
+
+
+@pytest.mark.parametrize("path", ["~/flight.mp4", Path("~/flight.mp4")])
+def test_the_home_in_a_name_of_a_file(path: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shell leaves it alone inside the quotes of a description; elsewhere it is a letter."""
+
+    class Reader(Element):
+        location: str = Property("", file="read")
+        text: str = Property("")
+
+    monkeypatch.setenv("HOME", "/home/me")
+    assert Reader(location=path).location == "/home/me/flight.mp4"
+    assert Reader(location="./~/flight.mp4").location == "./~/flight.mp4"
+    assert Reader(text="~/flight.mp4").text == "~/flight.mp4"
 
 
 def test_defaults_are_those_declared() -> None:
