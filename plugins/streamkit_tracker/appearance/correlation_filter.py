@@ -21,6 +21,7 @@ COPY_EVERY = 10  # frames
 COPIES = 3
 MIN_SHARPNESS = 5.0
 SURE_SHARPNESS = 10.0  # Bolme et al. (CVPR 2010) report 20 to 60 on a target, about 7 off it
+CERTAIN_SHARPNESS = 15.0  # on the target whatever the detector says
 SHARPNESS_RATE = 0.07  # of the mean: some 14 frames
 NEAR = 2  # cells between the peak with colours and that of the filter
 
@@ -112,18 +113,24 @@ class Memory:
 
     Args:
         latest: the filter as it was trained on the first frame; learns from then on.
+
+    Attributes:
+        latest: see above.
+        sharpness: mean of the last responses of the oldest copy.
+        is_doubted: whether the detector finds the target elsewhere; then only sharper responses make it sure.
     """
 
     def __init__(self, latest: CorrelationFilter) -> None:
         self.latest = latest
         self.sharpness = math.inf
+        self.is_doubted = False
         self._copies = deque([latest.copy()], maxlen=COPIES)
         self._frames = 0
 
     @property
     def is_sure(self) -> bool:
         """Whether the last responses were sharp enough to claim that they are the target's."""
-        return self.sharpness >= SURE_SHARPNESS
+        return self.sharpness >= (CERTAIN_SHARPNESS if self.is_doubted else SURE_SHARPNESS)
 
     def judge(self, sampler: WindowSampler, window: FloatArray) -> float:
         """Peak to sidelobe ratio of the oldest copy near a window, float64[5]; 1 at least."""
@@ -135,6 +142,7 @@ class Memory:
         self._copies.clear()
         self._copies.append(self.latest.copy())
         self.sharpness = math.inf
+        self.is_doubted = False
 
     def compare(self, region: Region | None) -> None:
         """Takes account of a frame by the region around the window, or None where the target was not seen."""

@@ -183,7 +183,6 @@ def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
         else:
             rows["mean"][index, 2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
         memory.compare(region)
-        rows["sure"][index] = memory.is_sure
 
 
 def find_again(table: TargetTable, sampler: WindowSampler) -> None:
@@ -199,6 +198,7 @@ def find_again(table: TargetTable, sampler: WindowSampler) -> None:
         assert search is not None
         is_seen = bool(target["recognised"])
         found = search.look(sampler, target["window"], memory, is_seen=is_seen)
+        target["sure"] = memory.is_sure
         if found is None:
             continue
         apart = math.dist(found[:2], target["window"][:2]) / math.sqrt(found[LENGTH] * found[WIDTH])

@@ -13,6 +13,7 @@ LOOK_EVERY = 4  # frames
 AGREEING = 4  # looks in a row
 TRUSTED = 5  # first looks, before the detector can tell
 USUAL_RATE = 0.1
+DOUBTING = 2  # looks in a row that find the target elsewhere
 DISTINCT = 1.3  # times the best score elsewhere
 STEP = 1.0  # sides between two looks
 
@@ -24,7 +25,7 @@ class ReturnSearch:
     by mistake does not become the target's look. Another place is believed when several looks in a row agree
     on it: each time its score is nearer to the target's usual one than to that of the background and clearly
     above that of any other place, and on average the oldest copy of the filter, which knows finer detail,
-    prefers it to what is followed.
+    prefers it to what is followed. Before that, two looks that find the target elsewhere put it in doubt.
 
     Args:
         sampler: has been shown the first frame.
@@ -34,7 +35,7 @@ class ReturnSearch:
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
         self._detector = FrameDetector(sampler, window)
         self._known = window.copy()
-        self._frames = self._learnt = self._agreeing = 0
+        self._frames = self._learnt = self._agreeing = self._misses = 0
         self._usual = self._usual_elsewhere = 0.0
         self._place = window[:2]
         self._preference = 0.0
@@ -47,22 +48,25 @@ class ReturnSearch:
         Args:
             sampler: has been shown the frame.
             window: float64[5], where the target is followed.
-            memory: of the target, which tells whether it is sure there.
+            memory: of the target, which tells whether it is sure there, and is told whether to doubt it.
             is_seen: whether the target was recognised.
 
         Returns:
             The window float64[5] on which several looks agree, or None.
         """
         self._frames += 1
-        is_sure = is_seen and memory.is_sure
-        if is_sure:
+        if is_seen and memory.is_sure:
             self._known = window.copy()
         if self._frames % LOOK_EVERY:
             return None
         found = self._known.copy()
         found[:2] = window[:2]
         survey = self._detector.survey(sampler, found)
-        if is_sure and self._is_found(survey, window[:2]):
+        is_found = self._is_found(survey, window[:2])
+        self._misses = 0 if is_found else self._misses + 1
+        memory.is_doubted = self._misses >= DOUBTING
+        if is_seen and memory.is_sure and is_found:
+            self._remember(survey, window[:2])
             self._detector.learn(survey, sampler, window)
             self._agreeing = 0
             return None
@@ -85,15 +89,16 @@ class ReturnSearch:
         self._place = place
 
     def _is_found(self, survey: Survey, place: FloatArray) -> bool:
-        """Whether the detector finds the target at x y, float64[2], by itself; remembers its usual scores."""
+        """Whether the detector finds the target at x y, float64[2], by itself."""
+        return self._learnt < TRUSTED or survey.score_at(place) > survey.score_elsewhere(place)
+
+    def _remember(self, survey: Survey, place: FloatArray) -> None:
+        """Takes the scores of a target at x y, float64[2], for usual ones."""
         here, elsewhere = survey.score_at(place), survey.score_elsewhere(place)
-        if self._learnt >= TRUSTED and here <= elsewhere:
-            return False
         self._learnt += 1
         rate = max(USUAL_RATE, 1 / self._learnt)
         self._usual += rate * (here - self._usual)
         self._usual_elsewhere += rate * (max(elsewhere, 0.0) - self._usual_elsewhere)
-        return True
 
     def _is_distinct(self, survey: Survey, place: FloatArray) -> bool:
         """Whether the score at x y, float64[2], is like the target's, and above that of all other places."""

@@ -63,3 +63,14 @@ def test_a_target_that_is_not_seen_is_soon_not_sure(scenes: ModuleType):
     for _ in range(40):
         film.follow(DRAWN, seen=False)
     assert not film.memory.is_sure
+
+
+def test_a_target_in_doubt_is_sure_only_by_sharper_responses(scenes: ModuleType):
+    """What is sharp enough for a target in its place is not for one that its detector finds elsewhere."""
+    film = Film(scenes)
+    film.memory.sharpness = 12.0
+    assert film.memory.is_sure
+    film.memory.is_doubted = True
+    assert not film.memory.is_sure
+    film.memory.sharpness = 20.0
+    assert film.memory.is_sure
