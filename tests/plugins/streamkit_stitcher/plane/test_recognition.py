@@ -50,8 +50,8 @@ def registrar(make_registrar):
     return make_registrar()
 
 
-def test_relocalisation_becomes_rarer_while_the_motion_is_known(ground, make_flight, blindness, registrar):
-    """Every other frame at first, then every sixteenth; all are weak, and none is lost."""
+def test_relocalisation_is_rare_while_the_motion_is_known(ground, make_flight, blindness, registrar):
+    """Every sixteenth frame; all are weak, and none is lost."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
     registrar.register(flight.frame(0))
     registrations = []
@@ -59,11 +59,11 @@ def test_relocalisation_becomes_rarer_while_the_motion_is_known(ground, make_fli
         registrations.append(registrar.register(flight.frame(blindness.number)))
     assert {registered.status for registered in registrations} == {RegistrationStatus.WEAK}
     assert not any(registered.measured for registered in registrations)
-    assert blindness.looks == [1, 3, 5, 17, 33, 49, 65]
+    assert blindness.looks == [1, 17, 33, 49, 65]
 
 
 def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blindness, registrar):
-    """The first frame that matches is registered; after that, tries are frequent again."""
+    """The first frame that matches is registered; after that, the first that does not is searched."""
     flight = make_flight(ground, 400, SHAPE, cars=0)
     registrar.register(flight.frame(0))
     for blindness.number in range(1, 30):
@@ -74,4 +74,4 @@ def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blin
     blindness.looks.clear()
     for blindness.number in range(31, 40):
         assert registrar.register(flight.frame(blindness.number)).status is RegistrationStatus.WEAK
-    assert blindness.looks == [31, 33, 35]
+    assert blindness.looks == [31]
