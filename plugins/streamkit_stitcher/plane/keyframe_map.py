@@ -24,7 +24,7 @@ from streamkit_stitcher.plane.keyframes import (
 from streamkit_stitcher.plane.loop_closure import close_loops
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
-from streamkit_stitcher.plane.tie_checks import FEW_STEPS, accepted_ties, joins
+from streamkit_stitcher.plane.tie_checks import accepted_ties, joins
 from streamkit_stitcher.registration.descriptors import FrameFeatures
 from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule
 from streamkit_stitcher.registration.motion_models import MotionModel
@@ -33,6 +33,9 @@ _TIMEOUT_S: Final = 20.0
 _LOOP_OVERLAP: Final = 0.12
 _LOOP_CANDIDATES: Final = 3
 _WHOLE_LIMIT: Final = 60
+# Keyframes of a video overlap by two thirds, so that every third shows all of the ground: one in so many is
+# searched by features, which takes as long as a hundred frames.
+_SEARCH_PERIOD: Final = 3
 _FINAL_ITERATIONS: Final = 30
 _MAX_HOMOGRAPHIES: Final = 20_000
 # Homographies of the adjusted keyframes to the plane, and the ties found to earlier keyframes.
@@ -169,7 +172,7 @@ class KeyframeMap:
         """Begins adjusting the newest keyframes; the previous result must have been adopted.
 
         Args:
-            relocalised: whether the newest was matched by features, so that nothing is known to be near.
+            relocalised: whether the newest was matched by features, so that it may lie anywhere.
             whole: whether up to 60 keyframes are adjusted, as after a loop closure.
             is_sparse: whether frames are far apart, so that patches of leaning trees and houses do not match.
         """
@@ -181,8 +184,15 @@ class KeyframeMap:
         candidates = [one for one in overlapping if one.index < keyframe.index - 2 and one.index not in tied]
         candidates = candidates[:_LOOP_CANDIDATES]
         tried = {keyframe.index, *tied, *(one.index for one in candidates)}
+        period = 1 if relocalised or is_sparse else _SEARCH_PERIOD
+        is_searched = keyframe.index % period == 0
         others = [
-            one for one in self.stored if one.index not in tried and (relocalised or one.plane != self.plane)
+            one
+            for one in self.stored
+            if is_searched
+            and one.index % period == 0
+            and one.index not in tried
+            and (relocalised or one.plane != self.plane)
         ]
         movable = [index for index in self._graph.tied if self._graph.planes[index] == self.plane]
         free = movable[-(_WHOLE_LIMIT if whole or self._loop_closed else self._settings.window) :]
@@ -190,12 +200,10 @@ class KeyframeMap:
         self._loop_closed = False
         if problem is None and not candidates and not others:
             return
-        steps = {} if is_sparse or relocalised else self._graph.steps_from(keyframe.index)
-        near = frozenset(index for index, count in steps.items() if count <= FEW_STEPS)
         newest, settings = self._newest, self._adjustment()
 
         def adjusted() -> _Adjusted:
-            ties = close_loops(self._matcher, keyframe, newest, candidates, near, others)
+            ties = close_loops(self._matcher, keyframe, newest, candidates, others, is_searched)
             return ({} if problem is None else adjusted_homographies(problem, settings)[0]), ties
 
         self._pending = self._adjuster.submit(adjusted)

@@ -1,6 +1,6 @@
 """Ties across flight strips: keyframes of the same ground that were not matched while tracking."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -39,8 +39,8 @@ def close_loops(
     keyframe: Keyframe,
     images: Sequence[GreyArray],
     candidates: Sequence[Keyframe],
-    near: Collection[int],
     others: Sequence[Keyframe],
+    is_searched: bool,
 ) -> tuple[Tie, ...]:
     """The ties of a new keyframe to others that match it, to a fraction of a pixel.
 
@@ -49,8 +49,8 @@ def close_loops(
         keyframe: the new keyframe.
         images: its frame.
         candidates: keyframes that should overlap it.
-        near: those whose homography is known to a few px; they are not searched by features.
         others: keyframes whose features may match, wherever they are thought to lie.
+        is_searched: whether candidates that the patches do not match are compared by features.
     """
     candidates = list(candidates)
     for same in (True, False):
@@ -64,7 +64,7 @@ def close_loops(
         if candidate.plane == keyframe.plane:
             # Costs a tenth of feature matching, and suffices for small drift.
             match = matcher.match(candidate, images, to_candidate, _LIMITS, _PATCHES)
-        if match is None and candidate.index not in near:
+        if match is None and is_searched:
             match = match_by_features(keyframe.features, candidate)
             if match is not None:
                 # Patches are ten times as precise.

@@ -16,7 +16,7 @@ _ALLOWED: Final = 0.01
 _GROWTH: Final = 1.5
 _MAX_ALLOWED: Final = 0.1
 # Over paths this short nothing accumulates, whatever a tie says.
-FEW_STEPS: Final = 4
+_FEW_STEPS: Final = 4
 _SETTLED: Final = 0.003
 _MIN_CORRELATION: Final = 0.5
 # To join planes.
@@ -56,7 +56,7 @@ def accepted_ties(
         )
         distance, path = float(np.hypot(*np.median(shifts, axis=0))), steps.get(tie.host)
         width = shape[1] * scale_change(homographies[tie.observer], shape)
-        is_long = path is None or path > FEW_STEPS
+        is_long = path is None or path > _FEW_STEPS
         allowed = _MAX_ALLOWED if path is None else min(_MAX_ALLOWED, _ALLOWED * path**_GROWTH)
         if distance <= width * allowed or (is_long and tie.correlation > _MIN_CORRELATION):
             found.append(tie)
