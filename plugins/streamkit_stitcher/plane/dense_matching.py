@@ -17,12 +17,13 @@ from streamkit.geometry.homography import (
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import MIN_CORNER_STD, Keyframe, KeyframeMatch
+from streamkit_stitcher.registration.block_sums import SingleArray
 from streamkit_stitcher.registration.dense_alignment import (
     ELSEWHERE,
     DenseAlignment,
     align_densely,
 )
-from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of
+from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of, textures_of
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
 
 _CACHED: Final = 3
@@ -58,6 +59,8 @@ class DenseMatcher:
 
     def __init__(self) -> None:
         self._levels = lru_cache(maxsize=_CACHED)(_levels)
+        self._small: GreyArray | None = None
+        self._textures: tuple[SingleArray, ...] = ()
         self._deviation = _FIRST_DEVIATION
         self._covariance, self._std = np.zeros((8, 8)), 0.0
         self._rest_share, self._seen = _FIRST_REST_SHARE, 0
@@ -87,7 +90,9 @@ class DenseMatcher:
         predictions = [to_reduced(inverse(matrix), factor) for matrix in (IDENTITY, before, expected)]
         prior = self._prior(before_std / factor)
         levels = self._levels(keyframe.content())
-        found = align_densely(levels, small, predictions, prior, self._rest_share, _DOUBTED / factor)
+        found = align_densely(
+            levels, self._textures_of(small), predictions, prior, self._rest_share, _DOUBTED / factor
+        )
         self._learn(found)
         was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
         if not (found.at_rest and was_at_rest):
@@ -107,8 +112,16 @@ class DenseMatcher:
         """
         factor, levels = keyframe.factor, self._levels(keyframe.content())
         prediction, prior = to_reduced(inverse(proposed), factor), self._prior(before_std / factor)
-        found = align_densely(levels, small, [prediction], prior, doubted=_DOUBTED / factor)
+        found = align_densely(
+            levels, self._textures_of(small), [prediction], prior, doubted=_DOUBTED / factor
+        )
         return self._match_of(found, keyframe, before_std, _RestEvidence().add(found.evidence))
+
+    def _textures_of(self, small: GreyArray) -> tuple[SingleArray, ...]:
+        """The textures of a frame, computed once however often it is matched."""
+        if self._small is not small:
+            self._small, self._textures = small, textures_of(small)
+        return self._textures
 
     def _match_of(
         self, found: DenseAlignment, keyframe: Keyframe, before_std: float, wrong: float

@@ -45,7 +45,7 @@ def texture_shift(first: FloatArray, second: FloatArray) -> tuple[int, int, floa
         The shift from `second` to `first` in x and in y, px, and the correlation of their overlap.
     """
     rows, columns = first.shape
-    overlap = _overlap_sums(np.ones_like(first))
+    overlap = np.multiply.outer(*(side - np.abs(np.arange(-side, side)) for side in first.shape))
     # The sum over what the second image covers under a shift is that of its own part under the opposite one.
     power = _overlap_sums(first**2) * _overlap_sums((second**2)[::-1, ::-1])
     correlation = _correlate(first, second) / np.sqrt(np.maximum(power, 1e-6))

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from streamkit.geometry.homography import (
     FloatArray,
-    GreyArray,
     corner_shift,
     from_reduced,
     inverse,
@@ -21,8 +20,6 @@ from streamkit_stitcher.registration.dense_level import (
     STEP_RATIOS,
     BlockComparison,
     DenseLevel,
-    levels_of,
-    texture,
 )
 
 
@@ -87,7 +84,7 @@ class _Fit:
 
 def align_densely(
     levels: Sequence[DenseLevel],
-    grey: GreyArray,
+    textures: Sequence[SingleArray],
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
     rest_share: float | None = None,
@@ -102,7 +99,7 @@ def align_densely(
 
     Args:
         levels: of the keyframe, coarsest first.
-        grey: uint8[h, w], the frame, of the finest level's size.
+        textures: of the frame, one of the size of each level, see `textures_of`.
         predictions: keyframe to frame.
         covariance: float64[8, 8], of the step from a prediction, px.
         rest_share: share of the latest frames that the first prediction explained, 0 to 1. It is kept where
@@ -113,7 +110,6 @@ def align_densely(
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
     """
-    textures = [texture(image) for image in levels_of(grey)]
     finest, image = levels[-1], textures[-1]
     best = _best(levels, textures, predictions, covariance)
     at_rest, motion, compared = False, best.motion, best.compared

@@ -55,6 +55,11 @@ def texture(grey: GreyArray) -> SingleArray:
     return np.asarray(cv2.GaussianBlur(detail / np.sqrt(power + _NOISE**2), (0, 0), _SMOOTHING), np.float32)
 
 
+def textures_of(grey: GreyArray) -> tuple[SingleArray, ...]:
+    """The `texture` of the image and of its halvings, coarsest first."""
+    return tuple(texture(image) for image in levels_of(grey))
+
+
 def levels_of(grey: GreyArray) -> tuple[GreyArray, ...]:
     """The image and at most two halvings, coarsest first."""
     images = [grey]

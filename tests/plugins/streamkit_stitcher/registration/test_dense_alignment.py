@@ -6,7 +6,13 @@ import pytest
 
 from streamkit.geometry.homography import corner_shift, inverse, translation
 from streamkit_stitcher.registration.dense_alignment import align_densely
-from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of, texture
+from streamkit_stitcher.registration.dense_level import (
+    STEP_RATIOS,
+    DenseLevel,
+    levels_of,
+    texture,
+    textures_of,
+)
 
 SHAPE = (180, 320)
 LOOSE = np.diag((3.0 * STEP_RATIOS) ** 2)
@@ -34,12 +40,17 @@ def levels(image):
     return [DenseLevel(part) for part in levels_of(image)]
 
 
+def aligned(key, image, *arguments, **named):
+    """An image aligned with a keyframe."""
+    return align_densely(key, textures_of(image), *arguments, **named)
+
+
 def test_a_known_motion_is_found(ground):
     """To a quarter of a pixel at the corners, from a prediction 2 px off."""
     key = ground[300:480, 300:620]
     true = translation(np.array([-2.3, 1.4]))
     frame = cv2.warpPerspective(ground, true @ translation(np.array([-300.0, -300.0])), (320, 180))
-    found = align_densely(levels(key), frame, [np.eye(3)], LOOSE)
+    found = aligned(levels(key), frame, [np.eye(3)], LOOSE)
     assert corner_shift(inverse(true) @ found.key_to_frame, SHAPE) < 0.25
     assert found.agreement > 0.8
     assert found.corner_std < 0.25
@@ -48,14 +59,14 @@ def test_a_known_motion_is_found(ground):
 def test_a_lost_frame_is_found_without_a_prediction(ground):
     """By correlation, 70 px from where the camera was."""
     frame = ground[300:480, 370:690]
-    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], STEADY, 0.0)
+    found = aligned(levels(ground[300:480, 300:620]), frame, [np.eye(3)], STEADY, 0.0)
     assert corner_shift(inverse(translation(np.array([-70.0, 0.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
 
 def test_the_motion_of_three_cars_is_not_the_cameras(faint_road):
     """They agree with a shift by 12 px, the faint road with none."""
     key, frame = with_cars(faint_road, 0), with_cars(faint_road, 12)
-    assert align_densely(levels(key), frame, [np.eye(3)], STEADY, 0.0).at_rest
+    assert aligned(levels(key), frame, [np.eye(3)], STEADY, 0.0).at_rest
 
 
 def test_a_camera_that_always_rests_is_moved_by_clear_evidence_only(ground):
@@ -63,15 +74,15 @@ def test_a_camera_that_always_rests_is_moved_by_clear_evidence_only(ground):
     views = (ground[top : top + 180, 300:620] for top in (300, 302, 303))
     key, near, far = (cv2.GaussianBlur(view, (0, 0), 3) for view in views)
     doubtful, sure, start = 0.0, 1.0, [np.eye(3)]
-    assert not align_densely(levels(key), near, start, LOOSE, doubtful, doubted=6.0).at_rest
-    assert align_densely(levels(key), near, start, LOOSE, sure, doubted=6.0).at_rest
-    assert not align_densely(levels(key), far, start, LOOSE, sure, doubted=6.0).at_rest
-    assert align_densely(levels(key), near, start, LOOSE, sure, doubted=2.0).at_rest
+    assert not aligned(levels(key), near, start, LOOSE, doubtful, doubted=6.0).at_rest
+    assert aligned(levels(key), near, start, LOOSE, sure, doubted=6.0).at_rest
+    assert not aligned(levels(key), far, start, LOOSE, sure, doubted=6.0).at_rest
+    assert aligned(levels(key), near, start, LOOSE, sure, doubted=2.0).at_rest
 
 
 def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
     """Cars move by 4 px on a road of little contrast; the camera at rest explains the frame."""
-    found = align_densely(
+    found = aligned(
         levels(with_cars(faint_road, 0)), with_cars(faint_road, 4), [np.eye(3)], STEADY, rest_share=0.0
     )
     assert found.at_rest
@@ -81,14 +92,14 @@ def test_movers_with_most_of_the_contrast_do_not_move_the_world(faint_road):
 def test_rest_is_not_preferred_to_a_real_motion(ground):
     """A shift of 2 px is no rest."""
     frame = ground[302:482, 300:620]
-    found = align_densely(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, rest_share=0.0)
+    found = aligned(levels(ground[300:480, 300:620]), frame, [np.eye(3)], LOOSE, rest_share=0.0)
     assert not found.at_rest
     assert corner_shift(inverse(translation(np.array([0.0, -2.0]))) @ found.key_to_frame, SHAPE) < 0.25
 
 
 def test_unrelated_frames_agree_by_chance_only(ground):
     """The agreement of another place is near 0, and the predicted error is large."""
-    found = align_densely(levels(ground[300:480, 300:620]), ground[900:1080, 1200:1520], [np.eye(3)], LOOSE)
+    found = aligned(levels(ground[300:480, 300:620]), ground[900:1080, 1200:1520], [np.eye(3)], LOOSE)
     assert found.agreement < 0.12
     assert found.corner_std > 2.0
 
@@ -96,13 +107,13 @@ def test_unrelated_frames_agree_by_chance_only(ground):
 def test_a_flat_frame_agrees_with_nothing(ground):
     """Without contrast there is no agreement and no error."""
     flat = np.full(SHAPE, 90, np.uint8)
-    assert align_densely(levels(ground[300:480, 300:620]), flat, [np.eye(3)], LOOSE).agreement < 0.12
+    assert aligned(levels(ground[300:480, 300:620]), flat, [np.eye(3)], LOOSE).agreement < 0.12
 
 
 def test_evidence_speaks_against_motions_two_pixels_off(ground):
     """Of the right motion against its neighbours, and of a wrong one against the right one."""
     key = ground[300:480, 300:620]
-    right = align_densely(levels(key), key, [np.eye(3)], STEADY, rest_share=1.0)
+    right = aligned(levels(key), key, [np.eye(3)], STEADY, rest_share=1.0)
     assert right.evidence.min() > 3
     level = levels(key)[-1]
     image = texture(key)
@@ -116,7 +127,7 @@ def test_a_turn_that_was_not_expected_is_found(ground):
     """A turn by 2 px at the corners, of a camera believed to stand still, is found by its evidence."""
     turn = np.vstack([cv2.getRotationMatrix2D((159.5, 89.5), 0.6, 1.0), [0, 0, 1]])
     moved = turn @ translation(np.array([-300.0, -300.0]))
-    found = align_densely(
+    found = aligned(
         levels(ground[300:480, 300:620]),
         cv2.warpPerspective(ground, moved, (320, 180)),
         [np.eye(3)],
