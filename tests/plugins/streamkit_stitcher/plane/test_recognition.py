@@ -1,5 +1,7 @@
 """How often frames are relocalised while no keyframe matches."""
 
+import cv2
+import numpy as np
 import pytest
 
 from streamkit.geometry.registration_status import RegistrationStatus
@@ -75,3 +77,16 @@ def test_a_keyframe_that_is_seen_again_ends_the_pauses(ground, make_flight, blin
     for blindness.number in range(31, 40):
         assert registrar.register(flight.frame(blindness.number)).status is RegistrationStatus.WEAK
     assert blindness.looks == [31]
+
+
+def test_one_in_four_lost_frames_is_searched(ground, make_flight, blindness, registrar):
+    """A view that is covered by something else in each frame."""
+    flight, random = make_flight(ground, 400, SHAPE, cars=0), np.random.default_rng(1)
+    blindness.on = False
+    for number in range(2):
+        registrar.register(flight.frame(number))
+    blindness.on = True
+    for blindness.number in range(2, 12):
+        cover = cv2.resize(random.integers(0, 255, (18, 32), dtype=np.uint8), SHAPE[::-1])
+        assert registrar.register(cover).status is RegistrationStatus.LOST
+    assert blindness.looks == [2, 6, 10]
