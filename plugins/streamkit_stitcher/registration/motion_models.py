@@ -19,7 +19,6 @@ _TRIM: Final = 3.0
 _MIN_TRIM: Final = 0.1
 _REFINEMENTS: Final = 2
 _MIN_REFINABLE: Final = 12
-_MIN_KEPT: Final = 0.9
 
 
 class MotionModel(StrEnum):
@@ -107,8 +106,7 @@ def fit_homography(source: FloatArray, target: FloatArray, threshold: float) -> 
     if fit is None or fit.count < _MIN_REFINABLE:
         return fit
     matrix = _refined(fit.matrix, source, target, threshold, _REFINEMENTS)
-    refined = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-    return refined if refined is not None and refined.count >= _MIN_KEPT * fit.count else fit
+    return evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold) or fit
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
