@@ -108,11 +108,11 @@ def _check_arguments(what: list[str], sources: list[str], video: str, connect: s
             _refuse(f"{text}: there is no such file")
     try:
         endpoints(connect)
-        if not sources:
-            for text in what:
-                publication_root(text)
+        keys = [] if sources else [publication_root(text) for text in what]
     except ValueError as error:
         _refuse(str(error))
+    if twice := [key for key in keys if keys.count(key) > 1]:
+        _refuse(f"{twice[0]} is given twice; give each publisher once")
 
 
 def _check_playable(sources: list[str], video: str) -> None:

@@ -358,6 +358,7 @@ def test_the_end_of_a_publisher_and_a_missing_one_are_told_apart(
         (("uav/1", "--basemap", "none.tif"), "--basemap none.tif: No such file"),
         (("tests",), "tests is a folder; give a file, or the key of a zenohsink as tests/tracks"),
         (("uav/*",), "a publisher's key must not have wildcards, got 'uav/*'"),
+        (("uav/1", "uav/2", "uav/1/tracks"), "uav/1 is given twice"),
         (("uav//1",), "a key must be words joined by single slashes"),
         (("uav/1", "--connect", "127.0.0.1:7447"), "an endpoint must be PROTOCOL/HOST:PORT"),
     ],
