@@ -15,11 +15,13 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import Bounds, ByteImage, Flags, FloatArray, LabelImage, above
+from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage, above
 from streamkit_differencer.measurement import PIXELS, measure_objects
-from streamkit_differencer.objects import COLUMNS, Objects, chosen, measured
+from streamkit_differencer.objects import COLUMNS, NO_OBJECTS, Objects, chosen, measured
 from streamkit_differencer.refinement import MAX_PX, clear_foreground
 
+# Image, background, to_background, mask and scale, see `split_objects`.
+Images = tuple[ByteImage, ByteImage, FloatArray, ByteImage, int]
 # Objects of the last frames that the typical area is taken from, and the least number of them.
 MAX_AREAS, MIN_AREAS = 400, 5
 # A piece has at least this share of the typical area.
@@ -72,15 +74,12 @@ def split_objects(
         scale: frame pixels per working pixel.
         typical: area of objects that are not taken apart, px.
     """
-    is_whole, found = np.ones(len(objects), np.bool_), []
+    images = image, background, to_background, mask, scale
     sizes = np.prod(objects.boxes[:, 2:] - objects.boxes[:, :2], axis=1)
+    is_whole, found = np.ones(len(objects), np.bool_), []
     for number in np.flatnonzero(objects.areas > typical).tolist():
-        bounds = _bounds(objects.boxes[number], image)
-        if max(bounds[1] - bounds[0], bounds[3] - bounds[2]) > MAX_PX:
-            continue
-        foreground = clear_foreground(image, background, to_background, mask, scale, bounds)
         gap = max(MIN_GAP_PX, round(GAP_SHARE * math.sqrt(objects.areas[number])))
-        pieces = _moved(_pieces(foreground, gap, round(PIECE_SHARE * typical)), (bounds[2], bounds[0]))
+        pieces = _pieces(images, objects.boxes[number], gap, round(PIECE_SHARE * typical))
         # What lies in the box of a smaller object is part of that one.
         own = ~_are_within(pieces.boxes, objects.boxes[sizes < sizes[number]])
         if np.count_nonzero(own) > 1:
@@ -93,10 +92,29 @@ def split_objects(
     return Objects(**united, dropped=objects.dropped)
 
 
-def _bounds(box: FloatArray, image: ByteImage) -> Bounds:
-    """The pixels of a box that lie in an image."""
-    left, top, right, bottom = np.rint(box + 0.5).astype(int).tolist()
-    return max(top, 0), min(bottom, image.shape[0]), max(left, 0), min(right, image.shape[1])
+def _pieces(images: Images, box: FloatArray, gap: int, min_area: int) -> Objects:
+    """The parts of the foreground in a box, with `gap` px of ground between them.
+
+    Args:
+        images: image, background, to_background, mask and scale, see `split_objects`.
+        box: float64[4], x0 y0 x1 y1, px of the frame; none has parts that is larger than `MAX_PX`.
+        gap: px.
+        min_area: of a part, px.
+    """
+    height, width = images[0].shape
+    corners = np.clip(np.rint(box + 0.5).astype(int), 0, (width, height, width, height))
+    left, top, right, bottom = corners.tolist()
+    if max(right - left, bottom - top) > MAX_PX:
+        return NO_OBJECTS
+    foreground = clear_foreground(*images, (top, bottom, left, right))
+    clear = above(foreground, 0)
+    near = cv2.dilate(clear, np.ones((gap, gap), np.uint8))
+    count, labels = cv2.connectedComponents(near, connectivity=4)
+    parts = cast("LabelImage", labels), count - 1
+    table = measure_objects(foreground, clear, *parts, 0, 0, 1, max(min_area, 1))
+    found = measured(table[table[:, PIXELS] > 0.0], 1)
+    corner = left, top
+    return replace(found, centroids=found.centroids + corner, boxes=found.boxes + 2 * corner)
 
 
 def _are_within(boxes: FloatArray, others: FloatArray) -> Flags:
@@ -105,18 +123,3 @@ def _are_within(boxes: FloatArray, others: FloatArray) -> Flags:
     first, upper, last, lower = others.T[:, None, :]
     contains = (first <= left) & (upper <= top) & (right <= last) & (bottom <= lower)
     return np.asarray(contains.any(axis=1))
-
-
-def _moved(objects: Objects, shift: tuple[int, int]) -> Objects:
-    """The objects shifted by x and y, px."""
-    return replace(objects, centroids=objects.centroids + shift, boxes=objects.boxes + 2 * shift)
-
-
-def _pieces(foreground: ByteImage, gap: int, min_area: int) -> Objects:
-    """The connected parts of a foreground, with less than `gap` px within each, of `min_area` px or more."""
-    clear = above(foreground, 0)
-    near = cv2.dilate(clear, np.ones((gap, gap), np.uint8))
-    count, labels = cv2.connectedComponents(near, connectivity=4)
-    parts = cast("LabelImage", labels), count - 1
-    table = measure_objects(foreground, clear, *parts, 0, 0, 1, max(min_area, 1))
-    return measured(table[table[:, PIXELS] > 0.0], 1)

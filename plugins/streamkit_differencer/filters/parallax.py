@@ -62,24 +62,19 @@ def find_parallax(
     Returns:
         bool[n].
     """
-    found = np.zeros(len(blocks), np.bool_)
+    found, shape = np.zeros(len(blocks), np.bool_), (mask.shape[0] // 2, mask.shape[1] // 2)
+    places, components = (blocks[:, 0] // 2, blocks[:, 1] // 2), blocks[:, 2]
     for shift in shifts:
         states = explained_blocks(*images, mask, blocks, radius, shift)
-        found |= _explained(states, blocks, count, (mask.shape[0] // 2, mask.shape[1] // 2))
+        votes = states > NOT_SAMPLED, states == IS_EXPLAINED
+        all_votes, agreeing = (np.bincount(components, vote, count) for vote in votes)
+        is_whole = agreeing >= EXPLAINED * np.maximum(all_votes, 1.0)
+        near_votes, near_agreeing = (_sums_around(places, vote, shape) for vote in votes)
+        is_part = near_agreeing >= EXPLAINED * np.maximum(near_votes, 1.0)
+        if is_part.any():
+            is_part &= _pieces(places, components, ~is_part, shape)[components] <= 1
+        found |= is_whole[components] | is_part
     return found
-
-
-def _explained(states: ByteImage, blocks: LabelImage, count: int, shape: tuple[int, int]) -> Flags:
-    """The blocks that one shift explains, bool[n]; `shape` is that of the mask in blocks."""
-    votes = states > NOT_SAMPLED, states == IS_EXPLAINED
-    places, components = (blocks[:, 0] // 2, blocks[:, 1] // 2), blocks[:, 2]
-    all_votes, agreeing = (np.bincount(components, vote, count) for vote in votes)
-    is_whole = agreeing >= EXPLAINED * np.maximum(all_votes, 1.0)
-    near_votes, near_agreeing = (_sums_around(places, vote, shape) for vote in votes)
-    is_part = near_agreeing >= EXPLAINED * np.maximum(near_votes, 1.0)
-    if is_part.any():
-        is_part &= _pieces(places, components, ~is_part, shape)[components] <= 1
-    return np.asarray(is_whole[components] | is_part)
 
 
 def _sums_around(places: Places, votes: Flags, shape: tuple[int, int]) -> IntegerArray:

@@ -67,7 +67,7 @@ class ViewMotion:
     """How the view has moved over the ground in the last tau frames.
 
     Attributes:
-        translation: of the camera; None where it is too small.
+        translation: of the camera; None where it is too small, or nothing is tall.
         step: float64[2], the motion of the view's middle, px of the canvas.
         working_to_canvas: float64[3, 3], the frame's pixels to the canvas.
         height: the largest h / (H - h) of tall objects.
@@ -134,13 +134,14 @@ class ViewMotionEstimator:
             to_canvas: float64[3, 3], the frame's pixels to the canvas.
             shape: (height, width) of the frame, px.
             interval: tau, frames.
-            height: the largest h / (H - h) of tall objects.
+            height: the largest h / (H - h) of tall objects; 0 where there are none.
         """
         self._positions.append(to_canvas)
         del self._positions[: -interval - 1]
         middle, earlier = centre(shape)[None], self._positions[0]
         step = project(to_canvas, middle)[0] - project(earlier, middle)[0]
-        return ViewMotion(self._translation(inverse(to_canvas) @ earlier, shape), step, to_canvas, height)
+        translation = self._translation(inverse(to_canvas) @ earlier, shape) if height > 0.0 else None
+        return ViewMotion(translation, step, to_canvas, height)
 
     def _translation(self, to_later: FloatArray, shape: tuple[int, int]) -> CameraTranslation | None:
         """The translation between two frames, from the ground's homography; None where it is too small."""
