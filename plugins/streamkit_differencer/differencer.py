@@ -25,7 +25,7 @@ from streamkit_differencer.objects import Objects, find_objects, mark_moving, mo
 from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_hidden
 from streamkit_differencer.settings import DifferencerSettings
-from streamkit_differencer.splitting import TypicalArea, split_objects
+from streamkit_differencer.splitting import split_objects
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
 from streamkit_differencer.warping import fetch
 from streamkit_kernels import prepare
@@ -88,7 +88,6 @@ class Differencer:
     _camera: CameraMotion = field(default_factory=CameraMotion)
     _cuts: CutDetector = field(default_factory=CutDetector)
     _persistence: Persistence = field(init=False)
-    _typical: TypicalArea = field(init=False)
     _view: ViewMotionEstimator = field(default_factory=ViewMotionEstimator)
 
     def reset(self) -> None:
@@ -180,7 +179,7 @@ class Differencer:
             return position
         if position.change is CanvasChange.NEW:
             self._model = BackgroundModel(self._canvas.size, self.settings.background, self._scale)
-            self._persistence, self._typical = Persistence(), TypicalArea()
+            self._persistence = Persistence()
             self._view.restart()
             return position
         self._model.move(change, is_scroll=position.change is CanvasChange.SCROLL)
@@ -214,9 +213,7 @@ class Differencer:
         from_frame = inverse(working_to_frame(scale))
         to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
         if scale > 1 and settings.merge_gap < 0:
-            images = image, found.background, to_background, mask
-            objects = split_objects(objects, *images, scale, self._typical.value())
-        self._typical.add(objects.areas)
+            objects = split_objects(objects, image, found.background, to_background, mask, scale)
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
         clearness = contrasts(objects.boxes, to_background, found.image, found.background, found.thresholds)
         quality = motion.quality if motion else 1.0

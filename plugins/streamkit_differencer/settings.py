@@ -142,8 +142,8 @@ class ObjectSettings:
         max=100,
         live=True,
         unit="cells",
-        doc="Fragments nearer than this are one object; -1 is 3 at full resolution, else 1, and an object of "
-        "uncommon size is taken apart where the ground shows through.",
+        doc="Fragments nearer than this are one object; -1 is 3 at full resolution, else 1, and in traffic "
+        "an object larger than most is taken apart where the ground shows through.",
     )
     merge_criterion: Criterion = setting(
         Criterion.GAP,

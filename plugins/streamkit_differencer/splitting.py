@@ -2,14 +2,13 @@
 
 The foreground at a coarser scale joins neighbours: halo, hysteresis and cells each bridge a pixel. At full
 resolution the ground between them shows. What falls apart there may still be parts of one thing, such as the
-hood and the roof of a car: only an object that is larger than most of what moves is taken apart.
+hood and the roof of a car: only in traffic, an object that is larger than most of what moves is taken apart.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import cast
 
 import cv2
@@ -22,36 +21,14 @@ from streamkit_differencer.refinement import MAX_PX, clear_foreground
 
 # Image, background, to_background, mask and scale, see `split_objects`.
 Images = tuple[ByteImage, ByteImage, FloatArray, ByteImage, int]
-# Objects of the last frames that the typical area is taken from, and the least number of them.
-MAX_AREAS, MIN_AREAS = 400, 5
+# With fewer objects in view none is typical: a rider alone, near by, is no crowd of limbs.
+MIN_OBJECTS = 12
 # A piece has at least this share of the typical area.
 PIECE_SHARE = 0.25
 # Ground shows between two pieces over this share of the object's size, and at least over this many px: less
 # may be the line where a bright part meets a dark one.
 
 GAP_SHARE, MIN_GAP_PX = 0.1, 2
-
-
-@dataclass(slots=True)
-class TypicalArea:
-    """Area of the object that half of the foreground of the last frames is smaller than, px.
-
-    It weighs objects by their area: of the many specks that noise leaves none counts for much.
-    """
-
-    _areas: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_AREAS))
-
-    def add(self, areas: FloatArray) -> None:
-        """Adds the objects of a frame, float64[n]."""
-        self._areas.extend(areas.tolist())
-
-    def value(self) -> float:
-        """The typical area, px; infinite before enough objects were seen."""
-        if len(self._areas) < MIN_AREAS:
-            return math.inf
-        areas = np.sort(np.array(self._areas))
-        sums = np.cumsum(areas)
-        return float(areas[np.searchsorted(sums, 0.5 * sums[-1])])
 
 
 def split_objects(
@@ -61,7 +38,6 @@ def split_objects(
     to_background: FloatArray,
     mask: ByteImage,
     scale: int,
-    typical: float,
 ) -> Objects:
     """The objects of a frame, with those taken apart between whose parts the ground shows.
 
@@ -72,9 +48,10 @@ def split_objects(
         to_background: float64[3, 3], frame pixels to those of `background`.
         mask: uint8[h, w], the frame's foreground at the working scale.
         scale: frame pixels per working pixel.
-        typical: area of objects that are not taken apart, px.
     """
-    images = image, background, to_background, mask, scale
+    if len(objects) < MIN_OBJECTS:
+        return objects
+    images, typical = (image, background, to_background, mask, scale), typical_area(objects.areas)
     sizes = np.prod(objects.boxes[:, 2:] - objects.boxes[:, :2], axis=1)
     is_whole, found = np.ones(len(objects), np.bool_), []
     for number in np.flatnonzero(objects.areas > typical).tolist():
@@ -90,6 +67,16 @@ def split_objects(
     parts = [chosen(objects, np.flatnonzero(is_whole)), *found]
     united = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     return Objects(**united, dropped=objects.dropped)
+
+
+def typical_area(areas: FloatArray) -> float:
+    """The area of the object that half of the foreground is in smaller ones than, of areas float64[n].
+
+    It weighs objects by their area: of the many specks that noise leaves none counts for much.
+    """
+    ordered = np.sort(areas)
+    sums = np.cumsum(ordered)
+    return float(ordered[np.searchsorted(sums, 0.5 * sums[-1])])
 
 
 def _pieces(images: Images, box: FloatArray, gap: int, min_area: int) -> Objects:
