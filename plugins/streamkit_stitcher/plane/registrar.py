@@ -38,10 +38,9 @@ _OK_STEP_STD: Final = 1.2
 _LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
 _ADOPT_AFTER: Final = 10
-# Of the frames that no keyframe matches, one in so many is searched by features, which takes as long as many
-# frames: where the motion is lost, and where the corners still tell it, as over relief.
-_LOST_PERIOD: Final = 4
-_FOLLOWED_PERIOD: Final = 16
+# Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
+_FREQUENT_TRIES: Final = 4
+_RARE_PERIOD: Final = 16
 # Part of the width that successive photographs are apart, and frames of a video are not.
 _MIN_JUMP: Final = 0.15
 
@@ -151,9 +150,7 @@ class FrameRegistrar:
         predicted = self._predicted_by(motion)
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, near, predicted, self._std_before, is_photograph)
-        is_cut = motion.is_cut and not self._lost and self._footage.is_abrupt(image)
-        is_end = is_cut or is_photograph or self._lost >= _MAX_LOST
-        if found.match is None and (is_end or self._is_search_due(motion)):
+        if found.match is None and (is_photograph or self._is_search_due(motion)):
             found = self._recognise(images, anchor) or found
         if found.match is not None or found.is_recognised or motion.model is not None:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
@@ -161,7 +158,8 @@ class FrameRegistrar:
             return self._accept(images, anchor, found)
         self._lost += 1
         self._unmeasured += 1
-        if is_end:
+        is_cut = motion.is_cut and self._footage.is_abrupt(image)
+        if is_cut or is_photograph or self._lost > _MAX_LOST:
             self.restart()
             return self._start_plane(images)
         return self._predict()
@@ -229,8 +227,12 @@ class FrameRegistrar:
         return not continues and self._footage.is_photograph(last, image)
 
     def _is_search_due(self, motion: PairwiseMotion) -> bool:
-        """Whether features are compared with those of the keyframes."""
-        return self._unmeasured % (_LOST_PERIOD if motion.model is None else _FOLLOWED_PERIOD) == 0
+        """Whether features are compared with those of the keyframes.
+
+        Where the motion is known but keyframes never match, as over relief, the tries become rarer.
+        """
+        is_rare = motion.model is not None and self._unmeasured > _FREQUENT_TRIES
+        return motion.is_cut or self._unmeasured % (_RARE_PERIOD if is_rare else 2) == 0
 
     def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> Placement | None:
         """Places a frame by features; the plane of the matching keyframe becomes current.
