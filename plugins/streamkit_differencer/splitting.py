@@ -2,7 +2,7 @@
 
 The foreground at a coarser scale joins neighbours: halo, hysteresis and cells each bridge a pixel. At full
 resolution the ground between them shows. What falls apart there may still be parts of one thing, such as the
-hood and the roof of a car: only in traffic, an object that is larger than most of what moves is taken apart.
+hood and the roof of a car. Therefore only objects that are larger than most are taken apart, and only in traffic.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ from streamkit_differencer.refinement import MAX_PX, clear_foreground
 
 # Image, background, to_background, mask and scale, see `split_objects`.
 Images = tuple[ByteImage, ByteImage, FloatArray, ByteImage, int]
-# With fewer objects in view none is typical: a rider alone, near by, is no crowd of limbs.
+# With fewer objects in view none is typical: a rider near by and some specks are no traffic.
 MIN_OBJECTS = 12
 # A piece has at least this share of the typical area.
 PIECE_SHARE = 0.25
 # Ground shows between two pieces over this share of the object's size, and at least over this many px: less
 # may be the line where a bright part meets a dark one.
-
 GAP_SHARE, MIN_GAP_PX = 0.1, 2
 
 
@@ -66,7 +65,8 @@ def split_objects(
         return objects
     parts = [chosen(objects, np.flatnonzero(is_whole)), *found]
     united = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
-    return Objects(**united, dropped=objects.dropped)
+    largest_first = np.argsort(-united["areas"], kind="stable")
+    return chosen(Objects(**united, dropped=objects.dropped), largest_first)
 
 
 def typical_area(areas: FloatArray) -> float:

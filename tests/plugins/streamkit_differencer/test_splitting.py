@@ -107,6 +107,17 @@ def test_few_objects_have_no_usual_size():
     assert len(objects) == len(found) == 2
 
 
+def test_the_largest_object_stays_the_first():
+    """Parts take their place by their own area."""
+    frame = painted(
+        *(car(10 + 100 * (n % 3), 120 + 50 * (n // 3)) for n in range(12)), car(40, 40), car(46, 54)
+    )
+    objects, mask = coarse(frame)
+    found = split_objects(objects, frame, np.full_like(mask, GROUND), TO_WORKING, mask, SCALE)
+    assert (len(objects), len(found)) == (13, 14)
+    assert (np.diff(found.areas) <= 0).all()
+
+
 def test_typical_area_weighs_objects_by_their_area():
     """Of many specks none counts for much."""
     assert typical_area(np.array([200.0] * 3 + [5.0] * 40 + [380.0])) == 200.0
