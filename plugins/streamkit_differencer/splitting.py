@@ -2,7 +2,7 @@
 
 The foreground at a coarser scale joins neighbours: halo, hysteresis and cells each bridge a pixel. At full
 resolution the ground between them shows. What falls apart there may still be parts of one thing, such as the
-hood and the roof of a car. Therefore only objects that are larger than most are taken apart, and only in traffic.
+hood and the roof of a car. Therefore only objects larger than most are taken apart, and only in traffic.
 """
 
 from __future__ import annotations
