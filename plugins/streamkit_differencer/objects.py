@@ -94,12 +94,11 @@ def find_objects(
     inside, labels = closed(inside, labels)
     place = first_row, first_column, CELL_SIZE // scale
     table = measure_objects(foreground, inside, labels, count, *place, settings.min_area)
-    table = table[table[:, PIXELS] > 0.0]
-    changes = table[:, CHANGED] / table[:, PIXELS]
-    reported = np.flatnonzero((changes >= settings.min_change) | settings.stopped)
-    order = reported[np.argsort(-table[reported, PIXELS], kind="stable")]
+    found = measured(table[table[:, PIXELS] > 0.0], scale)
+    reported = np.flatnonzero((found.changes >= settings.min_change) | settings.stopped)
+    order = reported[np.argsort(-found.areas[reported], kind="stable")]
     kept = order[: max_objects or settings.max_objects]
-    return replace(measured(table[kept], scale), dropped=order.size - kept.size)
+    return replace(chosen(found, kept), dropped=order.size - kept.size)
 
 
 def measured(table: FloatArray, scale: int) -> Objects:

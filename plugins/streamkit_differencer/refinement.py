@@ -131,14 +131,15 @@ def clear_foreground(
         uint8[rows, columns], values of `mask`, 0 between objects.
     """
     top, bottom, left, right = bounds
-    place = left, top, right - left, bottom - top
-    contrasts, columns = np.empty(place[2] * place[3], np.int16), np.empty(place[2], np.uint32)
+    width, height = right - left, bottom - top
+    contrasts, columns = np.empty(width * height, np.int16), np.empty(width, np.uint32)
+    place = left, top, width, height
     mean = _find_contrasts(image, background, to_background, mask, scale, place, columns, contrasts)
-    result = np.zeros((place[3], place[2]), np.uint8)
-    for row in range(place[3]):
+    result = np.zeros((height, width), np.uint8)
+    for row in range(height):
         line = mask[min((top + row) // scale, mask.shape[0] - 1)]
-        for column in range(place[2]):
-            if contrasts[row * place[2] + column] > EDGE_SHARE * mean:
+        for column in range(width):
+            if contrasts[row * width + column] > EDGE_SHARE * mean:
                 result[row, column] = line[columns[column]]
     return result
 

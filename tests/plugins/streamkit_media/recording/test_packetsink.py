@@ -112,7 +112,7 @@ def test_times_below_zero_begin_at_zero(tmp_path: Path) -> None:
     assert shown_times([tmp_path / "x.mp4"])[::59] == pytest.approx([0, 59 * 1001 / 30000], abs=1e-4)
 
 
-def test_a_copy_that_is_not_turned_as_its_original_is_told(tmp_path: Path) -> None:
+def test_a_copy_without_its_orientation_is_warned_of(tmp_path: Path) -> None:
     """Frames of a camera held upright: a player shows the copy on its side."""
     original, copy = tmp_path / "original.mp4", tmp_path / "copy.mp4"
     with av.open(str(original), "w") as container:
