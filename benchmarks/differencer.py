@@ -54,7 +54,7 @@ class Own:
 
     def update(self, picture: ByteImage, place: Registration | None) -> tuple[ByteImage, np.ndarray]:
         """Mask at the working scale or the frame's size, and centroids."""
-        result = self._differencer.update(picture, motion_of(place, True))
+        result = self._differencer.update(picture, motion_of(place))
         if result is None:
             return np.zeros(SHAPE, np.uint8), np.zeros((0, 2))
         return result.foreground, result.objects.centroids

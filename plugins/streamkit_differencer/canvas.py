@@ -24,9 +24,6 @@ from streamkit_differencer.arrays import FloatArray
 # Of a frame's longer side; as wide on all sides, so that a view that turns stays on the canvas.
 MARGIN_RATIO = 0.16
 AREA_RATIO_LIMITS = (0.8, 1.25)
-# Bundle adjustment moves earlier frames by a pixel or more between two frames; chained pairwise registration
-# does not. A larger difference between the two, in working pixels, counts as an adjustment.
-ADJUSTMENT_PX = 0.25
 # From a plane in kilometres per pixel to one in hundredths of a pixel; beyond lies a degenerate matrix.
 DETERMINANT_LIMITS = (1e-8, 1e8)
 
@@ -46,14 +43,12 @@ class Motion:
 
     Attributes:
         to_reference: float64[3, 3], this frame to the reference plane.
-        to_previous: float64[3, 3], this frame to the one before it; None if that one did not arrive.
         reference: number of the plane.
         reference_change: float64[3, 3], old plane to new, where the plane changes at this frame, else None.
         quality: 0 to 1.
     """
 
     to_reference: FloatArray
-    to_previous: FloatArray | None = None
     reference: int = 0
     reference_change: FloatArray | None = None
     quality: float = 1.0
@@ -110,7 +105,6 @@ class Canvas:
     _margin: FloatArray = field(init=False)
     _outline: FloatArray = field(init=False)
     _plane_to_canvas: FloatArray | None = None
-    _previous: FloatArray | None = None
     _reference: int = 0
 
     def __post_init__(self) -> None:
@@ -120,17 +114,13 @@ class Canvas:
         self._margin = translation(np.array([margin, margin]))
         self.size = width + 2 * margin, height + 2 * margin
 
-    def skip(self) -> None:
-        """Skips a frame: `to_previous` of the next one does not lead to a frame on the canvas."""
-        self._previous = None
-
     def place(self, motion: Motion) -> FramePosition | None:
         """Places a frame; scrolls or re-anchors the canvas where needed.
 
         Returns:
             None if the registration is unusable: not finite, singular, or with a horizon in the frame.
         """
-        matrices = (motion.to_reference, motion.to_previous, motion.reference_change)
+        matrices = motion.to_reference, motion.reference_change
         if not all(matrix is None or is_homography(matrix) for matrix in matrices):
             return None
         on_plane, known = motion.to_reference @ working_to_frame(self.scale), self._plane_to_canvas
@@ -138,8 +128,7 @@ class Canvas:
             known = known @ inverse(motion.reference_change)
         elif motion.reference != self._reference:
             known = None
-        placed = on_plane if known is None else self._without_adjustment(known @ on_plane, motion.to_previous)
-        placed = normalised(placed)
+        placed = normalised(on_plane if known is None else known @ on_plane)
         corners = self._corners(placed)
         if corners is None:
             return None
@@ -148,17 +137,8 @@ class Canvas:
             change, canvas_change = self._canvas_change(placed, corners)
         placed = self._margin if known is None else normalised(canvas_change @ placed)
         self._plane_to_canvas = normalised(placed @ inverse(on_plane))
-        self._previous, self._reference = placed, motion.reference
+        self._reference = motion.reference
         return FramePosition(change, canvas_change, placed)
-
-    def _without_adjustment(self, placed: FloatArray, to_previous: FloatArray | None) -> FloatArray:
-        """The chained homography if the reference plane was adjusted since the last frame, else `placed`."""
-        if self._previous is None or to_previous is None:
-            return placed
-        grid = working_to_frame(self.scale)
-        chained = self._previous @ inverse(grid) @ to_previous @ grid
-        step = np.abs(project(placed, self._outline) - project(chained, self._outline)).max()
-        return placed if step <= ADJUSTMENT_PX else chained
 
     def _corners(self, placed: FloatArray) -> FloatArray | None:
         """The frame's corners on the canvas, float64[4, 2]; None if they are not a convex quadrilateral."""

@@ -100,11 +100,6 @@ class Differencer:
         self._camera.reset()
         self._view = ViewMotionEstimator()
 
-    def miss(self) -> None:
-        """Skips a frame: the model stays as it is."""
-        if self._canvas is not None:
-            self._canvas.skip()
-
     def update(self, image: ByteImage, motion: Motion | None) -> Result | None:
         """Processes one frame.
 
@@ -128,7 +123,6 @@ class Differencer:
             self._forget()
         position = None if cut is Cut.SUSPECTED else self._place(working, motion or self._measured(scene))
         if position is None:
-            self.miss()
             return None
         frame = draw_on_canvas(working, position.working_to_canvas, self._model.size)
         if self.hidden is not None:

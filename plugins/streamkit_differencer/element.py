@@ -110,7 +110,6 @@ class FrameDiff(Transform):
             raise ResourceError(f"{self.name}: roi: {error}") from error
         start_kernels("streamkit_differencer", warm_up, is_live=self.query_live(), report=self.post_warning)
         self._differencer = Differencer(own_motion=self.motion in (MotionSource.AUTO, MotionSource.OWN))
-        self._last_seq: int | None = None
         self._crowded = self._is_held = False
         self._last_event = ModelChange.NONE
 
@@ -130,7 +129,6 @@ class FrameDiff(Transform):
         uses_metadata = self.motion in (MotionSource.AUTO, MotionSource.METADATA)
         registration = frame.get(Registration) if uses_metadata else None
         result = self._update(frame, registration)
-        self._last_seq = frame.seq
         self._report(result)
         found = result.objects if result else NO_OBJECTS
         kept = found.confidences >= self.min_score
@@ -147,16 +145,13 @@ class FrameDiff(Transform):
     def _update(self, frame: Frame, registration: Registration | None) -> Result | None:
         is_lost = registration is not None and registration.status == RegistrationStatus.LOST
         if is_lost or frame.flags & FrameFlags.CORRUPT:
-            self._differencer.miss()
             return None
         if registration is not None and registration.status == RegistrationStatus.CUT:
             self._differencer.reset()
-        # After a gap `to_previous` leads to a frame that this element did not get.
-        is_next = self._last_seq is not None and frame.seq == self._last_seq + 1
         hidden = frame.get(HiddenPixels)
         self._differencer.settings = self.settings
         self._differencer.hidden = None if hidden is None else hidden.mask
-        return self._differencer.update(luma(frame), motion(registration, is_next))
+        return self._differencer.update(luma(frame), motion(registration))
 
     def _report(self, result: Result | None) -> None:
         """Posts what changed with this frame."""
@@ -184,19 +179,13 @@ class FrameDiff(Transform):
         self._crowded = bool(dropped)
 
 
-def motion(registration: Registration | None, is_next: bool) -> Motion | None:
-    """A frame's registration as the differencer takes it; None where the frame has none.
-
-    Args:
-        registration: metadata of the frame.
-        is_next: whether the frame before it arrived here, too.
-    """
+def motion(registration: Registration | None) -> Motion | None:
+    """A frame's registration as the differencer takes it; None where the frame has none."""
     if registration is None:
         return None
     is_weak = registration.status == RegistrationStatus.WEAK
     return Motion(
         registration.to_reference,
-        registration.to_previous if is_next else None,
         registration.reference,
         registration.reference_change,
         WEAK_REGISTRATION if is_weak else 1.0 / (1.0 + registration.rmse / POOR_RMSE_PX),

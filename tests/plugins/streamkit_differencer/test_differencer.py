@@ -26,7 +26,7 @@ def motions(world, jitter=0.0):
         if time == 0:
             to_previous = np.eye(3)
         to_reference = to_reference @ to_previous
-        yield Motion(to_reference, to_previous if time else None)
+        yield Motion(to_reference)
 
 
 def overlap(first, second):
@@ -163,7 +163,6 @@ def test_a_missed_frame_holds_the_model(world):
     score = Score()
     for time, (frame, motion) in enumerate(zip(flight.frames, motions(flight), strict=True)):
         if 30 <= time < 34:
-            differencer.miss()
             continue
         result = differencer.update(frame, motion)
         if time >= 34:

@@ -159,7 +159,7 @@ def test_a_change_of_plane_keeps_the_model(world):
 
 
 def test_frames_dropped_upstream_do_no_harm(world):
-    """to_previous of a frame after a gap leads to a frame never seen here; to_reference places it."""
+    """to_reference places a frame after a gap."""
     scene = world(11, True)
     with Harness("framediff") as harness:
         warm_up(world, harness)
