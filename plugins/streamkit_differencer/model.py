@@ -125,7 +125,7 @@ class BackgroundModel:
         settings, ground = self.settings, self.ground
         # Without an earlier frame no pixel counts as quiet.
         earlier = self._history[0] if self._history else np.full_like(frame.image, UNSEEN)
-        gradient_gain = settings.gradient_gain if frame.is_resampled else 0.0
+        gradient_gain = settings.gradient_gain if self.flies else 0.0
         return find_quiet_ground(
             frame.image,
             earlier,

@@ -91,8 +91,8 @@ class BackgroundSettings:
         min=0.0,
         max=4.0,
         live=True,
-        doc="Share of the local range of values that is added to change-threshold in frames that were "
-        "resampled, so that registration errors at edges are no changes.",
+        doc="Share of the local range of values that is added to change-threshold under a camera that flies, "
+        "so that what is tall and errors of the registration at edges are no changes.",
     )
     frame_threshold: float = setting(
         0.75,

@@ -301,6 +301,30 @@ def test_a_tall_roof_under_a_low_flight_is_left_out(settings, is_reported):
     assert any(found[WARM_UP:]) == is_reported
 
 
+def creeping_car(speed, frames=70):
+    """A car of 20 by 9 px that creeps over a road under a camera that hovers: it moves by half a pixel."""
+    random, height, width = np.random.default_rng(3), 360, 720
+    road = 110 + 6 * cv2.GaussianBlur(random.normal(0, 10, (height + 40, width + 40)), (0, 0), 3)
+    for time in range(frames):
+        shift, place = random.uniform(-0.5, 0.5, 2), np.float32([[1, 0, 200 + speed * time], [0, 1, 180]])
+        cover = cv2.warpAffine(np.ones((9, 20)), place, road.shape[::-1])
+        scene = road * (1 - cover) + 50 * cover
+        to_view = np.float32([[1, 0, -20 - shift[0]], [0, 1, -20 - shift[1]]])
+        view = cv2.warpAffine(scene, to_view, (width, height))
+        noisy = np.clip(view + random.normal(0, 1.5, view.shape), 0, 255).astype(np.uint8)
+        to_reference = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
+        yield noisy, Motion(to_reference), 190 + speed * time - shift[0]
+
+
+def test_a_car_that_creeps_is_found_from_a_camera_that_hovers():
+    """It moves by half a pixel a frame, and no registration is a whole number of pixels."""
+    differencer, found = Differencer(), []
+    for image, motion, middle in creeping_car(0.5):
+        left, _, right, _ = differencer.update(image, motion).objects.boxes.T
+        found.append(((left < middle) & (middle < right)).any())
+    assert all(found[WARM_UP + 8 :])
+
+
 def test_frames_without_registration_have_no_parallax():
     """A camera that pans shows none: what moves against the pan is found as with the filter off."""
     found = []
