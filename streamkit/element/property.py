@@ -8,6 +8,7 @@ import functools
 import inspect
 import math
 import os
+import re
 import sys
 import types
 import typing
@@ -149,6 +150,9 @@ class PropertyDeclaration(Traits):
             return f"it takes {self.describe()}"
         if self.file and not _can_name_a_file(str(value)):
             return "a file's name holds no NUL and no half of a character"
+        # Python reads bytes that are not UTF-8 as such halves, and native code crashes at them.
+        if kind is str and not self.file and re.search("[\ud800-\udfff]", str(value)):
+            return "a text holds no half of a character; give it in the terminal's encoding"
         too_low = self.minimum is not None and value < self.minimum
         too_high = self.maximum is not None and value > self.maximum
         is_nan = isinstance(value, float) and math.isnan(value)

@@ -108,6 +108,17 @@ def test_what_cannot_be_a_file_name_is_refused(element: str, location: str) -> N
         make_element(element).set_property("location", location)
 
 
+def test_a_text_with_half_of_a_character_is_refused() -> None:
+    """Python reads bytes of another encoding than the terminal's so; drawing them ended the process."""
+    with pytest.raises(DescriptionError, match="half of a character"):
+        Pipeline.parse("videotestsrc ! textoverlay text=Gr\udcfcn ! fakesink")
+    overlay = make_element("textoverlay")
+    with pytest.raises(PropertyError, match="half of a character"):
+        overlay.set_property("text", "Gr\udcfcn")
+    overlay.set_property("text", "Grün 😀")
+    assert overlay.text == "Grün 😀"
+
+
 def test_files_are_named_by_paths_too(tmp_path: Path) -> None:
     """As a program has them: a `Path` in a property or a variable, a number in a variable."""
     text = (
