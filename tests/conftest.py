@@ -8,6 +8,7 @@ import venv
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
+import av
 import hypothesis  # before trio: else pytest's summary fails where no test has imported it
 import pytest
 
@@ -110,6 +111,19 @@ class FreshEnvironment:
             command, cwd=cwd or self.folder, env=self.variables, capture_output=True, text=True,
             timeout=patience(80), check=False,
         )  # fmt: skip
+
+
+@pytest.fixture
+def turned_video(tmp_path: Path) -> Path:
+    """A video of one frame, 64 x 48, that is to be rotated by 90 degrees for display, as a telephone's."""
+    path = tmp_path / "turned.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.set_display_rotation(90)
+        container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
+        container.mux(stream.encode(None))
+    return path
 
 
 @pytest.fixture(scope="session")

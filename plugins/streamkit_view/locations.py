@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from streamkit import ANY, Caps, ElementFailure, Pipeline, RecordFile, choose_source
+from streamkit import ANY, Caps, ElementFailure, Pipeline, RecordFile, choose_source, is_turned_for_display
 
 PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
 
@@ -54,8 +54,7 @@ def why_no_packets(caps: Caps | None) -> str:
     name = "" if caps is None else str(caps.name)
     if caps is None or name not in PAGE_CODECS:
         return f"decode no {name}"
-    is_turned = caps.get("rotation") or caps.get("flipped")
-    return "do not turn the frames, as this file asks for" if is_turned else ""
+    return "do not turn the frames, as this file asks for" if is_turned_for_display(caps) else ""
 
 
 def wrong_address(url: str) -> str:

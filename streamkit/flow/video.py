@@ -67,6 +67,11 @@ def is_raw_video(caps: Caps) -> bool:
     return {structure.name for structure in caps.structures} == {"video/x-raw"}
 
 
+def is_turned_for_display(caps: Caps) -> bool:
+    """Whether frames of coded video are to be mirrored or rotated for display, as `decode` does."""
+    return bool(caps.get("flipped") or caps.get("rotation"))
+
+
 def conversion_remedy(offered: Caps, accepted: Caps) -> str:
     """What to put between raw video of two sizes or rates, as "put videoscale between", or ""."""
     convertible = Caps(CONVERTIBLE)

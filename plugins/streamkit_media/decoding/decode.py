@@ -10,7 +10,17 @@ from av.codec.context import ThreadType
 from av.error import FFmpegError
 from av.video.frame import VideoFrame
 
-from streamkit import SECOND_NS, Caps, Frame, FrameFlags, Property, StreamError, Transform, raw_video_caps
+from streamkit import (
+    SECOND_NS,
+    Caps,
+    Frame,
+    FrameFlags,
+    Property,
+    StreamError,
+    Transform,
+    is_turned_for_display,
+    raw_video_caps,
+)
 from streamkit.handoff.library_threads import available_cores
 from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
 from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream
@@ -94,7 +104,7 @@ class Decode(Transform):
         if caps.get("rotation") in SIDEWAYS and {"width", "height"} <= fields.keys():
             fields["width"], fields["height"] = fields["height"], fields["width"]
         is_odd = any(isinstance(size := fields.get(name), int) and size % 2 for name in ("width", "height"))
-        is_packed_only = is_odd or caps.get("rotation") or caps.get("flipped")
+        is_packed_only = is_odd or is_turned_for_display(caps)
         formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
         return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
 

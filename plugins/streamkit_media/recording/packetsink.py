@@ -21,6 +21,7 @@ from streamkit import (
     Property,
     PropertyError,
     StreamError,
+    is_turned_for_display,
     mask_secrets,
 )
 from streamkit.output.file import OutputFile
@@ -213,7 +214,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         except BaseException:
             self.take_back()
             raise
-        if caps.get("rotation") or caps.get("flipped"):  # PyAV writes it with streams that it encodes only
+        if is_turned_for_display(caps):  # PyAV writes it with streams that it encodes only
             self.warn_once(
                 f"{self.location}: the copy does not say that its frames are to be turned for display: "
                 "put decode ! encode before"

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import av
 import pytest
 
 from streamkit import Pipeline
@@ -77,18 +76,11 @@ def test_a_codec_that_browsers_do_not_have_is_shown_in_images(streamkit_data: Pa
     assert "browsers decode no video/x-" in unplayable(str(divx), with_records=True)
 
 
-def test_a_video_that_is_to_be_turned_is_shown_in_images(tmp_path: Path) -> None:
+def test_a_video_that_is_to_be_turned_is_shown_in_images(turned_video: Path) -> None:
     """Browsers show the packets as they are, and the boxes are those of turned frames."""
-    file = tmp_path / "phone.mp4"
-    with av.open(str(file), "w") as container:
-        stream = container.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.set_display_rotation(90)
-        container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
-        container.mux(stream.encode(None))
-    assert pipeline_for(str(file)) == ("images.pipe", "filesrc location")
-    assert unplayable(str(file)) == ""
-    assert "browsers do not turn the frames" in unplayable(str(file), with_records=True)
+    assert pipeline_for(str(turned_video)) == ("images.pipe", "filesrc location")
+    assert unplayable(str(turned_video)) == ""
+    assert "browsers do not turn the frames" in unplayable(str(turned_video), with_records=True)
 
 
 def test_the_video_of_another_run_is_refused(tmp_path: Path) -> None:

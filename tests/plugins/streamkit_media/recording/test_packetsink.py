@@ -112,17 +112,11 @@ def test_times_below_zero_begin_at_zero(tmp_path: Path) -> None:
     assert shown_times([tmp_path / "x.mp4"])[::59] == pytest.approx([0, 59 * 1001 / 30000], abs=1e-4)
 
 
-def test_a_copy_without_its_orientation_is_warned_of(tmp_path: Path) -> None:
+def test_a_copy_without_its_orientation_is_warned_of(turned_video: Path, tmp_path: Path) -> None:
     """Frames of a camera held upright: a player shows the copy on its side."""
-    original, copy = tmp_path / "original.mp4", tmp_path / "copy.mp4"
-    with av.open(str(original), "w") as container:
-        stream = container.add_stream("libx264", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
-        stream.set_display_rotation(270)
-        container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
-        container.mux(stream.encode(None))
+    copy = tmp_path / "copy.mp4"
     messages: list[Message] = []
-    with Pipeline.parse(f"filesrc location={original} ! packetsink location={copy}") as pipeline:
+    with Pipeline.parse(f"filesrc location={turned_video} ! packetsink location={copy}") as pipeline:
         pipeline.bus.watch(messages.append)
         pipeline.run(timeout_s=60)
     (warning,) = (message.text for message in messages if message.kind is MessageKind.WARNING)
