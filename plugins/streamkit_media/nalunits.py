@@ -101,6 +101,39 @@ def holds_slice(codec: str, data: bytes) -> bool:
     return any(kind in SLICE_TYPES[codec] for kind, _ in typed_units(codec, data))
 
 
+def without_inner_parameter_sets(codec: str, data: bytes) -> bytes:
+    """A frame with start codes, without the parameter sets between its slices.
+
+    GStreamer's rtph264pay config-interval=-1 repeats them before each slice of a keyframe. A parser begins
+    another frame there, so that it would return halves.
+    """
+    kept, held = list[bytes](), list[bytes]()
+    has_slice = is_inner = False
+    for kind, unit in typed_units(codec, data):
+        if has_slice and kind in PARAMETER_SET_TYPES[codec]:
+            held.append(unit)
+            continue
+        is_slice = kind in SLICE_TYPES[codec]
+        if is_slice and held and not begins_picture(codec, unit):
+            is_inner = True
+            held.clear()
+        kept += [*held, unit]
+        held.clear()
+        has_slice |= is_slice
+    if not is_inner:
+        return data
+    return data[: data.find(START_CODE[1:])] + b"".join(START_CODE[1:] + unit for unit in kept + held)
+
+
+def begins_picture(codec: str, unit: bytes) -> bool:
+    """Whether a slice is the first of its picture.
+
+    Source: H.264, 7.3.3 (first_mb_in_slice is 0); H.265, 7.3.6.1 (first_slice_segment_in_pic_flag).
+    """
+    header = 1 if codec == "h264" else 2
+    return len(unit) > header and bool(unit[header] & 0x80)
+
+
 def is_reference(codec: str, data: bytes | memoryview, extradata: bytes) -> bool:
     """Whether other frames may depend on the one in a packet; True where that is unknown."""
     if codec not in CODECS:

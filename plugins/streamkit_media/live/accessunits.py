@@ -17,7 +17,7 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 from streamkit_media.codecs import stream_rate
-from streamkit_media.nalunits import CODECS, START_CODES, holds_slice
+from streamkit_media.nalunits import CODECS, START_CODES, holds_slice, without_inner_parameter_sets
 
 UNPARSED = {"fflags": "+noparse"}  # FFmpeg's option to return pieces
 MAX_REORDERED = 16
@@ -101,7 +101,8 @@ class AccessUnits:
         if not pieces:
             return
         first, is_corrupt = pieces[0], any(piece.is_corrupt for piece in pieces)
-        units = self._parser.parse(b"".join(map(bytes, pieces))) + self._parser.parse(None)
+        data = without_inner_parameter_sets(self._codec, b"".join(map(bytes, pieces)))
+        units = self._parser.parse(data) + self._parser.parse(None)
         self.has_several |= len(units) > 1
         for unit in units:
             unit.stream, unit.time_base = self._video, first.time_base

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from streamkit_media.live.accessunits import AccessUnits, DecodingTimes
+from streamkit_media.nalunits import PARAMETER_SET_TYPES, SLICE_TYPES, typed_units
 
 START = b"\0\0\0\1"
 FRAGMENTS = {"h264": (28, 1), "h265": (49, 2)}
@@ -150,6 +151,25 @@ def test_marked_parameter_sets_end_no_frame(
         found += joiner.add(piece_of(nal, codec, 0), is_marked=index != len(nals) - 2)
     assert [plain(fake, bytes(packet)) for packet in found] == [plain(fake, units[0])]
     assert joiner.trusts_marks
+
+
+def test_parameter_sets_between_slices_do_not_divide_a_frame(
+    fake: ModuleType, video: tuple[str, list[bytes]], joiner: AccessUnits
+) -> None:
+    """GStreamer's rtph264pay config-interval=-1 repeats them before each slice; a half would be damaged."""
+    codec, units = video
+    name = "hevc" if codec == "h265" else codec
+    nals = [(next(typed_units(name, START + unit))[0], unit) for unit in fake.nal_units(units[0])]
+    sets = [unit for kind, unit in nals if kind in PARAMETER_SET_TYPES[name]]
+    first = next(unit for kind, unit in nals if kind in SLICE_TYPES[name])
+    header = 1 if codec == "h264" else 2
+    later = bytearray(first)
+    later[header] &= 0x7F  # of the middle of the picture
+    sent = [*sets, first, *sets, bytes(later)]
+    found: list[Packet] = []
+    for index, nal in enumerate(sent):
+        found += joiner.add(piece_of(nal, codec, 0), is_marked=index == len(sent) - 1)
+    assert [plain(fake, bytes(packet)) for packet in found] == [[*sets, first, bytes(later)]]
 
 
 @given(st.integers(0, 4), st.integers(2, 60))
