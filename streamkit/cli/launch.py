@@ -157,16 +157,16 @@ def launch(
             gc.collect()  # the pipeline that was measured
         if stats_file is not None:
             check_stats_file(stats_file, pipeline)
-    gc.freeze()  # what the imports have made is not searched again while the elements start
-    if pipeline.graph.processes:
-        share_cores(len(pipeline.graph.processes) + 1)
-    pipeline.watchdog_s = watchdog_s
-    display = choose_display(pipeline, stats, log_format, quiet=quiet)
-    if not quiet:
-        unused = unused_variables(source.text, source.variables)
-        display.print_each("note", (*unused, *open_ends(pipeline.graph)))
-    monitor = Monitor(pipeline)
-    run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
+        gc.freeze()  # what the imports have made is not searched again while the elements start
+        if pipeline.graph.processes:
+            share_cores(len(pipeline.graph.processes) + 1)
+        pipeline.watchdog_s = watchdog_s
+        display = choose_display(pipeline, stats, log_format, quiet=quiet)
+        if not quiet:
+            unused = unused_variables(source.text, source.variables)
+            display.print_each("note", (*unused, *open_ends(pipeline.graph)))
+        monitor = Monitor(pipeline)
+        run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
     with serve_metrics(monitor, metrics):
         code = run.run()
     result = print_results(run, stats, stats_file, summary, strict=strict)

@@ -74,7 +74,8 @@ class Run:
         """Plays to the end and stops; returns the exit code."""
         code = 0
         self.printer.print_notes(text for _, text in self.pipeline.graph.warnings)
-        report = CrashReport(self.pipeline.graph.elements, is_json=prints_json())
+        with handling_signals(lambda *_: self.interrupt()):  # starting a process takes some time
+            report = CrashReport(self.pipeline.graph.elements, is_json=prints_json())
         try:
             with self._signals(report):
                 code = self._play()

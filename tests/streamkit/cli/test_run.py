@@ -44,6 +44,21 @@ def test_what_is_counted_while_elements_stop_is_in_the_statistics(monkeypatch: p
     assert run.statistics.elements[1].frames_in == 3
 
 
+def test_an_interrupt_while_the_crash_report_begins_stops_cleanly(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It starts a process, which takes some time; "the process has died" was printed, with exit code 130."""
+
+    def interrupted(*arguments: object, **options: object) -> CrashReport:
+        signal.raise_signal(signal.SIGINT)
+        return CrashReport(*arguments, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(module, "CrashReport", interrupted)
+    pipeline = Pipeline.parse("fakesrc ! fakesink")
+    assert Run(pipeline, Display(pipeline), eos_on_shutdown=False, verbose=False, quiet=False).run() == 0
+    assert "interrupt: stopped before it played" in capsys.readouterr().err
+
+
 def test_signals_at_once_count_as_one_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     """`timeout` signals the process and its group: with -e, the stream still ends in order."""
     pipeline = Pipeline.parse("fakesrc ! fakesink")
