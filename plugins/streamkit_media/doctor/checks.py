@@ -128,6 +128,7 @@ def _format_check(seen: Seen, transport: str, size_seen: tuple[int, int] | None)
 
 def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
     facts, text = asdict(decoded), f"{decoded.frames} frames of {decoded.packets} packets"
+    text += f", {decoded.hidden} more are hidden by the file's edit list" if decoded.hidden else ""
     if not decoded.packets and decoded.error:
         return bad("decoding", decoded.error, **facts)
     if not decoded.frames:
@@ -136,7 +137,7 @@ def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:
         return bad("decoding", text, **facts)
     if decoded.error:
         return note("decoding", f"{text}, the others do not decode: {decoded.error}", **facts)
-    most = decoded.packets - decoded.interlaced
+    most = decoded.packets - decoded.interlaced - decoded.hidden
     if decoded.frames < min(MIN_DECODED * most, most - PACKETS_LEFT_OUT):
         return note("decoding", f"{text}, the others give none: the video is damaged or incomplete", **facts)
     if decoded.damaged:
@@ -176,7 +177,8 @@ def _keyframe_check(found: Measured, is_live: bool) -> Check:
     elif interval is None:
         text = "one" if is_good else f"{found.keyframes} seen; set the camera's keyframe interval to 1 or 2 s"
     elif is_good:
-        text = f"every {interval:.1f} s at most"
+        is_each = found.keyframes >= found.packets
+        text = "each frame is one" if is_each else f"every {interval:.1f} s at most"
     else:
         text = f"every {interval:.1f} s; after a loss the video recovers only then: 1 or 2 s are better"
     return good_if(is_good, "keyframes", text, interval_s=interval, seen=found.keyframes)

@@ -14,6 +14,7 @@ from av.error import FFmpegError
 from streamkit import SECOND_NS, Frame, FrameFlags
 from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.failures import reason_of
+from streamkit_media.streams import DecodeOnly
 
 SETTLING_PACKETS = 15  # the first packets come in one go while FFmpeg looks at the stream
 MIN_TRANSITS = 15
@@ -29,13 +30,14 @@ class PacketFacts:
     arrival_ns: int  # monotonic clock, ns
     size: int  # bytes
     is_keyframe: bool  # whether decoding can begin with it
+    is_shown: bool = True  # whether the file shows its frame, and does not hide it by an edit list
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
     """Measurements of a run of packets; None where it was too short."""
 
-    packets: int  # seen
+    packets: int  # seen, of frames that are shown
     rate: float | None  # frames per second, by the times of the packets
     bit_rate: float | None  # bit/s
     keyframe_interval_s: float | None  # longest time from keyframe to keyframe
@@ -55,7 +57,7 @@ def measure(packets: Sequence[PacketFacts]) -> Measured:
     keyframe_times = [packet.pts for packet in packets if packet.is_keyframe and packet.pts is not None]
     is_variable = sum(abs(step - middle) > 0.1 * middle for step in steps) > 0.1 * len(steps)
     return Measured(
-        packets=len(packets),
+        packets=sum(packet.is_shown for packet in packets),
         rate=len(steps) / length_s if length_s else None,
         bit_rate=sum(packet.size for packet in packets) * 8 / length_s if length_s else None,
         keyframe_interval_s=max((b - a for a, b in pairwise(keyframe_times)), default=0) / SECOND_NS or None,
@@ -86,6 +88,7 @@ class Decoded:
     frames: int = 0  # frames that came out
     damaged: int = 0  # of them, those that are not whole
     interlaced: int = 0  # of them, those that may be of two packets, one for each field
+    hidden: int = 0  # frames that are decoded for others and not shown, as the file says
     # frames a second on this machine as busy as it is; None where that took no time
     rate: float | None = None
     error: str = ""  # of the first packet that did not decode, or ""
@@ -112,9 +115,11 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         except FFmpegError as cause:
             found.error = found.error or reason_of(cause)
             continue
-        found.frames += len(decoded)
-        found.damaged += sum(image.is_corrupt for image, _ in decoded)
-        found.interlaced += sum(image.interlaced_frame for image, _ in decoded)
+        shown = [image for image, origin in decoded if origin.get(DecodeOnly) is None]
+        found.hidden += len(decoded) - len(shown)
+        found.frames += len(shown)
+        found.damaged += sum(image.is_corrupt for image in shown)
+        found.interlaced += sum(image.interlaced_frame for image in shown)
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
     elapsed_s = time.monotonic() - began

@@ -11,6 +11,7 @@ from typing import Any, cast
 
 from streamkit import ElementFailure, Frame, FrameFlags, Message, Pipeline, StreamkitError
 from streamkit_media.doctor.measure import PacketFacts
+from streamkit_media.streams import DecodeOnly
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
@@ -39,7 +40,8 @@ class Seen:
         if not self.kept or (len(self.kept) < KEPT_PACKETS and self._kept_bytes + size <= KEPT_BYTES):
             self.kept.append(frame)
             self._kept_bytes += size
-        self.packets.append(PacketFacts(frame.pts, frame.arrival_ns, size, is_key))
+        is_shown = frame.get(DecodeOnly) is None
+        self.packets.append(PacketFacts(frame.pts, frame.arrival_ns, size, is_key, is_shown))
         if frame.capture is not None:
             self.origins[frame.capture.origin] += 1
 

@@ -15,10 +15,11 @@ from typer.testing import CliRunner
 
 from streamkit import Caps, Frame, Pipeline
 from streamkit.cli.main import make_app
-from streamkit_media.doctor.checks import Report, Verdict, _decoding_check, _format_check
+from streamkit_media.doctor.checks import Report, Verdict, _decoding_check, _format_check, stream_checks
 from streamkit_media.doctor.examine import examine
 from streamkit_media.doctor.measure import Decoded
-from streamkit_media.doctor.watch import Seen
+from streamkit_media.doctor.watch import Seen, watch
+from streamkit_media.streams import DECODE_ONLY
 from streamkit_telemetry_formats.klv import UAS_LOCAL_SET, checksum
 
 BINARY = Path(sys.executable).with_name("streamkit")
@@ -238,6 +239,31 @@ def test_the_command(small_video: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 1
     assert "a file must be there" in done.stdout
+
+
+def test_frames_that_the_file_hides_are_not_counted(small_video: Path) -> None:
+    """An edit list shows the later part of a file; frames before are decoded for it alone."""
+    seen = Seen()
+    packets = watch("filesrc", {"location": str(small_video)}, 20, None).kept
+    for number, packet in enumerate(packets):
+        seen.add_video(packet.attach(DECODE_ONLY) if number < 4 else packet)
+    checks = {check.name: check for check in stream_checks(seen, is_live=False, transport="")}
+    shown = len(packets) - 4
+    assert checks["decoding"].text.startswith(f"{shown} frames of {len(packets)} packets, 4 more are hidden")
+    assert checks["decoding"].verdict is Verdict.GOOD
+    assert checks["loss"].text == f"none of {shown} frames is missing"
+
+
+def test_other_videos_of_a_file_are_named(tmp_path: Path) -> None:
+    """As a drone's thermal camera, or a transport stream's second program."""
+    path = tmp_path / "two.mkv"
+    with av.open(str(path), "w") as container:
+        streams = [container.add_stream("mpeg4", rate=25, width=64, height=48) for _ in range(2)]
+        for stream in streams:
+            container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
+            container.mux(stream.encode(None))
+    (found,) = (check for check in examine(str(path), 1, 5, "auto").checks if check.name == "videos")
+    assert found.text == "stream 0 is looked at; filesrc video-stream= reads another of [1]"
 
 
 def test_the_size_of_a_stream_joined_between_keyframes_is_that_of_its_frames() -> None:
