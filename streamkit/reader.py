@@ -20,7 +20,7 @@ from streamkit.flow.clock import SECOND_NS
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.video import FORMATS as PIXEL_FORMATS
-from streamkit.flow.video import raw_video_caps
+from streamkit.flow.video import exact_rate, raw_video_caps
 from streamkit.graph.pipeline import Pipeline
 from streamkit.masking import mask_secrets
 from streamkit.output.names import FileNames
@@ -188,16 +188,15 @@ def open(
         DescriptionError: the description is invalid; points into it.
         ElementFailure: an element could not start, for example because there is no such file.
     """
-    if framerate is not None:
-        _check_rate(framerate)
+    rate = None if framerate is None else _checked_rate(framerate)
     if format not in PIXEL_FORMATS:
         raise ValueError(f"format= must be one of {', '.join(PIXEL_FORMATS)}, got {format!r}")
     if isinstance(source, str | os.PathLike):
         items = None
-        head, properties = _reading(os.fspath(source), framerate)
+        head, properties = _reading(os.fspath(source), rate)
     else:
         _check_images(source)
-        items = _frames(source, framerate)
+        items = _frames(source, rate)
         head, properties = f"appsrc name={SOURCE} max-buffers=4 emit-signals=false ! videoconvert", {}
     pipeline = _parse(head, description, format)
     for name, value in properties.items():
@@ -205,16 +204,16 @@ def open(
     return VideoReader(pipeline, items, timeout_s)
 
 
-def _reading(location: str, framerate: float | None) -> tuple[str, dict[str, Any]]:
+def _reading(location: str, rate: Fraction | None) -> tuple[str, dict[str, Any]]:
     """The description of what reads a location, and the properties of its source."""
     choice = choose_source(location)
     properties: dict[str, Any] = {choice.property: location}
     if choice.element == "multifilesrc":
         numbers = [number for _, number in FileNames(location).existing()]
         properties["start-index"] = min(numbers, default=0)
-        if framerate is not None:
-            properties["framerate"] = Fraction(framerate).limit_denominator(1001)
-    elif framerate is not None:
+        if rate is not None:
+            properties["framerate"] = rate
+    elif rate is not None:
         raise ValueError(
             f"framerate= is for images, {mask_secrets(location)} has times of its own; leave it out, or "
             "give videorate ! video/x-raw, framerate=N/1 as the description"
@@ -249,16 +248,17 @@ def _parse(head: str, description: str, format: str) -> Pipeline:
         raise
 
 
-def _check_rate(framerate: object) -> None:
+def _checked_rate(framerate: object) -> Fraction:
     if not isinstance(framerate, Real) or not 0 < float(framerate) < math.inf:
         raise _wrong_rate(framerate)
+    return exact_rate(float(framerate))
 
 
 def _wrong_rate(framerate: object) -> ValueError:
     return ValueError(f"framerate= must be the images' frames/s, above 0, got {framerate!r}")
 
 
-def _frames(items: Iterable[Any], framerate: float | None) -> Iterator[Frame]:
+def _frames(items: Iterable[Any], rate: Fraction | None) -> Iterator[Frame]:
     """Frames of images, whose times follow from their number; frames pass."""
     import numpy as np
 
@@ -266,7 +266,7 @@ def _frames(items: Iterable[Any], framerate: float | None) -> Iterator[Frame]:
         if isinstance(item, Frame):
             yield item
             continue
-        if framerate is None:
+        if rate is None:
             raise _wrong_rate(None)
         image = np.array(item, order="C")  # the program may go on to write into its own
         channels = 1 if image.ndim == 2 else image.shape[-1] if image.ndim == 3 else 0
@@ -277,7 +277,7 @@ def _frames(items: Iterable[Any], framerate: float | None) -> Iterator[Frame]:
                 f"got {image.dtype}{list(image.shape)}"
             )
         caps = raw_video_caps(FORMATS[channels], image.shape[1], image.shape[0])
-        start, end = (round(at * SECOND_NS / framerate) for at in (number, number + 1))
+        start, end = (round(at * SECOND_NS / rate) for at in (number, number + 1))
         yield Frame(image, caps, pts=start, duration=end - start, seq=number)
 
 

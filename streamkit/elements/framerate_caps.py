@@ -8,11 +8,11 @@ from typing import Any
 
 from streamkit.flow.caps import Caps, Structure
 from streamkit.flow.caps_values import FractionRange, ValueList
+from streamkit.flow.video import NTSC
 
 VARIABLE = Fraction(0)
 MAX_RATE = Fraction(2**31 - 1)
 ANY_RATE = FractionRange(VARIABLE, MAX_RATE)
-NTSC = Fraction(1000, 1001)
 
 
 def rates_after(caps: Caps, max_rate: int, *, drop_only: bool) -> Caps:

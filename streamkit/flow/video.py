@@ -25,6 +25,11 @@ FIELDS = (
     "pixel-aspect-ratio", "chroma-site", "colorimetry", "multiview-mode", "multiview-flags",
 )  # fmt: skip
 
+NTSC = Fraction(1000, 1001)
+ROUNDING = Fraction(
+    1, 100_000
+)  # relative; 23.976, 29.97 and 59.94 are a millionth off, 29.98 is 300 times that
+
 # What videoscale and videorate can make.
 CONVERTIBLE = "video/x-raw, width=[ 1, 32767 ], height=[ 1, 32767 ], framerate=[ 0/1, 2147483647/1 ]"
 CONVERTERS = {
@@ -32,6 +37,15 @@ CONVERTERS = {
     "videorate": ("framerate",),
     "videoscale ! videorate": ("width", "height", "framerate"),
 }
+
+
+def exact_rate(rate: float | Fraction) -> Fraction:
+    """The frame rate that a decimal number stands for: 29.97 is 30000/1001, 12.5 is 25/2."""
+    rate = Fraction(rate)
+    standard = round(rate / NTSC) * NTSC
+    if abs(standard - rate) < ROUNDING * rate:
+        return standard
+    return rate.limit_denominator(1_000_000) or rate
 
 
 def misspelt_fields(caps: Caps) -> list[str]:
@@ -47,7 +61,7 @@ def misspelt_fields(caps: Caps) -> list[str]:
         if name not in FIELDS
     ]
     rates = [structure.fields.get("framerate") for structure in caps.structures]
-    decimal = [Fraction(rate).limit_denominator(1001) for rate in rates if isinstance(rate, int | float)]
+    decimal = [exact_rate(rate) for rate in rates if isinstance(rate, int | float)]
     return [f"video/x-raw has no field {name}; {hint}" for name, hint in unknown if hint] + [
         f"framerate is a fraction; write framerate={rate.numerator}/{rate.denominator}" for rate in decimal
     ]

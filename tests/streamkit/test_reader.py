@@ -5,6 +5,7 @@ import logging
 import re
 import threading
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -204,6 +205,17 @@ def test_a_rate_is_for_images(flight: Path, tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((24, 32), np.uint8))
     with streamkit.open(tmp_path / "%d.png", framerate=10) as frames:
         assert [frame.pts for frame in frames] == [0, 100_000_000]
+
+
+@pytest.mark.parametrize(
+    ("framerate", "period_ns"),
+    [(29.97, 33_366_667), (Fraction(24000, 1001), 41_708_333), (29.98, 33_355_570), (12.5, 80_000_000),
+     (1 / 3600, 3_600_000_000_000)],
+)  # fmt: skip
+def test_decimal_rates_are_those_of_cameras(framerate: float, period_ns: int) -> None:
+    """29.97 is 30000/1001, as in the video of the same camera; rates of one frame an hour are kept."""
+    with streamkit.open(images(2), framerate=framerate) as frames:
+        assert [frame.pts for frame in frames] == [0, period_ns]
 
 
 @pytest.mark.parametrize("shape", [(24, 32), (24, 32, 1), (24, 32, 3), (24, 32, 4)])

@@ -403,6 +403,7 @@ def test_a_misspelt_field_of_a_filter_is_noted() -> None:
     [
         ("format=GREY8", 'no element of streamkit has the format GREY8; did you mean "GRAY8"?'),
         ("framerate=5.5", "framerate is a fraction; write framerate=11/2"),
+        ("framerate=23.976", "framerate is a fraction; write framerate=24000/1001"),
     ],
 )
 def test_caps_that_nothing_has_get_a_hint(caps: str, hint: str) -> None:
