@@ -54,9 +54,9 @@ class RtspInput(UrlInput):
         self, location: str, options: Mapping[str, str], timeout_s: float, *, low_latency: bool = True
     ) -> None:
         super().__init__(location, options, timeout_s)
+        self._low_latency = low_latency
         # RTP packets can be peeked at on a TCP connection without TLS only.
-        is_plain = urlsplit(location).scheme == "rtsp" and options.get("rtsp_transport") == "tcp"
-        self._low_latency = low_latency and is_plain
+        self._has_marks = urlsplit(location).scheme == "rtsp" and options.get("rtsp_transport") == "tcp"
         self._is_in_pieces = False
 
     @override
@@ -90,7 +90,7 @@ class RtspInput(UrlInput):
         self.check_end()
 
     def _marked(self, pieces: Iterator[Packet[Stream]]) -> Iterator[tuple[Packet[Stream], bool]]:
-        connection = self.sockets.duplicate()
+        connection = self.sockets.duplicate() if self._has_marks else None
         if connection is None:
             return ((piece, False) for piece in pieces)
         return with_marks(pieces, connection, self.timeout_s)

@@ -51,13 +51,13 @@ class Behaviour(enum.StrEnum):
 
 
 def access_units(
-    size: tuple[int, int] = (64, 48), count: int = 60, gop: int = 15, codec: str = "libx264"
+    size: tuple[int, int] = (64, 48), count: int = 60, gop: int = 15, codec: str = "libx264", **options: str
 ) -> list[bytes]:
     """H.264 access units; frame i is of brightness 40 + 2 * i, which identifies it."""
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.pix_fmt = *size, "yuv420p"
     encoder.time_base, encoder.framerate = Fraction(1, 30), Fraction(30)
-    encoder.options = {"tune": "zerolatency", "preset": "ultrafast", "g": str(gop), "bf": "0"}
+    encoder.options = {"tune": "zerolatency", "preset": "ultrafast", "g": str(gop), "bf": "0", **options}
     if codec == "libx265":
         encoder.options |= {"x265-params": f"keyint={gop}:log-level=none:repeat-headers=1"}
     units = []

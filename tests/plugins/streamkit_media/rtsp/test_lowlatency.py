@@ -41,6 +41,27 @@ def test_frames_are_never_mixed_when_packets_are_lost(
         assert loses_every or found in known
 
 
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_parameter_sets_before_each_slice_damage_no_frame(
+    start_server: StartServer, fake: Any, transport: str
+) -> None:
+    """As of GStreamer's rtph264pay config-interval=-1: a parser would end a frame at each."""
+    units = []
+    for unit in fake.access_units((320, 240), slices="2", threads="1"):
+        nals = fake.nal_units(unit)
+        sets = [nal for nal in nals if nal[0] & 31 in (7, 8)]
+        slices = [nal for nal in nals if nal[0] & 31 in (1, 5)]
+        assert len(slices) == 2
+        units.append(b"".join(b"\0\0\0\1" + nal for part in slices for nal in (*sets, part)))
+    server = start_server(units=units)
+    source = f"rtspsrc location={server.url} transport={transport} latency=5000"
+    with Pipeline.parse(f"{source} ! decode ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        frames = list(islice(pipeline["out"], 40))
+    assert [round(float(frame.data.mean()) / 2) for frame in frames] == [20 + n for n in range(40)]
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+
+
 def test_streams_without_parameter_sets_in_advance_play(start_server: StartServer, fake: Any) -> None:
     """H.265 whose parameter sets come with the frames only plays by FFmpeg's own parser."""
     server = start_server(units=fake.access_units(codec="libx265"), codec="h265")
