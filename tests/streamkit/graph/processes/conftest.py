@@ -132,7 +132,7 @@ class Hungry(Transform):
         self.kept = []
 
     def transform(self, frame):
-        self.kept.append(np.ones(2**26, np.uint8))
+        self.kept.append(np.empty(2**26, np.uint8))
         return frame
 
 
