@@ -14,16 +14,10 @@ from mcap.reader import make_reader
 from streamkit import Pipeline, RecordFile, TrackState
 from streamkit_tracks.command import TargetSummary, list_targets, table_lines
 from streamkit_tracks.file_readers import MISSING
+from tests.command_line import run
 from tests.slowness import patience
 
 BINARY = str(Path(sys.executable).with_name("streamkit"))
-
-
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Runs a command of streamkit."""
-    return subprocess.run(
-        [BINARY, *arguments], capture_output=True, text=True, timeout=patience(30), check=False
-    )
 
 
 @pytest.fixture(scope="module")
@@ -130,12 +124,18 @@ def test_a_full_disk_is_reported_with_the_file(records: Path) -> None:
 @pytest.mark.timeout(200)
 def test_records_are_converted_to_standard_output(records: Path, tmp_path: Path) -> None:
     """As JSON lines, or in the format given; the same bytes as in a file."""
-    done = run("convert", str(records), "-")
+
+    def convert(*options: str) -> subprocess.CompletedProcess[str]:
+        """In a process, whose standard output becomes that of the file."""
+        command = [BINARY, "convert", str(records), "-", *options]
+        return subprocess.run(command, capture_output=True, text=True, timeout=patience(30), check=False)
+
+    done = convert()
     assert (done.returncode, done.stderr) == (0, "")
     assert len([json.loads(line) for line in done.stdout.splitlines()]) == 20
     for form, name in (("csv", "out.csv"), ("mot", "out.txt")):
         assert run("convert", str(records), str(tmp_path / name)).returncode == 0
-        done = run("convert", str(records), "-", "--format", form)
+        done = convert("--format", form)
         assert (done.returncode, done.stderr, done.stdout) == (0, "", (tmp_path / name).read_text())
 
 
@@ -191,24 +191,10 @@ def test_records_are_read_from_standard_input(tmp_path: Path) -> None:
     lines = "".join(LINE.format(number) for number in range(3))
     out = tmp_path / "out.csv"
     for arguments in (("tracks", "-"), ("convert", "-", str(out))):
-        done = subprocess.run(
-            [BINARY, *arguments],
-            input=lines,
-            capture_output=True,
-            text=True,
-            timeout=patience(30),
-            check=False,
-        )
+        done = run(*arguments, stdin=lines)
         assert done.returncode == 0, done.stderr
     assert len(out.read_text().splitlines()) == 4
-    done = subprocess.run(
-        [BINARY, "tracks", "-"],
-        input="no record",
-        capture_output=True,
-        text=True,
-        timeout=patience(30),
-        check=False,
-    )
+    done = run("tracks", "-", stdin="no record")
     assert (done.returncode, "standard-input.jsonl:1" in done.stderr) == (1, True)
 
 

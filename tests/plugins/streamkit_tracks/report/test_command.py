@@ -10,6 +10,7 @@ import pytest
 
 from streamkit import Pipeline
 from streamkit_tracks.report.command import index_at
+from tests import command_line
 from tests.slowness import patience
 
 BINARY = str(Path(sys.executable).with_name("streamkit"))
@@ -18,10 +19,7 @@ pytestmark = pytest.mark.timeout(240)
 
 def report(*arguments: object) -> subprocess.CompletedProcess[str]:
     """Runs the command."""
-    return subprocess.run(
-        [BINARY, "report", *map(str, arguments)],
-        capture_output=True, text=True, timeout=patience(60), check=False,
-    )  # fmt: skip
+    return command_line.run("report", *arguments)
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +79,7 @@ def test_runs_that_alternate_are_kept_apart(run: tuple[Path, Path], tmp_path: Pa
         assert done.returncode == 0, done.stderr
         assert "Source other: 10 frames of" in page.read_text()
     for command in (["tracks", both], ["explain", both, "1"]):
-        done = subprocess.run(
-            [BINARY, *map(str, command)], capture_output=True, text=True, timeout=patience(60), check=False
-        )
+        done = command_line.run(*command)
         assert done.returncode == 0, done.stderr
         assert re.search("2 targets, 2 confirmed|has 2 runs, this is run 2", done.stderr)
 
