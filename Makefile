@@ -17,9 +17,10 @@ PIP := python -m pip --quiet --disable-pip-version-check
 demo: $(READY)
 	@$(BIN)/python pipelines/demo.py
 
+# Python may cache: each worker would compile all tests again. Long files come early in the order of names.
 test: $(READY)
-	@$(BIN)/python -m compileall -q streamkit plugins  # for the processes that tests start, if Python may not cache
-	@$(BIN)/python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder  # long files come early in the order of names
+	@$(BIN)/python -m compileall -q streamkit plugins  # for the processes that tests start
+	@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder
 
 lint: $(READY)
 	@$(BIN)/ruff check .
