@@ -40,6 +40,7 @@ LIVE = (
     "videotestsrc is-live=true pattern=ball ! video/x-raw, width=320, height=240, framerate={rate}/1 "
     "! tee name=t ! zenohsink name=z key={key}  t. ! encode gop=25 live=true ! z.video"
 )
+Flight = tuple[Path, dict[int, tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]]
 SCRIPT = "<img src=x onerror='window.hacked=1'><script>window.hacked=1</script>"
 
 
@@ -91,14 +92,16 @@ def publisher(key: str) -> Iterator[subprocess.Popen[bytes]]:
         process.wait(10)
 
 
-def write_flight(path: Path) -> dict[int, tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]]:
-    """Writes the flight; gives pixels of its frames by their number, and the centres of the cars."""
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    """A file; the pixels of its frames by their number, and the centres of the cars."""
+    path = tmp_path_factory.mktemp("flight") / "flight.mp4"
     text = f"{FLIGHT} ! tee name=t ! queue ! videofilesink location={path}  t. ! queue ! appsink name=out"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
         frames = list(pipeline["out"])
         assert pipeline.wait(60), "the file is not complete"
-    return {frame.seq: (np.asarray(frame.data), frame.get(TrueTargets).centres) for frame in frames}
+    return path, {frame.seq: (np.asarray(frame.data), frame.get(TrueTargets).centres) for frame in frames}
 
 
 def number_of_last(browser: Chrome) -> int | None:
@@ -134,13 +137,12 @@ def drawn_boxes(overlay: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 @pytest.mark.timeout(180)
 def test_a_file_is_shown_with_boxes_on_the_cars(
-    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], flight: Flight
 ) -> None:
     """The picture moves; at the end it is the file's last frame, with boxes within 4 px of the true cars."""
-    flight = tmp_path / "flight.mp4"
-    truth = write_flight(flight)
+    path, truth = flight
     set_screen(browser, 1800, 1100)
-    server = start_view(str(flight))
+    server = start_view(str(path))
     browser.get(server.url)
     wait_for(lambda: text(browser, "state") == "playing", 100)
     wait_for(lambda: browser.execute_script("return streamkit.page.video && streamkit.page.shown !== null"))
@@ -178,12 +180,10 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
 
 @pytest.mark.timeout(180)
 def test_the_past_of_an_ended_stream_plays_to_its_end(
-    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
+    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], flight: Flight
 ) -> None:
     """No frame is left out, though the states that the page gets meanwhile say that the stream has ended."""
-    flight = tmp_path / "flight.mp4"
-    write_flight(flight)
-    browser.get(start_view(str(flight)).url)
+    browser.get(start_view(str(flight[0])).url)
     wait_for(lambda: text(browser, "state") == "ended", 100)
     wait_for(lambda: number_of_last(browser))
     slider = browser.find_element(By.ID, "back")
@@ -198,16 +198,18 @@ def test_the_past_of_an_ended_stream_plays_to_its_end(
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("missing", ["VideoDecoder", "MediaStreamTrackGenerator"])
 def test_video_is_shown_in_a_canvas(
-    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path,
+    browser: Chrome,
+    start_view: Callable[..., Any],
+    wait_for: Callable[..., Any],
+    flight: Flight,
     missing: str,
-) -> None:  # fmt: skip
+) -> None:
     """As over http from another machine, and in Firefox: a frame is that of its time, not one beside it."""
-    flight = tmp_path / "flight.mp4"
-    truth = write_flight(flight)
+    path, truth = flight
     removal = {"source": f"delete window.{missing}"}
     script = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", removal)
     try:
-        browser.get(start_view(str(flight)).url)
+        browser.get(start_view(str(path)).url)
         wait_for(lambda: text(browser, "state") == "ended", 100)
         number, shown = wait_for(lambda: last_frame(browser))
     finally:
