@@ -10,9 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from streamkit import Pipeline
+from streamkit.cli.drawing import Counters, as_dot, as_mermaid
 from streamkit.cli.main import make_app
 from streamkit.element.registry import element_class, installed_elements, make_element
 from streamkit.errors import DescriptionError
+from streamkit.graph.build import build
 
 SECRET = "hunter2"
 FORMS = {
@@ -88,9 +90,11 @@ def started_alone(factory: str, name: str, value: str) -> Iterator[str]:
 
 
 def drawn(text: str) -> Iterator[str]:
-    """What the command line prints of a description."""
-    for form in ("json", "dot", "mermaid"):
-        yield CliRunner().invoke(make_app(), ["graph", "--format", form, text]).output
+    """What the command line prints of a description; the drawings of its other formats."""
+    yield CliRunner().invoke(make_app(), ["graph", "--format", "json", text]).output
+    with contextlib.suppress(DescriptionError):
+        graph = build(text, {})
+        yield from (as_dot(graph, Counters()), as_mermaid(graph, Counters()))
 
 
 def quoted(value: str) -> str:
