@@ -156,3 +156,11 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Iterator[Register]:
 
     yield add
     _forget()
+
+
+@pytest.fixture
+def forget_registered(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Forgets afterwards what a test has registered by `register_element`."""
+    monkeypatch.setattr(registry, "_registered", {})
+    yield
+    _forget()

@@ -2,13 +2,12 @@
 
 import importlib.metadata
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from streamkit import Element, Frame, Pipeline, PropertyError, Transform, register_element
-from streamkit.element import registry
 from streamkit.element.entries import PluginEntry
 from streamkit.element.gstreamer_names import BY_NAME, ELEMENTS
 from streamkit.element.registry import element_class, installed_elements, make_element
@@ -176,15 +175,6 @@ def test_the_first_of_two_elements_with_one_name_is_used(register: Register) -> 
     assert installed_elements()["twice"].target == "first:Thing"
 
 
-@pytest.fixture
-def registered(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Forgets afterwards what a test has registered."""
-    monkeypatch.setattr(registry, "_registered", {})
-    yield
-    registry.installed_elements.cache_clear()
-    registry.element_class.cache_clear()
-
-
 def inverting(sign: int) -> type[Transform]:
     """A class as a cell of a notebook defines it."""
 
@@ -197,7 +187,7 @@ def inverting(sign: int) -> type[Transform]:
     return Invert
 
 
-@pytest.mark.usefixtures("registered")
+@pytest.mark.usefixtures("forget_registered")
 def test_a_class_is_registered_without_a_package() -> None:
     """Under its own name or another; the last class of a name counts."""
     assert register_element(inverting(-1)) is element_class("invert")
@@ -212,7 +202,7 @@ def test_a_class_is_registered_without_a_package() -> None:
         make_element("inver")
 
 
-@pytest.mark.usefixtures("registered")
+@pytest.mark.usefixtures("forget_registered")
 def test_what_cannot_be_registered() -> None:
     """No other class, no installed or unwritable name; and a process of its own needs a package."""
     with pytest.raises(TypeError, match=r"got 'x'; write register_element\(CLASS, \"x\"\)"):
@@ -230,7 +220,7 @@ def test_what_cannot_be_registered() -> None:
     assert caught.value.place.column == 46
 
 
-@pytest.mark.usefixtures("registered")
+@pytest.mark.usefixtures("forget_registered")
 def test_a_constructor_without_a_name_is_explained() -> None:
     """Authors write `__init__` for state, as everywhere else in Python."""
 
