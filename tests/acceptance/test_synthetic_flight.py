@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from streamkit import Frame, Pipeline, Registration, Tracks, TrackState
 from streamkit_video import TrueRegistration, TrueTargets
 
-FRAMES = 600
+FRAMES = 300
 CARS = 12
 NEAR_PX = 10.0
 DESCRIPTION = (
