@@ -114,7 +114,7 @@ class ZenohSink(SessionElement, Sink):
         if not self._has_waited:
             self._wait_for_receivers(publication)
         self._tally.note(frame)
-        publication.records.submit(frame, self.settings.patience_s)
+        publication.records.submit(frame)
         if self._publishes_frames and frame.caps.name != TRACKS_CAPS.name:
             self._publish_media(FRAME, frame)
 

@@ -59,7 +59,7 @@ class FrameSender(ImageSender):
         self._due = 0, -1  # when the next frame is due, ns, in which epoch
 
     @override
-    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
+    def submit(self, frame: Frame) -> None:
         if self._is_due(frame):
             super().submit(frame)
 
@@ -86,7 +86,7 @@ class MosaicSender(ImageSender):
         self._last_seen: object = None
 
     @override
-    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
+    def submit(self, frame: Frame) -> None:
         registration = frame.get(Registration)
         place = registration and (registration.reference, registration.to_reference.tobytes())
         before, self._last_seen = self._last_seen, (zlib.crc32(np.ascontiguousarray(frame.data).data), place)

@@ -49,7 +49,7 @@ class RecordSender(Sender):
         self._track_qos = settings.qos()[TRACK]
         self._shown: set[int] = set()
         stream = NumberedStream(publisher, TRACKS, self._codec.content_type)
-        super().__init__(publisher, stream, settings.max_queue, periodic=publish_status)
+        super().__init__(publisher, stream, settings.max_queue, settings.patience_s, publish_status)
         # Targets are published by the session: this only shows whether anyone wants them.
         key = f"{self._track_key}/*"
         self._track_publisher = session.declare_publisher(key) if settings.track else None
@@ -60,8 +60,8 @@ class RecordSender(Sender):
         return self.stream.has_subscriber or is_matching(self._track_publisher)
 
     @override
-    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
-        """Queues a frame; waits for room at most so long.
+    def submit(self, frame: Frame) -> None:
+        """Queues a frame.
 
         Raises:
             ValueError: a track of an earlier frame is not finite.
@@ -71,7 +71,7 @@ class RecordSender(Sender):
         if self._fault is not None:
             self.raise_fault()
         self.last_frame = without_pixels(frame)
-        super().submit(self.last_frame, patience_s)
+        super().submit(self.last_frame)
 
     def end_with(self, fault: Exception) -> None:
         """Ends the stream: the next frame raises this, or what was given before it."""

@@ -25,8 +25,8 @@ class Outgoing:
 class Sender:
     """Numbers frames, and makes and publishes their messages in a thread; a full queue drops the oldest.
 
-    A message without subscriber is made only when a query asks for it. At most `capacity` frames wait;
-    `periodic` is called in the thread once a second.
+    A message without subscriber is made only when a query asks for it. At most `capacity` frames wait, and a
+    further one `patience_s` for room; `periodic` is called in the thread once a second.
 
     Attributes:
         last: the last frame whose message was sent, or had no subscriber; all before it are settled.
@@ -40,11 +40,13 @@ class Sender:
         publisher: Publisher,
         stream: NumberedStream,
         capacity: int,
+        patience_s: float = 0.0,
         periodic: Callable[[], object] | None = None,
     ) -> None:
         self.publisher = publisher
         self.stream = stream
         self.last: Outgoing | None = None
+        self._patience_s = patience_s
         self.executor = BackgroundExecutor(
             f"zenoh {stream.name}", self._not_sent, capacity=capacity, periodic=periodic
         )
@@ -54,14 +56,14 @@ class Sender:
         """Whether anyone receives the messages."""
         return self.stream.has_subscriber
 
-    def submit(self, frame: Frame, patience_s: float = 0.0) -> None:
-        """Queues a frame; waits for room at most so long."""
+    def submit(self, frame: Frame) -> None:
+        """Queues a frame."""
         item = Outgoing(frame, self.stream.stamp(), self.publisher.utc_ns())
         if not self.has_subscriber:
             self.settle(item)
             return
         cancelled = self.publisher.cancelled
-        if dropped := self.executor.submit_dropping(lambda: self.send(item), patience_s, cancelled):
+        if dropped := self.executor.submit_dropping(lambda: self.send(item), self._patience_s, cancelled):
             self.stream.count_drop(self.drop_reason, dropped)
 
     def send(self, item: Outgoing) -> None:
