@@ -110,7 +110,7 @@ def _is_raw_video(graph: Graph, before: list[Element]) -> bool:
     """Whether all that leaves some elements is raw video, through one link."""
     sources = [src for src, sink in graph.links() if src.element in before and sink.element not in before]
     waiting = any(
-        (link.source in before) is not (link.request.sink in before) for link in graph.delayed_links
+        (link.request.source in before) is not (link.request.sink in before) for link in graph.delayed_links
     )
     return not waiting and len(sources) == 1 and str(sources[0].caps).startswith(RAW_VIDEO)
 

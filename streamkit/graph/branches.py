@@ -77,7 +77,7 @@ def _check_links(graph: Graph, element: Element, added: Graph) -> None:
         raise DescriptionError(
             "link",
             f"{delayed.description}: a branch cannot wait for a pad that the stream adds later; put "
-            f"{delayed.source.name} into the pipeline, and a tee behind it",
+            f"{delayed.request.source.name} into the pipeline, and a tee behind it",
         )
 
 

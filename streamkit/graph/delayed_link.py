@@ -29,11 +29,6 @@ class DelayedLink:
     has_succeeded: bool = False
 
     @property
-    def source(self) -> Element:
-        """The element that adds the pad."""
-        return self.request.source
-
-    @property
     def description(self) -> str:
         """The link as text."""
         request = self.request
@@ -62,7 +57,7 @@ def report_missing_pads(
     waiting = [
         link
         for link in links
-        if link.source is element and not (link.has_succeeded or link.request.every_pad)
+        if link.request.source is element and not (link.has_succeeded or link.request.every_pad)
     ]
     if waiting and all(pad.peer is None for pad in element.src_pads()):
         raise ElementFailure(element.name, element.factory, _unlinked(element, waiting[0]))

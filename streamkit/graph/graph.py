@@ -64,6 +64,11 @@ class Graph:
         """The elements that run in this process."""
         return [element for element in self.elements if self.is_local(element)]
 
+    @property
+    def is_live(self) -> bool:
+        """Whether any source is live, in any process."""
+        return any(isinstance(element, Source) and element.is_live for element in self.elements)
+
     def roots(self) -> list[Element]:
         """The local elements where streams begin: sources, and links from other processes."""
         return [

@@ -112,7 +112,7 @@ class Pipeline:
     @property
     def is_live(self) -> bool:
         """Whether any source is live."""
-        return self._playback.is_live
+        return self.graph.is_live
 
     # States.
 

@@ -60,11 +60,6 @@ class Playback:
         self.cpu_began_ns = 0
         self.is_over_elsewhere: Callable[[], bool] = lambda: True
 
-    @property
-    def is_live(self) -> bool:
-        """Whether any source is live, in any process."""
-        return any(isinstance(element, Source) and element.is_live for element in self._graph.elements)
-
     def begin(self, watchdog_s: float, stop: Callable[[], None], ends_with_program: bool) -> None:
         """Makes the chains; starts the watchdog and a thread for every source and queue.
 
@@ -173,7 +168,7 @@ class Playback:
             element.wake()
 
     def _expect_preroll(self) -> None:
-        self.end.expect_preroll([] if self.is_live else self._sinks())
+        self.end.expect_preroll([] if self._graph.is_live else self._sinks())
 
     def flush(self, *, begins: bool) -> None:
         """Begins to drop all frames in flight, or lets sources continue with their next frame."""
@@ -255,7 +250,7 @@ class Playback:
         with self._lock:
             sinks = [element for element in elements if isinstance(element, Sink)]
             self.end.expect_end(sinks)
-            if not self._timing.running.is_set() and not self.is_live:
+            if not self._timing.running.is_set() and not self._graph.is_live:
                 self.end.expect_preroll(sinks)
             for element in elements:
                 element.begin_run()

@@ -36,7 +36,7 @@ def graph_latency(graph: Graph) -> Latency:
 
     Source: GStreamer's latency query.
     """
-    if not any(isinstance(element, Source) and element.is_live for element in graph.elements):
+    if not graph.is_live:
         return Latency(False)
     known: dict[Element, Latency] = {}
     for element in reversed(graph.from_sinks()):

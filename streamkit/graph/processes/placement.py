@@ -67,7 +67,7 @@ def _check_elements(graph: Graph, places: dict[Element, Place]) -> None:
 def _check_delayed_links(graph: Graph) -> None:
     """Refuses links between processes that wait for a pad of the stream."""
     for delayed in graph.delayed_links:
-        if graph.homes.get(delayed.source) is not graph.homes.get(delayed.request.sink):
+        if graph.homes.get(delayed.request.source) is not graph.homes.get(delayed.request.sink):
             rule = f"{delayed.description} waits for a pad of the stream, and cannot lead to another process"
             remedy = "put both elements into one bin, with what follows them"
             raise DescriptionError("link", rule, delayed.request.place, remedy)
