@@ -1,17 +1,16 @@
-"""The commands of the pages, called in the process of the tests: most of a short one is its start."""
+"""The commands of the pages, called in a folder."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
 import typer
-from click.testing import Result
-from typer.testing import CliRunner
 
-from streamkit.cli.main import make_app
+from tests import command_line
 
-Call = Callable[[Sequence[str], Path], Result]
+Call = Callable[[Sequence[str], Path], CompletedProcess[str]]
 
 
 @pytest.fixture
@@ -24,8 +23,8 @@ def call(monkeypatch: pytest.MonkeyPatch) -> Call:
     monkeypatch.setattr("streamkit.cli.launch._exit", leave)
     monkeypatch.setattr("streamkit.cli.launch.share_cores", lambda _: None)  # it changes the environment
 
-    def run(words: Sequence[str], folder: Path) -> Result:
+    def run(words: Sequence[str], folder: Path) -> CompletedProcess[str]:
         monkeypatch.chdir(folder)
-        return CliRunner().invoke(make_app(), list(words), env={"COLUMNS": "200"})
+        return command_line.run(*words)
 
     return run

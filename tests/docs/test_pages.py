@@ -6,9 +6,9 @@ import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
-from click.testing import Result
 from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
@@ -42,12 +42,14 @@ def commands(text: str) -> list[list[str]]:
 
 @pytest.mark.usefixtures("forget_registered")
 @pytest.mark.parametrize("page", FOLLOWED)
-def test_a_page_can_be_followed(page: str, tmp_path: Path, call: Callable[[list[str], Path], Result]) -> None:
+def test_a_page_can_be_followed(
+    page: str, tmp_path: Path, call: Callable[[list[str], Path], CompletedProcess[str]]
+) -> None:
     """Its commands, in order and in one folder, end with code 0; its programs run."""
     for language, body in blocks(page):
         for words in commands(body) if language == "sh" else []:
             result = call(words[1:], tmp_path)
-            assert result.exit_code == 0, f"{shlex.join(words)}\n{result.output}"
+            assert result.returncode == 0, f"{shlex.join(words)}\n{result.stderr}"
         if language == "python":
             exec(compile(body, page, "exec"), {"__name__": "__main__"})
 

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from click.testing import Result
 
 from tests.slowness import patience
 
@@ -58,14 +57,16 @@ def test_readme_names_the_two_commands() -> None:
 
 
 @pytest.mark.timeout(400)
-def test_launch_lines_run_in_order(folder: Path, call: Callable[[list[str], Path], Result]) -> None:
+def test_launch_lines_run_in_order(
+    folder: Path, call: Callable[[list[str], Path], subprocess.CompletedProcess[str]]
+) -> None:
     """Each, and what reads its files, ends with exit code 0; one that needs a camera is built instead."""
     assert len(LAUNCHES) >= 5
     for command in LAUNCHES:
         needs_peer = any(mark in command for mark in NEEDS_PEER)
         line = command.replace("launch -e", "graph", 1) if needs_peer else command
         done = call(shlex.split(line)[1:], folder)
-        assert done.exit_code == 0, f"{command}\n{done.output}"
+        assert done.returncode == 0, f"{command}\n{done.stderr}"
 
 
 @pytest.mark.parametrize("command", commands_of("inspect", "graph", "caps", "new"))

@@ -5,10 +5,10 @@ import re
 import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
-from click.testing import Result
 
 from streamkit import Frame, Pipeline, raw_video_caps
 from streamkit.testing import Harness
@@ -26,12 +26,14 @@ def elements(register: Callable[..., None], tmp_path: Path, monkeypatch: pytest.
     register(glare=module.Glare, subtractlatest=module.SubtractLatest)
 
 
-def test_the_commands_run(call: Callable[[Sequence[str], Path], Result], tmp_path: Path) -> None:
+def test_the_commands_run(
+    call: Callable[[Sequence[str], Path], CompletedProcess[str]], tmp_path: Path
+) -> None:
     """And the mask is a film."""
     (commands,) = re.findall(r"```sh\n(.*?)```", TEXT, re.DOTALL)
     for line in commands.splitlines():
         done = call(shlex.split(line)[1:], tmp_path)
-        assert done.exit_code == 0, done.output
+        assert done.returncode == 0, done.stderr
     assert (tmp_path / "mask.mp4").stat().st_size > 500
 
 
