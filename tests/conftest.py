@@ -54,12 +54,6 @@ def process_of(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
         use_processes(factory, monkeypatch)
 
 
-def pytest_collection_finish() -> None:
-    """Takes what all tests have in common out of each later search for garbage, which took 0.5 s with it."""
-    gc.collect()
-    gc.freeze()
-
-
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """A test's limit of time is one for an idle machine; a slow one gets as many times longer.
@@ -68,6 +62,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
     """
     path, factor = item.config.stash.get(SLOWNESS, (None, 1.0))
     if path != item.path:
+        if not gc.get_freeze_count():  # `launch` unfreezes; a search among all collected tests takes 0.5 s
+            gc.freeze()
         factor = max(factor, slowness())
         item.config.stash[SLOWNESS] = item.path, factor
     marker = item.get_closest_marker("timeout")
