@@ -25,11 +25,12 @@ GreyStep = tuple[NDArray[np.uint8], FloatArray, FloatArray]
 class Layered:
     """Position, then size, then angle."""
 
-    particles: Particles
+    particles: Particles | None = None
 
     def carry(self, camera: FloatArray) -> None:
         """Moves the particles with the camera, float64[2]."""
-        self.particles.positions = self.particles.positions + camera
+        if self.particles is not None:
+            self.particles.positions = self.particles.positions + camera
 
     def step(self, window: FloatArray, motion: FloatArray, score: Score, generator: Generator) -> FloatArray:
         """The window, float64[5], after one frame."""
@@ -81,7 +82,7 @@ def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[floa
     window, motion = truth.copy(), np.zeros(5)
     factor = shrink_factor(window, PATCH, sampler.shape)
     template = EigenTemplate(sampler.sample(window[None], PATCH, factor)[0].copy())
-    method: Layered | Flat = Layered(Particles.at(window)) if layered else Flat(window[None].copy())
+    method: Layered | Flat = Layered() if layered else Flat(window[None].copy())
 
     def score(windows: FloatArray) -> FloatArray:
         crops = sampler.crop(windows.reshape(-1, 5), factor)

@@ -77,9 +77,9 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     if observation.are_objects and observation.scores is not None:
         is_weak = find_weak(table, observation.scores)
     strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
-    unlike = _compare_looks(table.models, observation)
-    costs = _look_costs(table.models, unlike, observation.are_objects)
-    is_gated = gated(table)
+    unlike, costs = _compare_looks(table.models, observation)
+    # a dormant target of unknown position is found upon its prediction only
+    is_gated = ~dormant | (position_doubt(table.rows) < KNOWN_TO)
     strong = _assign_group(table, followed & ~dormant, strong, detected, costs, is_gated)
     _assign_group(table, followed & ~dormant, weak, detected, costs, is_gated)
     for group in (followed & dormant, ~followed):
@@ -126,14 +126,6 @@ def _assign_group(
     return free[left]
 
 
-def gated(table: TargetTable) -> BoolArray:
-    """bool[n]: targets that are found at a distance from their prediction, not only upon it.
-
-    Those that are not dormant, and of the others those whose position is known.
-    """
-    return np.asarray(~table.dormant | (position_doubt(table.rows) < KNOWN_TO))
-
-
 def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
     """Rows and columns that are paired at the least total cost; those without a finite cost stay apart.
 
@@ -145,11 +137,16 @@ def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
     return rows[allowed], columns[allowed]
 
 
-def _compare_looks(models: Sequence[TargetModel], observation: Observation) -> FloatArray:
-    """Differences float64[t, d] of the detections from the looks of targets, NaN where none compares."""
+def _compare_looks(models: Sequence[TargetModel], observation: Observation) -> tuple[FloatArray, FloatArray]:
+    """Differences of the detections from the looks of targets, and their costs, each float64[t, d].
+
+    A difference is NaN where nothing compares. A cost is 0 for the same direction as the mean, up to 4 for
+    the opposite. An object that is too unlike is another one: where one person covers another, boxes alone
+    would go over from one to the other. Regions of motion merge and split, so that there it costs only.
+    """
     unlike = np.full((len(models), len(observation.centroids)), np.nan)
     if observation.features is None:
-        return unlike
+        return unlike, np.zeros_like(unlike)
     looks = {
         row: model.look
         for row, model in enumerate(models)
@@ -157,20 +154,11 @@ def _compare_looks(models: Sequence[TargetModel], observation: Observation) -> F
     }
     if looks:
         unlike[list(looks)] = differences(list(looks.values()), np.nan_to_num(observation.features))
-    return unlike
-
-
-def _look_costs(models: Sequence[TargetModel], unlike: FloatArray, are_objects: bool) -> FloatArray:
-    """Costs float64[t, d] of differences: 0 for the same direction as the mean, up to 4 for the opposite.
-
-    An object that is too unlike is another one: where one person covers another, boxes alone would go over
-    from one to the other. Regions of motion merge and split, so that there it costs only.
-    """
     costs = LOOK_WEIGHT * np.nan_to_num(unlike)
-    if are_objects:
+    if observation.are_objects:
         limits = np.array([math.inf if model.look is None else model.look.limit for model in models])
         costs[unlike > limits[:, None]] = np.inf
-    return costs
+    return unlike, costs
 
 
 def _learn_looks(table: TargetTable, unlike: FloatArray, observation: Observation) -> None:

@@ -107,17 +107,6 @@ def position_doubt(rows: TargetRows) -> FloatArray:
     return np.asarray(deviations / np.sqrt(window[:, 2] * window[:, 3]))
 
 
-def begin_frame(targets: TargetRows) -> None:
-    """Resets the fields of the last frame; the predicted position is the mean."""
-    targets["predicted"] = targets["mean"][:, :2]
-    targets["detection"] = -1
-    for name, value in (
-        ("gate", np.nan), ("similarity", np.nan), ("crowded", False), ("recognised", False),
-        ("learnt", False), ("measured", False), ("filter_share", 0.0),
-    ):  # fmt: skip
-        targets[name] = value
-
-
 def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     """Counts one frame of `step_s` seconds for every target, with or without a detection.
 

@@ -12,7 +12,6 @@ from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
 from streamkit_tracker.trail import extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
-from streamkit_tracker.update.layered_filter import Particles
 from streamkit_tracker.update.return_search import ReturnSearch
 from streamkit_tracker.window_geometry import LENGTH, WIDTH
 
@@ -64,7 +63,6 @@ def start_appearance(table: TargetTable, index: int, space: Space | None, sample
     model.template = (
         EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
     )
-    model.particles = Particles.at(window)
     if target["manual"]:
         model.memory = Memory(CorrelationFilter(sampler, window))
         model.return_search = ReturnSearch(sampler, window)

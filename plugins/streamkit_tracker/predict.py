@@ -37,7 +37,6 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
         step_s: time between the frames, s, above 0.
     """
     rows, homography = table.rows, invertible(to_previous)
-    rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
     if homography is not None:
         # the trail of a target that its detections have confirmed is not used any more
         trailed = [model for model in table.models if model.template is None or model.memory is not None]
@@ -54,6 +53,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
             particles.positions = mapped[begin : begin + len(particles.positions)]
             begin += len(particles.positions)
     advance(rows, step_s)
+    rows["predicted"] = rows["mean"][:, :2]
 
 
 def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray) -> None:

@@ -88,7 +88,7 @@ class TargetModel:
         trail: float64[n, 2], its last positions: detected ones before it is confirmed, those where it was
             recognised if it is drawn by hand; px of the latest frame.
         template: windows are compared with it; None before the target is confirmed.
-        particles: of the layered filter, from then on.
+        particles: of the layered filter; None while they are one, at the window.
         patch: samples of a compared patch (rows, columns).
         memory: correlation filter against the background, for targets drawn by hand, else None.
         return_search: finds such a target again, else None.
@@ -163,12 +163,18 @@ class TargetTable:
         self.rows["state"][index] = LOST
         self.causes[int(self.rows["id"][index])] = cause
 
-    def drop_lost(self) -> None:
-        """Removes the rows of lost targets, after they were reported."""
+    def begin_frame(self) -> None:
+        """Removes the rows of lost targets, which were reported, and resets the fields of the last frame."""
         kept = self.rows["state"] != LOST
         if not kept.all():
             self.rows = self.rows[kept]
             self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
+        rows, self.causes = self.rows, {}
+        rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
+        rows["predicted"], rows["detection"] = rows["mean"][:, :2], -1
+        rows["gate"] = rows["similarity"] = np.nan
+        rows["crowded"] = rows["recognised"] = rows["learnt"] = rows["measured"] = False
+        rows["filter_share"] = 0.0
 
     @property
     def followed(self) -> BoolArray:

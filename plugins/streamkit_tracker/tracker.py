@@ -12,7 +12,6 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.associate import associate
 from streamkit_tracker.budget import Budget
 from streamkit_tracker.delete import (
-    begin_frame,
     coast_all,
     end_duplicates,
     end_gone,
@@ -24,13 +23,13 @@ from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.predict import correct, predict
 from streamkit_tracker.report import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import COASTING, BoolArray, TargetTable
+from streamkit_tracker.targets import COASTING, IndexArray, TargetTable
 from streamkit_tracker.update.detected_box import follow_boxes, follow_detections, has_own_detection
-from streamkit_tracker.update.measurement import find_again, learn_appearances, measure
+from streamkit_tracker.update.measurement import follow_drawn, learn_detected, measure
 from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
 
-SEARCH_EVERY = 2  # frames, of a target that its detections keep in place
+SEARCH_EVERY = 2  # frames, and learn likewise, of a target that its detections keep in place
 
 
 class MultiTargetTracker:
@@ -74,7 +73,6 @@ class MultiTargetTracker:
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
         self._sampler.set_frame(image, observation.chroma)
-        targets.drop_lost()
         row = targets.add(window, manual=True, cause="drawn by hand")
         start_appearance(targets, row, observation.space, self._sampler)
         targets.confirm(row, "drawn by hand")
@@ -91,7 +89,7 @@ class MultiTargetTracker:
             One report for every target, in order of their ids; a target that ends is reported once as lost.
         """
         targets, sampler = self.targets, self._sampler
-        targets.drop_lost()
+        targets.begin_frame()
         if observation.detector_ran:
             targets.are_objects = observation.are_objects
         if observation.are_objects and observation.features is None:
@@ -107,11 +105,12 @@ class MultiTargetTracker:
         free = associate(targets, detected, observation)
         pass_time(targets, step_s, observation.detector_ran)
         follow_detections(rows, detected, step_s, targets.are_objects)
-        measure(targets, np.flatnonzero(self._is_searched()), observation, sampler, self._budget.share)
+        searched = self._searched()
+        measure(targets, searched, observation, sampler, self._budget.share)
         correct(rows)
         follow_boxes(rows, detected, targets.are_objects)
-        learn_appearances(targets, sampler)
-        find_again(targets, sampler)
+        learn_detected(targets, searched, sampler)
+        follow_drawn(targets, sampler)
         end_gone(targets, sampler.shape)
         start_appearances(targets, observation, sampler)
         if len(rows) > self.settings.max_targets:
@@ -130,8 +129,6 @@ class MultiTargetTracker:
         self._shape = (image.shape[0], image.shape[1])
         if is_resized or observation.continuity is FrameContinuity.NEW:
             cause = "the frame's size changed" if is_resized else "a cut, or a plane without a mapping"
-            begin_frame(targets.rows)
-            targets.causes = {}
             targets.rows["state"] = COASTING
             targets.rows["frames_unseen"] += 1
             for row, model in enumerate(targets.models):
@@ -140,19 +137,17 @@ class MultiTargetTracker:
                     targets.lose(row, cause)
             return False
         predict(targets, observation.to_previous, observation.step_s)
-        begin_frame(targets.rows)
-        targets.causes = {}
         if observation.continuity is FrameContinuity.LOST:
             pass_time(targets, observation.step_s, detector_ran=False)  # its detections are not used
             coast_all(targets)
             return False
         return True
 
-    def _is_searched(self) -> BoolArray:
-        """bool[n]: targets whose appearance is searched in this frame."""
+    def _searched(self) -> IndexArray:
+        """Rows of the targets whose appearance is searched in this frame."""
         rows, followed = self.targets.rows, self.targets.followed
         found = rows["detection"] >= 0
-        # in every other frame, a detection of its own is enough for a target
+        # in every other frame, a detection of its own is enough: the target is neither searched nor learnt
         is_resting = has_own_detection(rows) & ((rows["id"] + self._frames) % SEARCH_EVERY > 0)
         # boxes that show the whole target are better than any template
-        return np.asarray(followed & ~is_resting & ~rows["whole"] & (found | ~self.targets.dormant))
+        return np.flatnonzero(followed & ~is_resting & ~rows["whole"] & (found | ~self.targets.dormant))

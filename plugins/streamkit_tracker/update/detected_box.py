@@ -42,9 +42,10 @@ def follow_detections(
     are with a detector, else the large ones.
     """
     index = np.flatnonzero((targets["detection"] >= 0) & ~targets["crowded"])
-    known, now = targets["box"][index], detected_sides(detected[targets["detection"][index]])
-    rate = 1.0 - (1.0 - OBJECT_RATE) ** (step_s / RATED_S) if are_objects else 1.0
-    targets["box"][index] = known * (now / known) ** rate
+    seen = detected[targets["detection"][index]]
+    sides = np.maximum(seen[:, RIGHT:] - seen[:, LEFT:RIGHT], 1.0)
+    kept = (1.0 - OBJECT_RATE) ** (step_s / RATED_S) if are_objects else 0.0
+    targets["box"][index] = targets["box"][index] ** kept * sides ** (1.0 - kept)
     is_large = targets["box"].prod(axis=1) >= LARGE_SIDE**2
     targets["whole"] = ~targets["manual"] & (are_objects | is_large)
 
@@ -69,7 +70,7 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
         places = np.where(rows["whole"][:, None], middles, seen[:, :LEFT])
         # the errors of a detection and of the filter, which follows appearance, are independent
         centres = DETECTED_SHARE * places + (1 - DETECTED_SHARE) * rows["mean"][:, :2]
-        targets["window"][index] = turned_windows(centres, detected_sides(seen), headings)
+        targets["window"][index] = turned_windows(centres, rows["box"], headings)
     targets["recognised"][index] = True
 
 
@@ -77,11 +78,6 @@ def has_own_detection(targets: TargetRows) -> BoolArray:
     """bool[n]: confirmed before, not drawn by hand, and detected by a box that shows no other target."""
     is_led = ~targets["manual"] & (targets["state"] != TENTATIVE)
     return np.asarray(is_led & (targets["detection"] >= 0) & ~targets["crowded"])
-
-
-def detected_sides(seen: FloatArray) -> FloatArray:
-    """Width and height of detections float64[n, 6]: float64[n, 2], px, 1 at least."""
-    return np.maximum(seen[:, RIGHT:] - seen[:, LEFT:RIGHT], 1.0)
 
 
 def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,11 +64,6 @@ class Particles:
     positions: FloatArray
     weights: FloatArray
 
-    @classmethod
-    def at(cls, position: FloatArray) -> Particles:
-        """One particle at float64[2]."""
-        return cls(np.array(position[None, :2], np.float64), np.ones(1))
-
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
@@ -88,8 +83,8 @@ class Estimates:
 
 
 def layered_step(
-    particles: list[Particles],
-    generators: list[np.random.Generator],
+    particles: Sequence[Particles | None],
+    generators: Sequence[np.random.Generator],
     searches: SearchRows,
     score: Score,
     settings: LayerSettings,
@@ -101,7 +96,7 @@ def layered_step(
     every survivor of layer 1 ends with one full state and one weight.
 
     Args:
-        particles: of the previous frame, in the pixels of this one.
+        particles: of the previous frame, in the pixels of this one; None for one at the target's window.
         generators: one for each target, the only sources of chance.
         searches: t rows of `SEARCH`.
         score: log scores float64[t, n] of windows float64[t, n, 5].
@@ -118,9 +113,11 @@ def layered_step(
         generator.standard_normal(out=row)
     offsets = np.array([generator.random() for generator in generators])
     windows = np.empty((targets, settings.particles, 5))
-    counts = np.array([len(held.weights) for held in particles])
-    positions = np.concatenate([held.positions for held in particles])
-    weights = np.concatenate([held.weights for held in particles])
+    last_windows = searches["window"][:, None, :2]
+    held = [each or Particles(at, np.ones(1)) for each, at in zip(particles, last_windows, strict=True)]
+    counts = np.array([len(each.weights) for each in held])
+    positions = np.concatenate([each.positions for each in held])
+    weights = np.concatenate([each.weights for each in held])
     first_windows(positions, weights, counts, offsets, searches, noise, windows)
     scores = score(windows)
     order = np.argsort(-scores, axis=1, kind="stable")[:, :keep]

@@ -9,12 +9,12 @@ import numpy as np
 from streamkit_tracker.appearance.correlation_filter import Memory
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.region_features import PADDING
-from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
+from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
 from streamkit_tracker.update.detected_box import has_own_detection, motion_headings, turned_windows
-from streamkit_tracker.update.layered_filter import SEARCH, Estimates, Particles, SearchRows
+from streamkit_tracker.update.layered_filter import SEARCH, Estimates, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import Kind, search
 from streamkit_tracker.window_geometry import (
@@ -161,32 +161,25 @@ def _expect_manual(
         search["window"][LENGTH:] = response.window[LENGTH:]
 
 
-def learn_appearances(table: TargetTable, sampler: WindowSampler) -> None:
-    """Gathers the particles of targets that were not recognised; templates and filters learn those that were.
+def learn_detected(table: TargetTable, searched: IndexArray, sampler: WindowSampler) -> None:
+    """Lets the templates of the rows `searched` learn the windows that detections of their own have set.
 
-    A template learns every window that a detection of its own has set: what it is not shown it cannot find
-    in the next frame without one.
+    What a template is not shown it cannot find in the next frame without a detection.
     """
-    rows, followed = table.rows, table.followed
-    for index in np.flatnonzero(followed & ~rows["recognised"]).tolist():
-        table.models[index].particles = Particles.at(rows["mean"][index])
-    _learn_detected(table, np.flatnonzero(has_own_detection(rows) & ~rows["whole"]), sampler)
-    for index in np.flatnonzero(followed & rows["manual"]).tolist():
-        model, region, share = table.models[index], None, float(rows["filter_share"][index])
-        memory = model.memory
-        assert memory is not None
-        if rows["recognised"][index]:
-            model.trail = extended(model.trail, rows["mean"][index, :2])
-            region = memory.latest.features.read(sampler, rows["window"][index])
-            if share > MIN_SHARE:
-                memory.latest.learn(sampler, region, share)
-        else:
-            rows["mean"][index, 2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
-        memory.compare(region)
+    rows, is_led = table.rows, has_own_detection(table.rows)
+    for row in np.flatnonzero(is_led | ~rows["recognised"]).tolist():
+        table.models[row].particles = None  # they begin at the window again
+    index = searched[is_led[searched]]
+    windows = np.concatenate([rows["mean"][index, :2], rows["window"][index, LENGTH:]], axis=1)
+    for row, window in zip(index.tolist(), windows, strict=True):
+        model = table.models[row]
+        assert model.template is not None
+        model.template.update(sampler.sample(window[None], model.patch)[0])
+    rows["learnt"][index] = True
 
 
-def find_again(table: TargetTable, sampler: WindowSampler) -> None:
-    """Looks for targets drawn by hand with their detectors.
+def follow_drawn(table: TargetTable, sampler: WindowSampler) -> None:
+    """Lets the filters of targets drawn by hand learn, then looks for the targets with their detectors.
 
     A target that is not sure moves to where its detector finds it, beyond the region of the filter.
     """
@@ -197,6 +190,7 @@ def find_again(table: TargetTable, sampler: WindowSampler) -> None:
         assert memory is not None
         assert search is not None
         is_seen = bool(target["recognised"])
+        _learn_drawn(target, model, memory, sampler)
         found = search.look(sampler, target["window"], memory, is_seen=is_seen)
         target["sure"] = memory.is_sure
         if found is None:
@@ -206,23 +200,17 @@ def find_again(table: TargetTable, sampler: WindowSampler) -> None:
             memory.begin_again()
             target["window"], target["mean"][:2], target["mean"][2:] = found, found[:2], 0.0
             target["recognised"] = target["sure"] = True
-            model.particles, model.trail = Particles.at(found), found[None, :2].copy()
+            model.particles, model.trail = None, found[None, :2].copy()
 
 
-def _learn_detected(table: TargetTable, index: IndexArray, sampler: WindowSampler) -> None:
-    """Lets the templates of the targets in rows `index` learn their windows, those that are alike at once."""
-    rows, models = table.rows[index], [table.models[row] for row in index.tolist()]
-    windows = np.concatenate([rows["mean"][:, :2], rows["window"][:, LENGTH:]], axis=1)
-    groups: dict[tuple[tuple[int, int], int], list[int]] = {}
-    for place, model in enumerate(models):
-        factor = shrink_factor(windows[place], model.patch, sampler.shape)
-        groups.setdefault((model.patch, factor), []).append(place)
-        model.particles = Particles.at(windows[place])
-    for (patch, factor), members in groups.items():
-        crops = sampler.crop(windows[members], factor, len(members))
-        patches = sampler.sample(windows[members], patch, crops=crops)
-        for place, pixels in zip(members, patches, strict=True):
-            template = models[place].template
-            assert template is not None
-            template.update(pixels)
-    table.rows["learnt"][index] = True
+def _learn_drawn(target: TargetRows, model: TargetModel, memory: Memory, sampler: WindowSampler) -> None:
+    """Lets trail and filter of a recognised target learn it, and compares the filter with its copies."""
+    region, share = None, float(target["filter_share"])
+    if target["recognised"]:
+        model.trail = extended(model.trail, target["mean"][:2])
+        region = memory.latest.features.read(sampler, target["window"])
+        if share > MIN_SHARE:
+            memory.latest.learn(sampler, region, share)
+    else:
+        target["mean"][2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
+    memory.compare(region)

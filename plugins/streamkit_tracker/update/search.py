@@ -94,11 +94,14 @@ def search(
         )
         return distances, first
 
-    def score(windows: FloatArray) -> FloatArray:
-        return log_scores(compare(windows)[0], variance, windows, searches, sampler.shape)
-
-    particles = [model.particles for model in models if model.particles is not None]
-    estimates = layered_step(particles, [model.generator for model in models], searches, score, kind.layers)
+    particles, generators = zip(*((model.particles, model.generator) for model in models), strict=True)
+    estimates = layered_step(
+        particles,
+        generators,
+        searches,
+        lambda windows: log_scores(compare(windows)[0], variance, windows, searches, sampler.shape),
+        kind.layers,
+    )
     distances, patches = compare(estimates.windows[:, None])
     return estimates, distances[:, 0], patches
 

@@ -75,6 +75,7 @@ def test_windows_lie_on_detections_of_their_own():
     targets["window"], targets["mean"] = window_at(100, 100), [109.0, 102, 0, 0]
     targets["covariance"], targets["detection"] = np.eye(4), [0, 0, 0, 0, -1]
     targets["crowded"][1], targets["state"][2], targets["manual"][3] = True, TENTATIVE, True
+    remember(targets, sighting(109, 102, 34, 18), STEP_S)
     follow_boxes(targets, sighting(109, 102, 34, 18)[None], are_objects=False)
     assert targets["recognised"].tolist() == [True, False, False, False, False]
     np.testing.assert_allclose(targets["window"][0], (109, 102, 34, 18, 0), atol=0.3)
@@ -107,6 +108,7 @@ def test_a_window_is_the_box_turned_into_the_motion():
     follow_boxes(target, seen, are_objects=True)
     assert target["window"][0].tolist() == [100.0, 50.0, 40.0, 40.0, 0.0]
     assert target["recognised"][0]
+    follow_detections(target, seen, STEP_S)
     follow_boxes(target, seen, are_objects=False)
     assert target["window"][0, :2].tolist() == [103.0, 51.5]
     np.testing.assert_allclose(upright_sides(target["window"]), [[44.0, 44.0]])

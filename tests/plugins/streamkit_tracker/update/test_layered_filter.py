@@ -5,7 +5,6 @@ import numpy as np
 from streamkit_tracker.update.layered_filter import (
     SEARCH,
     LayerSettings,
-    Particles,
     SearchRows,
     layered_step,
     resample,
@@ -31,7 +30,7 @@ def proposal(windows: np.ndarray, displacement: tuple[float, float] = (0.0, 0.0)
 def run(steps: int, seeds: list[int], start: np.ndarray) -> np.ndarray:
     """Windows float64[t, 5] after some steps, one target for each seed."""
     generators = [np.random.default_rng(seed) for seed in seeds]
-    particles, windows = [Particles.at(start)] * len(seeds), np.repeat(start[None], len(seeds), axis=0)
+    particles, windows = [None] * len(seeds), np.repeat(start[None], len(seeds), axis=0)
     for _ in range(steps):
         estimates = layered_step(particles, generators, proposal(windows), peak_score, LayerSettings())
         particles, windows = estimates.particles, estimates.windows
@@ -56,7 +55,7 @@ def test_an_even_score_keeps_the_estimate_near_the_prediction():
     """With no information the weights stay even and the estimate stays near the moved window."""
     start = PEAK.copy()
     flat = layered_step(
-        [Particles.at(start)],
+        [None],
         [np.random.default_rng(0)],
         proposal(start[None], (3.0, 0.0)),
         lambda windows: np.zeros(windows.shape[:2]),
@@ -76,9 +75,7 @@ def test_the_angle_is_averaged_modulo_pi():
         return np.zeros(windows.shape[:2])
 
     settings = LayerSettings(std_angle=0.05)
-    result = layered_step(
-        [Particles.at(start)], [np.random.default_rng(1)], proposal(start[None]), score, settings
-    )
+    result = layered_step([None], [np.random.default_rng(1)], proposal(start[None]), score, settings)
     assert abs(abs(result.windows[0, 4]) - np.pi / 2) < 0.1
 
 
@@ -86,9 +83,7 @@ def test_layers_without_particles_are_left_out():
     """Zero size and angle particles leave size and angle alone."""
     start = PEAK + np.array([2.0, 1, 0, 0, 0])
     settings = LayerSettings(particles=50, keep=5, size_particles=0, angle_particles=0)
-    result = layered_step(
-        [Particles.at(start)], [np.random.default_rng(0)], proposal(start[None]), peak_score, settings
-    )
+    result = layered_step([None], [np.random.default_rng(0)], proposal(start[None]), peak_score, settings)
     np.testing.assert_allclose(result.windows[0, 2:], start[2:])
 
 
