@@ -80,8 +80,8 @@ def learn(
         other_frames: uint16, frames that it was seen.
         bounds: the part of the canvas that the frame covers.
         spans: int64[h, 2], the columns of each of its rows that show the frame.
-        rates: weight of the frame in the background, alpha; in the noise, 0 for none; and in the noise of
-            ground that was never quiet.
+        rates: weight of the frame in the background, alpha; in the noise; and in the noise of ground that was
+            never quiet.
         limits: lambda, the frames that quiet pixels were seen at rest; frames after which a stationary object
             becomes background at the latest; largest difference of values that are the same to a provisional
             background, grey levels; frames in which the value that replaces such a background was seen.
@@ -99,8 +99,7 @@ def learn(
         known, candidates = averaged[size], is_open[size]
         _find_averaged(marks[0], marks[1], states, known)
         update_background(ground, values, known, alpha)
-        if rates[1] > 0.0:
-            learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
+        learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
         _find_open(values, marks, states, np.uint8(limits[2]), candidates, known)
         _count(known, frames)
         found, others = columns[: _find_set(candidates, columns)], (other[row, part], other_frames[row, part])

@@ -26,7 +26,6 @@ from streamkit_differencer.noise import (
     DEVIATION_RATIO,
     LEARNING_RATE,
     MAX_FOREGROUND,
-    NOISE_INTERVAL,
     RESTLESS_RATE,
 )
 from streamkit_differencer.settings import BackgroundSettings
@@ -159,14 +158,11 @@ class BackgroundModel:
         min_frames = settings.quiet_frames if self.flies else MIN_FRAMES
         same = int(settings.foreground_threshold)
         limits = settings.quiet_frames, settings.absorb_frames, same, min_frames
-        noise_rate = restless_rate = 0.0
-        if self._frames % NOISE_INTERVAL == 0:
-            is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
-            noise_rate, restless_rate = LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
+        is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
+        rates = settings.learning_rate, LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
         compared = frame.image, found.mask, found.quiet, found.background, found.thresholds
         learnt = ground.background, ground.deviation, ground.valid, ground.known_frames
         others = ground.other, ground.other_frames
-        rates = settings.learning_rate, noise_rate, restless_rate
         learn(*compared, *learnt, *others, bounds_of(frame.region), frame.spans, rates, limits)
 
     def _follow_exposure(self, frame: CanvasFrame) -> bool:

@@ -16,11 +16,9 @@ MAX_THRESHOLD = 60
 # Of a normal distribution: standard deviation over mean absolute deviation.
 DEVIATION_RATIO = 1.2533
 # First mean deviation of a pixel, and the share of the local range that is added: edges may flicker.
-FIRST_DEVIATION, EDGE_SHARE = np.float32(1.5), np.float32(0.08)
-# Noise changes slowly: it is learnt from one frame of so many.
-NOISE_INTERVAL = 4
-# Weight of such a frame in a pixel's noise, and in that of a pixel that was never quiet.
-LEARNING_RATE, RESTLESS_RATE = 0.2, 0.4
+FIRST_DEVIATION, EDGE_SHARE = np.float32(1.5), np.float32(0.04)
+# Weight of a frame in a pixel's noise, and in that of a pixel that was never quiet.
+LEARNING_RATE, RESTLESS_RATE = 0.1, 0.15
 # Where more of a frame is foreground, what passes for background may be part of what moves.
 MAX_FOREGROUND = 0.3
 
