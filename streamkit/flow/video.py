@@ -26,9 +26,8 @@ FIELDS = (
 )  # fmt: skip
 
 NTSC = Fraction(1000, 1001)
-ROUNDING = Fraction(
-    1, 100_000
-)  # relative; 23.976, 29.97 and 59.94 are a millionth off, 29.98 is 300 times that
+# Relative: 23.976, 29.97 and 59.94 are a millionth off what they stand for, 29.98 is 300 times that.
+ROUNDING = Fraction(1, 100_000)
 
 # What videoscale and videorate can make.
 CONVERTIBLE = "video/x-raw, width=[ 1, 32767 ], height=[ 1, 32767 ], framerate=[ 0/1, 2147483647/1 ]"
