@@ -43,9 +43,13 @@ def commands(text: str) -> list[list[str]]:
 @pytest.mark.usefixtures("forget_registered")
 @pytest.mark.parametrize("page", FOLLOWED)
 def test_a_page_can_be_followed(
-    page: str, tmp_path: Path, call: Callable[[list[str], Path], CompletedProcess[str]]
+    page: str,
+    tmp_path: Path,
+    call: Callable[[list[str], Path], CompletedProcess[str]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Its commands, in order and in one folder, end with code 0; its programs run."""
+    monkeypatch.chdir(tmp_path)
     for language, body in blocks(page):
         for words in commands(body) if language == "sh" else []:
             result = call(words[1:], tmp_path)
