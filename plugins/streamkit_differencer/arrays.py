@@ -16,6 +16,7 @@ LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 # A row of an image, [columns].
 ByteLine = NDArray[np.uint8]
+BYTES = types.Array(types.uint8, 1, "C")
 CountLine = NDArray[np.uint16]
 FloatLine = NDArray[np.float32]
 # Rows or columns of pixels, [n].
@@ -33,6 +34,8 @@ Slices = tuple[slice, slice]
 # The same for kernels: first row and the one after the last, first column and the one after the last.
 Bounds = tuple[int, int, int, int]
 BOUNDS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
+# A line is searched for set pixels by so many columns at a time.
+BLOCK = 64
 
 
 def bounds_of(region: Slices) -> Bounds:
@@ -67,3 +70,17 @@ def has_set(line: ByteLine) -> bool:
     for index in range(line.size):
         united |= line[index]
     return bool(united > 0)
+
+
+@compiled
+def find_set(line: ByteLine, columns: Indices) -> int:
+    """The columns of a line of a mask that are set, of which there are few; returns their number."""
+    count = 0
+    for start in range(0, line.size, BLOCK):
+        stop = min(start + BLOCK, line.size)
+        if has_set(line[start:stop]):
+            for column in range(start, stop):
+                if line[column]:
+                    columns[count] = column
+                    count += 1
+    return count

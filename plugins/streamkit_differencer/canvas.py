@@ -15,10 +15,17 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
-from streamkit.geometry.homography import IDENTITY, inverse, is_convex, normalised, project, translation
+from streamkit.geometry.homography import (
+    IDENTITY,
+    inverse,
+    is_convex,
+    normalised,
+    polygon_area,
+    project,
+    translation,
+)
 from streamkit_differencer.arrays import FloatArray
 
 # Of a frame's longer side; as wide on all sides, so that a view that turns stays on the canvas.
@@ -82,10 +89,12 @@ def working_to_frame(scale: int) -> FloatArray:
 
 def is_homography(matrix: FloatArray) -> bool:
     """Whether a matrix is a finite, well-conditioned homography."""
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or matrix[2, 2] == 0.0:
+    if matrix.shape != (3, 3) or matrix[2, 2] == 0.0:
         return False
+    (a, b, c), (d, e, f), (g, h, i) = (matrix / matrix[2, 2]).tolist()
     smallest, largest = DETERMINANT_LIMITS
-    return bool(smallest < abs(np.linalg.det(matrix / matrix[2, 2])) < largest)
+    # False also for what is no number.
+    return smallest < abs(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)) < largest
 
 
 @dataclass(slots=True)
@@ -147,12 +156,14 @@ class Canvas:
         return corners if depth.min() * depth.max() > 0.0 and is_convex(corners) else None
 
     def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[CanvasChange, FloatArray]:
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        size = np.array(self.size, np.float64)
-        area_ratio = float(cv2.contourArea(corners.astype(np.float32))) / math.prod(self.working_size)
+        (width, height), (x, y) = self.size, corners.T.tolist()
+        left, right, top, bottom = min(x), max(x), min(y), max(y)
+        area_ratio = polygon_area(corners) / math.prod(self.working_size)
         smallest, largest = AREA_RATIO_LIMITS
-        if not (smallest <= area_ratio <= largest and (high - low <= size - 1.0).all()):
+        fits = right - left <= width - 1.0 and bottom - top <= height - 1.0
+        if not (fits and smallest <= area_ratio <= largest):
             return CanvasChange.REANCHOR, self._margin @ inverse(placed)
-        if (low >= -0.5).all() and (high <= size - 0.5).all():
+        if min(left, top) >= -0.5 and right <= width - 0.5 and bottom <= height - 0.5:
             return CanvasChange.NONE, IDENTITY
-        return CanvasChange.SCROLL, translation(np.round((size - 1.0 - low - high) / 2.0))
+        shift = np.array([width - 1.0 - left - right, height - 1.0 - top - bottom])
+        return CanvasChange.SCROLL, translation(np.round(shift / 2.0))

@@ -14,6 +14,7 @@ from streamkit_differencer.arrays import (
     FloatImage,
     FloatLine,
     Spans,
+    find_set,
     has_set,
 )
 from streamkit_differencer.equations import (
@@ -58,7 +59,8 @@ def find_quiet_ground(
         bounds: the part of the canvas that the frame covers.
         spans: int64[h, 2], the columns of each of its rows that show the frame.
         threshold: T_s, grey levels.
-        gradient_gain: see `equations.find_changes`.
+        gradient_gain: share of the local range of `earlier` that is added to the threshold, so that a
+            registration error at an edge is no change; 0 gives the paper's equation.
         quiet_frames: lambda.
 
     Returns:
@@ -67,58 +69,50 @@ def find_quiet_ground(
     top, bottom, left, right = bounds
     most, gain = np.float32(threshold), np.float32(gradient_gain)
     quiet, changed = np.zeros((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
-    ranges, lowest, highest = np.empty_like(changed), np.empty_like(changed), np.empty_like(changed)
+    columns = np.empty(right - left, np.int64)
     for row in range(top, bottom):
         first, last = spans[row - top]
-        if first == last:
-            continue
-        part, width = slice(first, last), slice(0, last - first)
+        part, seen = slice(first, last), (top, bottom, first, last)
         counters, values, before = waiting[row, part], image[row, part], earlier[row, part]
-        above, below = earlier[max(row - 1, top), part], earlier[min(row + 1, bottom - 1), part]
-        found, changes = ranges[width], changed[width]
-        _find_ranges(above, before, below, lowest[width], highest[width], found)
-        find_changes(values, before, found, most, gain, changes)
-        _add_unseen(values, before, changes)
+        changes = changed[: last - first]
+        find_changes(values, before, most, changes)
+        if gain > 0.0:
+            _mark_unseen(values, before, np.uint8(0), changes)
+            for column in columns[: find_set(changes, columns)]:
+                difference = np.float32(abs(np.int64(values[column]) - np.int64(before[column])))
+                edge = np.float32(_range_around(earlier, row, first + column, seen))
+                if np.rint(difference - gain * edge) <= most:
+                    changes[column] = 0
+        _mark_unseen(values, before, SET, changes)
         count_down(counters, changes)
         find_quiet(counters, quiet_frames, quiet[row - top, first - left : last - left])
         if _has_new(valid[row, part], counters):
             for column in range(first, last):
                 if valid[row, column] == UNKNOWN and waiting[row, column] < MAX_WAIT:
-                    edge = EDGE_SHARE * np.float32(found[column - first])
+                    edge = EDGE_SHARE * np.float32(_range_around(earlier, row, column, seen))
                     background[row, column], valid[row, column] = earlier[row, column], PROVISIONAL
                     deviation[row, column] = np.uint8(np.rint(DEVIATION_STEPS * (FIRST_DEVIATION + edge)))
     return quiet
 
 
 @compiled
-def _find_ranges(
-    above: ByteLine, line: ByteLine, below: ByteLine, lowest: ByteLine, highest: ByteLine, ranges: ByteLine
-) -> None:
-    """The range of what is seen among each pixel of a line and its neighbours.
-
-    `lowest` and `highest` become those among a pixel and the ones above and below it.
-    """
-    one = np.uint8(1)
-    for index in range(line.size):
-        first, middle, last = above[index], line[index], below[index]
-        highest[index] = max(first, middle, last)
-        # One less, so that what is unseen wraps to the largest number.
-        lowest[index] = min(np.uint8(first - one), np.uint8(middle - one), np.uint8(last - one))
-    end = line.size - 1
-    for index in range(1, end):
-        most = max(highest[index - 1], highest[index], highest[index + 1])
-        least = min(lowest[index - 1], lowest[index], lowest[index + 1])
-        ranges[index] = np.uint8(np.uint8(most - least) - one)
-    for index, other in ((0, min(1, end)), (end, max(end - 1, 0))):
-        most, least = max(highest[index], highest[other]), min(lowest[index], lowest[other])
-        ranges[index] = np.uint8(np.uint8(most - least) - one)
+def _range_around(image: ByteImage, row: int, column: int, bounds: Bounds) -> int:
+    """The range of what is seen among a pixel and its neighbours within the bounds."""
+    top, bottom, left, right = bounds
+    lowest, highest = 255, 0
+    for y in range(max(row - 1, top), min(row + 2, bottom)):
+        for x in range(max(column - 1, left), min(column + 2, right)):
+            value = int(np.int64(image[y, x]))
+            if value != UNSEEN:
+                lowest, highest = min(lowest, value), max(highest, value)
+    return max(highest - lowest, 0)
 
 
 @compiled
-def _add_unseen(image: ByteLine, earlier: ByteLine, changed: ByteLine) -> None:
-    """What is not in both frames counts as changed."""
+def _mark_unseen(image: ByteLine, earlier: ByteLine, mark: np.uint8, changed: ByteLine) -> None:
+    """Marks what is not in both frames; in the end it counts as changed."""
     for index in range(changed.size):
-        changed[index] = SET if min(image[index], earlier[index]) == np.uint8(UNSEEN) else changed[index]
+        changed[index] = mark if min(image[index], earlier[index]) == np.uint8(UNSEEN) else changed[index]
 
 
 @compiled
@@ -131,44 +125,57 @@ def _has_new(valid: ByteLine, waiting: ByteLine) -> bool:
     return bool(united > 0)
 
 
-@kernel(UINT8, UINT8, FLOAT32, UINT8, BOUNDS, SPANS, types.float64, types.float64)
-def find_limits(
+@kernel(UINT8, FLOAT32, UINT8, UINT8, BOUNDS, SPANS, *[types.float64] * 2, types.int64)
+def compare_with_background(
     image: ByteImage,
-    valid: ByteImage,
     background: FloatImage,
     deviation: ByteImage,
+    valid: ByteImage,
     bounds: Bounds,
     spans: Spans,
     gain: float,
     lowest: float,
-) -> tuple[ByteImage, ByteImage]:
-    """What a frame is compared with.
+    tolerance: int,
+) -> tuple[ByteImage, ByteImage, ByteImage]:
+    """Equation 4, with a threshold for each pixel and a tolerance.
 
     Args:
         image: uint8, f(t) on the canvas.
-        valid: uint8, see `ground`, as the other images.
         background: float32, B(t - 1).
         deviation: uint8, see `ground`.
+        valid: uint8, see `ground`.
         bounds: the part of the canvas that the frame covers.
         spans: int64[h, 2], the columns of each of its rows that show the frame.
         gain: of the threshold, in mean absolute deviations.
         lowest: smallest threshold, grey levels.
+        tolerance: registration error to tolerate, px: what lies between the least and the largest value of
+            the background in a square that reaches so far does not differ.
 
     Returns:
         uint8[h, w] each: B(t - 1) in whole grey levels; T_F of each pixel, `UNCOMPARED` where the frame shows
-        nothing or the background is unknown.
+        nothing or the background is unknown; mask of what differs.
     """
     top, bottom, left, right = bounds
     rounded = np.zeros((bottom - top, right - left), np.uint8)
-    thresholds = np.full(rounded.shape, np.uint8(UNCOMPARED))
+    mask, thresholds = np.zeros_like(rounded), np.full(rounded.shape, np.uint8(UNCOMPARED))
     times, least = np.float32(gain), np.float32(int(lowest))
     for row in range(top, bottom):
         first, last = spans[row - top]
-        part, limits = slice(first, last), thresholds[row - top, first - left : last - left]
-        _round(background[row, part], rounded[row - top, first - left : last - left])
+        part, here = slice(first, last), slice(first - left, last - left)
+        values, known, limits = image[row, part], rounded[row - top, here], thresholds[row - top, here]
+        _round(background[row, part], known)
         find_thresholds(deviation[row, part], times, least, limits)
-        _set_uncompared(image[row, part], valid[row, part], limits)
-    return rounded, thresholds
+        _set_uncompared(values, valid[row, part], limits)
+        find_foreground_pixels(values, known, limits, mask[row - top, here])
+    if tolerance > 0:
+        columns = np.empty(right - left, np.int64)
+        for line in range(bottom - top):
+            # What differs from the range differs from the pixel, too.
+            for column in columns[: find_set(mask[line], columns)]:
+                value, limit = image[top + line, left + column], thresholds[line, column]
+                if not _differs(value, rounded, line, column, tolerance, limit):
+                    mask[line, column] = 0
+    return rounded, thresholds, mask
 
 
 @compiled
@@ -185,33 +192,18 @@ def _set_uncompared(image: ByteLine, valid: ByteLine, thresholds: ByteLine) -> N
         thresholds[index] = np.uint8(UNCOMPARED) if is_missing else thresholds[index]
 
 
-@kernel(UINT8, BOUNDS, SPANS, *[UINT8] * 3)
-def compare_with_background(
-    image: ByteImage,
-    bounds: Bounds,
-    spans: Spans,
-    lowest: ByteImage,
-    highest: ByteImage,
-    thresholds: ByteImage,
-) -> ByteImage:
-    """Equation 4: mask, uint8[h, w], of what differs from the background beyond the tolerance.
-
-    Args:
-        image: uint8, f(t) on the canvas.
-        bounds: the part of the canvas that the frame covers.
-        spans: int64[h, 2], the columns of each of its rows that show the frame.
-        lowest: uint8[h, w], the least value of the background within the tolerance.
-        highest: uint8[h, w], the largest one.
-        thresholds: uint8[h, w], see `find_limits`.
-    """
-    top, bottom, left, _ = bounds
-    mask = np.zeros_like(thresholds)
-    for line in range(bottom - top):
-        first, last = spans[line]
-        values, here = image[top + line, first:last], slice(first - left, last - left)
-        limits = lowest[line, here], highest[line, here], thresholds[line, here]
-        find_foreground_pixels(values, *limits, mask[line, here])
-    return mask
+@compiled
+def _differs(
+    value: np.uint8, background: ByteImage, row: int, column: int, tolerance: int, threshold: np.uint8
+) -> bool:
+    """Whether a value differs from the range of the background around a pixel by more than a threshold."""
+    lowest, highest = np.int64(background[row, column]), np.int64(background[row, column])
+    for y in range(max(row - tolerance, 0), min(row + tolerance + 1, background.shape[0])):
+        for x in range(max(column - tolerance, 0), min(column + tolerance + 1, background.shape[1])):
+            near = np.int64(background[y, x])
+            lowest, highest = min(lowest, near), max(highest, near)
+    excess = max(np.int64(value) - highest, lowest - np.int64(value))
+    return bool(excess > np.int64(threshold))
 
 
 @kernel(UINT8, UINT8, UINT8, BOUNDS, SPANS, UINT8, UINT8, types.float64)
@@ -234,7 +226,7 @@ def add_weak(
         bounds: the part of the canvas that the frame covers.
         spans: int64[h, 2], the columns of each of its rows that show the frame.
         background: uint8[h, w], B(t - 1) in whole grey levels.
-        thresholds: uint8[h, w], see `find_limits`.
+        thresholds: uint8[h, w], see `compare_with_background`.
         ratio: lower threshold over the upper one.
     """
     top, bottom, left, _ = bounds

@@ -9,7 +9,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import inverse, project, translation
+from streamkit.geometry.homography import inverse, translation
 from streamkit_differencer.arrays import ByteImage, FloatArray
 from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.canvas import FIXED, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
@@ -27,7 +27,7 @@ from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.splitting import split_objects
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
-from streamkit_differencer.warping import fetch
+from streamkit_differencer.warping import fetch, mapped_boxes
 from streamkit_kernels import prepare
 
 # Smaller frames, in working pixels, are processed at full resolution.
@@ -227,13 +227,6 @@ def automatic_scale(width: int) -> int:
     if width <= WIDEST_FULL:
         return 1
     return 2 if width <= WIDEST_HALF else 4
-
-
-def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
-    """Bounding boxes of boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
-    outlines = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)
-    placed = project(matrix, outlines).reshape(len(boxes), 4, 2)
-    return np.hstack([placed.min(axis=1), placed.max(axis=1)])
 
 
 def warm_up() -> None:

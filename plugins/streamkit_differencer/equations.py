@@ -25,30 +25,19 @@ SET = np.uint8(255)
 
 
 @compiled
-def find_changes(
-    image: ByteLine,
-    earlier: ByteLine,
-    ranges: ByteLine,
-    threshold: np.float32,
-    gradient_gain: np.float32,
-    changed: ByteLine,
-) -> None:
+def find_changes(image: ByteLine, earlier: ByteLine, threshold: np.float32, changed: ByteLine) -> None:
     """Equation 2: the pixels that differ from f(t - tau) by more than T_s.
 
     Args:
         image: uint8[w], f(t).
         earlier: uint8[w], f(t - tau).
-        ranges: uint8[w], the local range of `earlier`.
         threshold: T_s, grey levels; a change exceeds it.
-        gradient_gain: share of the local range that is added to the threshold, so that a registration error
-            at an edge is no change; 0 gives the paper's equation.
         changed: uint8[w], becomes the mask S(t).
     """
     for index in range(changed.size):
         now, before = image[index], earlier[index]
         difference = np.float32(np.uint8(max(now, before) - min(now, before)))
-        excess = np.rint(difference - gradient_gain * np.float32(ranges[index]))
-        changed[index] = SET if excess > threshold else np.uint8(0)
+        changed[index] = SET if difference > threshold else np.uint8(0)
 
 
 @compiled
@@ -84,18 +73,17 @@ def update_background(background: FloatLine, image: ByteLine, mask: ByteLine, ra
 
 @compiled
 def find_foreground_pixels(
-    image: ByteLine, lowest: ByteLine, highest: ByteLine, thresholds: ByteLine, mask: ByteLine
+    image: ByteLine, background: ByteLine, thresholds: ByteLine, mask: ByteLine
 ) -> None:
     """Equation 4: the pixels that differ from B(t - 1) by more than their T_F.
 
     Args:
         image: uint8[w], f(t).
-        lowest: uint8[w], B(t - 1); with a tolerance the least value within it.
-        highest: uint8[w], the same, or the largest value.
+        background: uint8[w], B(t - 1) in whole grey levels.
         thresholds: uint8[w], T_F of each pixel.
         mask: uint8[w], becomes F(t).
     """
     for index in range(mask.size):
-        value, low, high = image[index], lowest[index], highest[index]
-        excess = np.uint8(max(value, high) - high) + np.uint8(low - min(value, low))
-        mask[index] = SET if excess > thresholds[index] else np.uint8(0)
+        value, known = image[index], background[index]
+        difference = np.uint8(max(value, known) - min(value, known))
+        mask[index] = SET if difference > thresholds[index] else np.uint8(0)

@@ -15,7 +15,9 @@ import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, bounds_of
 from streamkit_differencer.comparison import add_weak, compare_with_background
-from streamkit_differencer.ground import CanvasFrame
+from streamkit_differencer.ground import CanvasFrame, Ground
+from streamkit_differencer.noise import DEVIATION_RATIO
+from streamkit_differencer.settings import BackgroundSettings
 
 # Values of a finished mask: foreground that changed within quiet_frames, foreground that is quiet, shadow.
 # Values up to the last number are background or shadow.
@@ -27,37 +29,30 @@ _GROWTH = np.ones((7, 7), np.uint8)
 
 
 def find_foreground(
-    frame: CanvasFrame,
-    background: ByteImage,
-    thresholds: ByteImage,
-    tolerance: int,
-    hysteresis_ratio: float,
-) -> ByteImage:
+    frame: CanvasFrame, ground: Ground, tolerance: int, settings: BackgroundSettings
+) -> tuple[ByteImage, ByteImage, ByteImage]:
     """Foreground by equation 4; with a tolerance after a median, and grown through weak pixels.
 
     Args:
         frame: f(t) on the canvas.
-        background: uint8[h, w], B(t - 1), rounded, of the part that the frame covers, as what follows.
-        thresholds: uint8[h, w], T_F of each pixel, `UNCOMPARED` where it cannot be foreground.
+        ground: what is known of the canvas.
         tolerance: registration error to tolerate, px.
-        hysteresis_ratio: lower threshold over the upper one; 1 is off.
+        settings: of the thresholds.
 
     Returns:
-        uint8[h, w], mask.
+        uint8[h, w] each, of the part that the frame covers: B(t - 1), rounded, and T_F of each pixel, see
+        `comparison.compare_with_background`; the mask of the foreground.
     """
-    lowest = highest = background
-    if tolerance > 0:
-        square = np.ones((2 * tolerance + 1, 2 * tolerance + 1), np.uint8)
-        lowest = cast("ByteImage", cv2.erode(background, square))
-        highest = cast("ByteImage", cv2.dilate(background, square))
-    covered = frame.image, bounds_of(frame.region), frame.spans
-    mask = compare_with_background(*covered, lowest, highest, thresholds)
-    if tolerance <= 0 or hysteresis_ratio >= 1.0:
-        return mask
-    mask = cast("ByteImage", cv2.medianBlur(mask, 3))
-    near = cast("ByteImage", cv2.dilate(mask, _GROWTH))
-    add_weak(mask, near, *covered, background, thresholds, hysteresis_ratio)
-    return mask
+    covered, gain = (bounds_of(frame.region), frame.spans), settings.noise_gain * DEVIATION_RATIO
+    known = ground.background, ground.deviation, ground.valid
+    limits = gain, settings.foreground_threshold, tolerance
+    background, thresholds, mask = compare_with_background(frame.image, *known, *covered, *limits)
+    if tolerance > 0 and settings.hysteresis_ratio < 1.0:
+        mask = cast("ByteImage", cv2.medianBlur(mask, 3))
+        near = cast("ByteImage", cv2.dilate(mask, _GROWTH))
+        compared = *covered, background, thresholds
+        add_weak(mask, near, frame.image, *compared, settings.hysteresis_ratio)
+    return background, thresholds, mask
 
 
 def cleaned(mask: ByteImage, median: int, fill_holes: bool) -> ByteImage:

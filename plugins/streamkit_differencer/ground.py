@@ -49,7 +49,7 @@ class CanvasFrame(NamedTuple):
 
 @dataclass(slots=True)
 class Ground:
-    """The state of every pixel of a canvas, or of a part of it.
+    """The state of every pixel of a canvas.
 
     Attributes:
         background: float32[h, w], B; undefined where it is not valid.
@@ -76,10 +76,6 @@ class Ground:
             name: np.full(size[::-1], FILLS.get(name, 0), TYPES.get(name, np.uint8)) for name in cls.__slots__
         }
         return cls(**images)
-
-    def part(self, region: Slices) -> Ground:
-        """Views of a region of the canvas."""
-        return Ground(*(getattr(self, name)[region] for name in self.__slots__))
 
     def move(self, change: FloatArray, is_scroll: bool) -> None:
         """Moves everything onto another canvas of the same size.

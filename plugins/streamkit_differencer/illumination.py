@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import types
 
-from streamkit_differencer.arrays import ByteImage, FloatImage
+from streamkit_differencer.arrays import ByteImage, FloatImage, FloatLine
+from streamkit_kernels import UINT8_STRIDED, kernel
 
+FLOAT32_STRIDED = types.Array(types.float32, 2, "A", readonly=True)
 SAMPLE_STEP = 8
 SAMPLES = 600
 MIN_SAMPLES = 100
@@ -36,12 +39,7 @@ def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> 
         too few pixels, or if it does not fit most of them.
     """
     step = max(SAMPLE_STEP, round(math.sqrt(current.size / SAMPLES)))
-    grid = np.s_[step // 2 :: step, step // 2 :: step]
-    before, after = model[grid].astype(np.float32), current[grid].astype(np.float32)
-    usable = (
-        (known[grid] > 0) & (np.minimum(before, after) > DARKEST) & (np.maximum(before, after) < BRIGHTEST)
-    )
-    before, after = before[usable], after[usable]
+    before, after = sampled(model, current, known, step)
     if before.size < MIN_SAMPLES:
         return None
     gain, offset = 1.0, float(np.median(after - before))
@@ -56,3 +54,21 @@ def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> 
     agreement = (np.abs(after - gain * before - offset) <= NEAR).mean()
     is_sound = GAIN_LIMITS[0] <= gain <= GAIN_LIMITS[1] and agreement >= MIN_AGREEMENT
     return (gain, offset) if is_sound else None
+
+
+@kernel(FLOAT32_STRIDED, UINT8_STRIDED, UINT8_STRIDED, types.int64)
+def sampled(
+    model: FloatImage, current: ByteImage, known: ByteImage, step: int
+) -> tuple[FloatLine, FloatLine]:
+    """The values of both images, float32[n] each, at the points of a grid where neither is clipped."""
+    height, width = current.shape
+    before, after = np.empty((2, (height // step + 1) * (width // step + 1)), np.float32)
+    count = 0
+    for row in range(step // 2, height, step):
+        for column in range(step // 2, width, step):
+            value, other = model[row, column], np.float32(current[row, column])
+            is_clipped = min(value, other) <= DARKEST or max(value, other) >= BRIGHTEST
+            if known[row, column] > 0 and not is_clipped:
+                before[count], after[count] = value, other
+                count += 1
+    return before[:count], after[:count]

@@ -29,7 +29,7 @@ from streamkit_differencer.arrays import (
     FloatLine,
     Indices,
     Spans,
-    has_set,
+    find_set,
 )
 from streamkit_differencer.equations import SET, update_background
 from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN, UNSEEN
@@ -38,8 +38,6 @@ from streamkit_kernels import FLOAT32, UINT8, UINT16, compiled, kernel
 
 # Frames are counted up to this, or up to `absorb_frames` if that is more.
 MAX_FRAMES = 255
-# Few pixels are open: a line is searched for them by so many columns at a time.
-BLOCK = 64
 # Of a line of the frame: foreground, D = 0, B(t - 1) in whole grey levels, and T_F.
 Marks = tuple[ByteLine, ByteLine, ByteLine, ByteLine]
 RATES = types.UniTuple(types.float64, 3)  # type: ignore[no-untyped-call]
@@ -102,7 +100,7 @@ def learn(
         learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
         _find_open(values, marks, states, np.uint8(limits[2]), candidates, known)
         _count(known, frames)
-        found, others = columns[: _find_set(candidates, columns)], (other[row, part], other_frames[row, part])
+        found, others = columns[: find_set(candidates, columns)], (other[row, part], other_frames[row, part])
         _choose(found, values, marks, ground, states, frames, *others, limits)
 
 
@@ -127,11 +125,11 @@ def _find_open(
 
     They are foreground, quiet ground that is not known, and ground that differs from its provisional value.
     """
-    mask, quiet, rounded, thresholds = marks
+    mask, quiet, rounded, _ = marks
     for index in range(is_open.size):
         value, other = image[index], rounded[index]
         difference = np.uint8(max(value, other) - min(value, other))
-        differs = SET if difference > min(thresholds[index], same) else np.uint8(0)
+        differs = SET if difference > same else np.uint8(0)
         is_known = SET if valid[index] == np.uint8(KNOWN) else np.uint8(0)
         is_provisional = SET if valid[index] == np.uint8(PROVISIONAL) else np.uint8(0)
         is_seen = SET if value > np.uint8(UNSEEN) else np.uint8(0)
@@ -146,20 +144,6 @@ def _count(mask: ByteLine, frames: CountLine) -> None:
         more = np.uint16(frames[index] + np.uint16(mask[index] & np.uint8(1)))
         # Numbers wrap.
         frames[index] = max(more, frames[index])
-
-
-@compiled
-def _find_set(mask: ByteLine, columns: Indices) -> int:
-    """The columns of a line that are set, of which there are few; returns their number."""
-    count = 0
-    for start in range(0, mask.size, BLOCK):
-        stop = min(start + BLOCK, mask.size)
-        if has_set(mask[start:stop]):
-            for column in range(start, stop):
-                if mask[column]:
-                    columns[count] = column
-                    count += 1
-    return count
 
 
 @compiled
@@ -184,8 +168,7 @@ def _choose(
         known, count = int(np.int64(known_frames[here])), int(np.int64(other_frames[here]))
         # Signed: differences of bytes wrap.
         value, ground = int(np.int64(image[here])), int(np.int64(rounded[here]))
-        limit = int(np.int64(thresholds[here]))
-        limit = min(limit, same) if is_provisional else limit
+        limit = same if is_provisional else int(np.int64(thresholds[here]))
         is_refused = False
         if valid[here] != UNKNOWN and not (is_provisional and abs(value - ground) <= limit):
             shows_other = abs(value - int(np.int64(other[here]))) <= limit

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of
-from streamkit_differencer.comparison import find_limits, find_quiet_ground
+from streamkit_differencer.comparison import find_quiet_ground
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.filters.view_motion import ViewMotion
@@ -22,12 +22,7 @@ from streamkit_differencer.foreground import find_foreground
 from streamkit_differencer.ground import BLACK, PROVISIONAL, UNSEEN, CanvasFrame, Ground, moved
 from streamkit_differencer.illumination import exposure_change
 from streamkit_differencer.learning import learn
-from streamkit_differencer.noise import (
-    DEVIATION_RATIO,
-    LEARNING_RATE,
-    MAX_FOREGROUND,
-    RESTLESS_RATE,
-)
+from streamkit_differencer.noise import LEARNING_RATE, MAX_FOREGROUND, RESTLESS_RATE
 from streamkit_differencer.settings import BackgroundSettings
 
 # Frames in which a value must be seen to replace a provisional background.
@@ -103,11 +98,9 @@ class BackgroundModel:
         follows_exposure = self._follow_exposure(frame)
         self._frames += 1
         quiet = self._find_quiet(frame)
-        covered, gain = (bounds_of(region), frame.spans), settings.noise_gain * DEVIATION_RATIO
-        states = ground.valid, ground.background, ground.deviation
-        compared = find_limits(frame.image, *states, *covered, gain, settings.foreground_threshold)
-        mask = find_foreground(frame, *compared, self.tolerance, settings.hysteresis_ratio)
-        found = Comparison(frame.image[region], *compared, quiet, mask, follows_exposure)
+        background, thresholds, mask = find_foreground(frame, ground, self.tolerance, settings)
+        image = frame.image[region]
+        found = Comparison(image, background, thresholds, quiet, mask, follows_exposure)
         if view is not None and self._history:
             self.flies |= view.is_flight
             if view.height > 0.0:
@@ -142,14 +135,18 @@ class BackgroundModel:
     def _remove_parallax(self, region: Slices, found: Comparison, view: ViewMotion) -> None:
         """Removes the parallax of tall objects from the foreground, and learns it as background."""
         blocks, count = components_of(found.mask)
-        ground, earlier = self.ground.part(region), self._history[0][region]
-        frames = found.image, found.background, ground.valid, earlier, found.thresholds
+        if not count:
+            return
+        ground, earlier = self.ground, self._history[0][region]
+        frames = found.image, found.background, ground.valid[region], earlier, found.thresholds
         rows, columns = region
         places = np.asarray(blocks[:, 1::-1] + (columns.start, rows.start), np.float64)
         shifts = view.shifts(places)
         shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), shifts)
         if shifted.any():
-            remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background)
+            remove_blocks(
+                blocks[shifted], found.mask, found.quiet, found.image, ground.background[region]
+            )
 
     def _learn(self, frame: CanvasFrame, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""

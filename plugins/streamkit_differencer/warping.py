@@ -10,7 +10,16 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import SPANS, ByteImage, ByteLine, CountLine, FloatArray, FloatLine, Spans
+from streamkit_differencer.arrays import (
+    SPANS,
+    ByteImage,
+    ByteLine,
+    CountLine,
+    FloatArray,
+    FloatLine,
+    Spans,
+    has_set,
+)
 from streamkit_differencer.ground import BLACK
 from streamkit_kernels import FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
@@ -66,6 +75,23 @@ def spans_within(outline: FloatArray, height: int, width: int) -> Spans:
     return spans
 
 
+@kernel(FLOAT64, FLOAT64)
+def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
+    """Bounding boxes of boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
+    found = np.empty_like(boxes)
+    for number in range(len(boxes)):
+        left, top, right, bottom = boxes[number]
+        low, high = (np.inf, np.inf), (-np.inf, -np.inf)
+        for x, y in ((left, top), (right, top), (right, bottom), (left, bottom)):
+            depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+            across = (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth
+            down = (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth
+            low = min(low[0], across), min(low[1], down)
+            high = max(high[0], across), max(high[1], down)
+        found[number, :2], found[number, 2:] = low, high
+    return found
+
+
 @kernel(UINT8, FLOAT64, types.int64, types.int64)
 def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> ByteImage:
     """The nearest pixels of a mask, uint8[height, width]; its border is replicated.
@@ -76,15 +102,31 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
         height: of the result.
         width: of the result.
     """
-    result, values = np.empty((height, width), np.uint8), mask.reshape(-1)
+    result, values = np.zeros((height, width), np.uint8), mask.reshape(-1)
     columns = np.arange(width).astype(np.float32)
     places = np.empty(width, np.int32)
     across, down = np.empty_like(places), np.empty_like(places)
+    # Foreground in the lines above each: most are empty.
+    filled = np.zeros(len(mask) + 1, np.int64)
+    for line in range(len(mask)):
+        filled[line + 1] = filled[line] + int(has_set(mask[line]))
     for row in range(height):
+        first, last = _down(to_mask, 0.0, row), _down(to_mask, width - 1.0, row)
+        upper = min(max(int(min(first, last) - 1.0), 0), len(mask) - 1)
+        lower = min(max(int(max(first, last) + 1.0), 0), len(mask) - 1)
+        if filled[lower + 1] == filled[upper]:
+            continue
         _find_places(to_mask, np.float64(row), columns, mask.shape, 1, across, down)
         _number(across, down, mask.shape[1], 0, places)
         _fetch(values, places, result[row])
     return result
+
+
+@compiled
+def _down(matrix: FloatArray, column: float, row: float) -> float:
+    """The row of an image where a pixel is."""
+    depth = matrix[2, 0] * column + matrix[2, 1] * row + matrix[2, 2]
+    return float((matrix[1, 0] * column + matrix[1, 1] * row + matrix[1, 2]) / depth)
 
 
 @compiled

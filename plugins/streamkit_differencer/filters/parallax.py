@@ -16,12 +16,11 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage
+from streamkit_differencer.arrays import BYTES, ByteImage, ByteLine, Flags, FloatArray, LabelImage
 from streamkit_kernels import FLOAT64, INT32, UINT8_STRIDED, compiled, kernel
 
 IntegerArray = NDArray[np.int64]
 Images = tuple[ByteImage, ByteImage, ByteImage, ByteImage, ByteImage]
-Places = tuple[NDArray[np.int32], NDArray[np.int32]]  # rows and columns of blocks
 
 # Smaller shifts explain nothing, px.
 MIN_SHIFT_PX = 0.3
@@ -30,8 +29,8 @@ MIN_SHIFT_PX = 0.3
 LAG, EARLY_PX = 5.0, 0.5
 # Share of a component, or of a block's neighbourhood, that the shift must explain.
 EXPLAINED = 0.8
-# Width of that neighbourhood, blocks: that of the edges that a roof covers and uncovers in `LAG` steps.
-NEIGHBOURHOOD = (5, 5)
+# Blocks to each side of that neighbourhood: that of the edges that a roof covers and uncovers in `LAG` steps.
+REACH = 2
 # More blocks are sampled.
 MAX_BLOCKS = 1000
 # What is known of a block.
@@ -63,36 +62,58 @@ def find_parallax(
         bool[n].
     """
     found, shape = np.zeros(len(blocks), np.bool_), (mask.shape[0] // 2, mask.shape[1] // 2)
-    places, components = (blocks[:, 0] // 2, blocks[:, 1] // 2), blocks[:, 2]
     for shift in shifts:
         states = explained_blocks(*images, mask, blocks, radius, shift)
-        votes = states > NOT_SAMPLED, states == IS_EXPLAINED
-        all_votes, agreeing = (np.bincount(components, vote, count) for vote in votes)
-        is_whole = agreeing >= EXPLAINED * np.maximum(all_votes, 1.0)
-        near_votes, near_agreeing = (_sums_around(places, vote, shape) for vote in votes)
-        is_part = near_agreeing >= EXPLAINED * np.maximum(near_votes, 1.0)
+        is_whole, is_part = count_votes(blocks, states, count, *shape)
         if is_part.any():
-            is_part &= _pieces(places, components, ~is_part, shape)[components] <= 1
-        found |= is_whole[components] | is_part
+            is_part &= _pieces(blocks, ~is_part, shape)[blocks[:, 2]] <= 1
+        found |= is_whole | is_part
     return found
 
 
-def _sums_around(places: Places, votes: Flags, shape: tuple[int, int]) -> IntegerArray:
-    """The number of votes in the neighbourhood of each block, int64[n]."""
-    image = np.zeros(shape, np.uint8)
-    image[places] = votes
-    sums = cv2.boxFilter(image, -1, NEIGHBOURHOOD, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return sums[places].astype(np.int64)
+@kernel(INT32, BYTES, types.int64, types.int64, types.int64)
+def count_votes(
+    blocks: LabelImage, states: ByteLine, count: int, height: int, width: int
+) -> tuple[Flags, Flags]:
+    """The blocks of which the shift explains enough of the component, or of the neighbourhood.
+
+    Args:
+        blocks: int32[n, 3], see `components_of`.
+        states: uint8[n], see `explained_blocks`.
+        count: number of components.
+        height: of the mask, blocks.
+        width: of the mask, blocks.
+
+    Returns:
+        bool[n] each.
+    """
+    sampled, agreeing = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    grid = np.zeros((height, width), np.uint8)
+    for index in range(len(blocks)):
+        sampled[blocks[index, 2]] += states[index] != NOT_SAMPLED
+        agreeing[blocks[index, 2]] += states[index] == IS_EXPLAINED
+        grid[blocks[index, 0] // 2, blocks[index, 1] // 2] = states[index]
+    is_whole, is_part = np.empty(len(blocks), np.bool_), np.empty(len(blocks), np.bool_)
+    for index in range(len(blocks)):
+        component = blocks[index, 2]
+        is_whole[index] = agreeing[component] >= EXPLAINED * max(sampled[component], 1)
+        row, column = blocks[index, 0] // 2, blocks[index, 1] // 2
+        near = grid[max(row - REACH, 0) : row + REACH + 1, max(column - REACH, 0) : column + REACH + 1]
+        votes = 0, 0
+        for state in near.flat:
+            votes = votes[0] + (state != NOT_SAMPLED), votes[1] + (state == IS_EXPLAINED)
+        is_part[index] = votes[1] >= EXPLAINED * max(votes[0], 1)
+    return is_whole, is_part
 
 
-def _pieces(places: Places, components: LabelImage, stays: Flags, shape: tuple[int, int]) -> IntegerArray:
+def _pieces(blocks: LabelImage, stays: Flags, shape: tuple[int, int]) -> IntegerArray:
     """The number of connected pieces into which each component falls, int64[components]."""
-    image = np.zeros(shape, np.uint8)
+    image, places = np.zeros(shape, np.uint8), (blocks[:, 0] // 2, blocks[:, 1] // 2)
     image[places] = stays
     count, labels = cv2.connectedComponents(image, connectivity=8)
     owners = np.zeros(count, np.int64)
-    owners[labels[places]] = components
-    return np.bincount(owners[1:], minlength=components.max() + 1)
+    owners[labels[places]] = blocks[:, 2]
+    return np.bincount(owners[1:], minlength=blocks[:, 2].max() + 1)
 
 
 @kernel(*[UINT8_STRIDED] * 6, INT32, types.int64, FLOAT64)

@@ -14,10 +14,13 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from numba import types
 
 from streamkit.geometry.homography import centre, inverse, project
 from streamkit_differencer.arrays import FloatArray
+from streamkit_kernels import FLOAT64, compiled, kernel
 
+VECTOR = types.Array(types.float64, 1, "C")
 # Focal length in widths of the frame, of a lens of 24 mm as most drones have. Of 0.4 to 2.0, the ground's
 # normal is the steadiest with 0.7 or 0.8 in each of seven clips of such drones.
 FOCAL_LENGTH = 0.7
@@ -47,19 +50,6 @@ class CameraTranslation:
 
     epipole: FloatArray
     nearness: FloatArray
-
-    def shifts(self, points: FloatArray, height: float) -> FloatArray:
-        """Where tops of tall objects were in the earlier frame, on the ground as the later one shows it.
-
-        Args:
-            points: float64[n, 2], their pixels in the later frame.
-            height: h / (H - h) of objects of height h under a camera at height H.
-
-        Returns:
-            float64[n, 2], px, from the points to there.
-        """
-        near = np.maximum(points @ self.nearness[:2] + self.nearness[2], 0.0)
-        return np.asarray(height * near[:, None] * (self.epipole[2] * points - self.epipole[:2]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,14 +87,52 @@ class ViewMotion:
         """
         found = []
         if self.translation is not None:
-            points = project(inverse(self.working_to_canvas), places)
-            earlier = project(self.working_to_canvas, points + self.translation.shifts(points, self.height))
-            shifts = earlier - places
-            lengths = np.maximum(np.hypot(*shifts.T), MAX_SHIFT_PX)
-            found.append(np.asarray(shifts * (MAX_SHIFT_PX / lengths)[:, None]))
+            to_canvas, camera = self.working_to_canvas, self.translation
+            view = to_canvas, inverse(to_canvas), camera.epipole, camera.nearness
+            found.append(parallax(places, *view, self.height))
         if self.is_flight:
             found.append(np.full_like(places, self.height * self.step))
         return found
+
+
+@kernel(FLOAT64, FLOAT64, FLOAT64, VECTOR, VECTOR, types.float64)
+def parallax(
+    places: FloatArray,
+    to_canvas: FloatArray,
+    to_frame: FloatArray,
+    epipole: FloatArray,
+    nearness: FloatArray,
+    height: float,
+) -> FloatArray:
+    """Vectors from places of the canvas to where tops of tall objects that show there were, float64[n, 2] px.
+
+    Args:
+        places: float64[n, 2], px of the canvas.
+        to_canvas: float64[3, 3], the later frame's pixels to the canvas.
+        to_frame: float64[3, 3], its inverse.
+        epipole: float64[3], see `CameraTranslation`, as `nearness`.
+        nearness: float64[3].
+        height: h / (H - h) of objects of height h under a camera at height H.
+    """
+    shifts = np.empty_like(places)
+    for index in range(len(places)):
+        x, y = _mapped(to_frame, places[index, 0], places[index, 1])
+        near = height * max(nearness[0] * x + nearness[1] * y + nearness[2], 0.0)
+        x, y = x + near * (epipole[2] * x - epipole[0]), y + near * (epipole[2] * y - epipole[1])
+        x, y = _mapped(to_canvas, x, y)
+        x, y = x - places[index, 0], y - places[index, 1]
+        share = MAX_SHIFT_PX / max(np.hypot(x, y), MAX_SHIFT_PX)
+        shifts[index, 0], shifts[index, 1] = x * share, y * share
+    return shifts
+
+
+@compiled
+def _mapped(matrix: FloatArray, x: float, y: float) -> tuple[float, float]:
+    depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+    return (
+        (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth,
+        (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth,
+    )
 
 
 @dataclass(slots=True)

@@ -4,19 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.comparison import UNCOMPARED
 from streamkit_differencer.foreground import cleaned, find_foreground, full_size
-from streamkit_differencer.ground import CanvasFrame
+from streamkit_differencer.ground import CanvasFrame, Ground
+from streamkit_differencer.settings import BackgroundSettings
 
 SHAPE = (40, 60)
 
 
 def found(image, tolerance=0, ratio=0.5, known=255):
     """The foreground of an image before a black ground, with thresholds of 20."""
-    background, thresholds = np.zeros(SHAPE, np.uint8), np.full(SHAPE, 20, np.uint8)
-    thresholds[np.broadcast_to(known, SHAPE) == 0] = UNCOMPARED
+    ground = Ground.unknown(SHAPE[::-1])
+    ground.valid[:] = known
+    settings = BackgroundSettings(foreground_threshold=20.0, noise_gain=0.0, hysteresis_ratio=ratio)
     frame = CanvasFrame(image, np.s_[0 : SHAPE[0], 0 : SHAPE[1]], np.full((SHAPE[0], 2), (0, SHAPE[1])), True)
-    return find_foreground(frame, background, thresholds, tolerance, ratio)
+    return find_foreground(frame, ground, tolerance, settings)[-1]
 
 
 def test_weak_differences_count_beside_strong_ones():

@@ -21,11 +21,10 @@ def test_shifting_moves_pixels(dx, dy, is_scroll):
 
 
 def test_what_enters_is_unknown():
-    """After a scroll and after a warp; a part is a view."""
+    """After a scroll and after a warp."""
     for is_scroll in (True, False):
         ground = Ground.unknown((50, 30))
-        part = ground.part(np.s_[:, :])
-        part.valid[:], part.deviation[:] = KNOWN, 1
+        ground.valid[:], ground.deviation[:] = KNOWN, 1
         ground.move(translation((10, 0)), is_scroll)
         assert not ground.valid[:, :10].any()
         assert (ground.deviation[:, :10] == UNKNOWN_DEVIATION * DEVIATION_STEPS).all()

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_differencer.comparison import UNCOMPARED
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.foreground import find_foreground
-from streamkit_differencer.ground import CanvasFrame
+from streamkit_differencer.ground import CanvasFrame, Ground
+from streamkit_differencer.settings import BackgroundSettings
 
 SHAPE = (120, 160)
 EVERYWHERE = np.full(SHAPE, 255, np.uint8)
@@ -24,9 +24,11 @@ def view(x, width=40, tone=220):
 
 def slides_in(now, before, learnt, known=EVERYWHERE):
     """The foreground, its blocks, and which of them shift."""
-    thresholds = np.where(known > 0, 12, UNCOMPARED).astype(np.uint8)
+    ground = Ground.unknown((160, 120))
+    ground.background[:], ground.valid[:] = learnt, known
     frame = CanvasFrame(now, np.s_[0:120, 0:160], np.full((120, 2), (0, 160)), is_resampled=True)
-    mask = find_foreground(frame, learnt, thresholds, 1, 1.0)
+    settings = BackgroundSettings(foreground_threshold=12.0, noise_gain=0.0, hysteresis_ratio=1.0)
+    _, thresholds, mask = find_foreground(frame, ground, 1, settings)
     assert mask.any()
     blocks, count = components_of(mask)
     images = (now, learnt, known, before, thresholds)
