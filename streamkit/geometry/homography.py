@@ -119,7 +119,7 @@ def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
 def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Largest distance any of the four image corners moves under `matrix`, in px."""
     points = corners(shape)
-    return float(np.max(np.hypot(*(project(matrix, points) - points).T)))
+    return max(map(math.dist, project(matrix, points).tolist(), points.tolist()))
 
 
 def is_convex(quadrilateral: FloatArray) -> bool:
@@ -158,19 +158,15 @@ def is_plausible(
         max_tilt: maximum `tilt`; small between successive frames, larger for an oblique camera that turns.
         max_area_scale: largest area scale at the centre, and the inverse of the smallest.
     """
-    if not np.isfinite(matrix).all():
-        return False
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     height, width = shape
-    if not tilt(matrix, shape) < max_tilt:
+    if not math.isfinite(a + b + c + d + e + f + g + h + i) or not tilt(matrix, shape) < max_tilt:
         return False
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     scale = determinant / (i + (g * width + h * height) / 2) ** 3
     if not 1 / max_area_scale < scale < max_area_scale:
         return False
-    frame = corners(shape)
-    moved = project(matrix, frame)
-    return is_convex(moved) and bool(np.max(np.hypot(*(moved - frame).T)) < max_step * width)
+    return is_convex(project(matrix, corners(shape))) and corner_shift(matrix, shape) < max_step * width
 
 
 def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:

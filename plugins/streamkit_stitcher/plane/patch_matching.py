@@ -47,8 +47,8 @@ class _Prepared:
         self, patches: PatchLevel, key_to_frame: FloatArray, image: GreyArray, most: int
     ) -> PatchLevel:
         """At most `most` of some patches, of those in view and not lately off the plane."""
-        seen = in_view(patches, key_to_frame, image.shape) & (self.scores < _SUSPECT)
-        return patches.part(np.flatnonzero(seen)[:most])
+        known, (height, width) = (patches.centres, patches.usable, self.scores), image.shape
+        return patches.part(in_view(*known, _SUSPECT, key_to_frame, height, width, most))
 
 
 class PatchMatcher:

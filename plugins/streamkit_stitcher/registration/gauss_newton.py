@@ -11,14 +11,26 @@ import math
 
 import cv2
 import numpy as np
+from numba import types
 
 from streamkit.geometry.homography import FloatArray, corners, inverse, normalised, project
+from streamkit_kernels import kernel
+
+_POINTS = types.Array(types.float64, 2, "A", readonly=True)
 
 
+@kernel(_POINTS)
 def scaling_of(points: FloatArray) -> FloatArray:
     """The scaling that normalises float64[n, 2] points, n >= 1."""
-    middle = np.add.reduce(points) / len(points)
-    return np.array([*middle, max(1.0, float(np.abs(points - middle).max()))])
+    scaling = np.zeros(3)
+    for point in range(len(points)):
+        scaling[0] += points[point, 0]
+        scaling[1] += points[point, 1]
+    x, y, unit = scaling[0] / len(points), scaling[1] / len(points), 1.0
+    for point in range(len(points)):
+        unit = max(unit, abs(points[point, 0] - x), abs(points[point, 1] - y))
+    scaling[0], scaling[1], scaling[2] = x, y, unit
+    return scaling
 
 
 def slopes(points: FloatArray, scaling: FloatArray) -> FloatArray:

@@ -64,8 +64,8 @@ def align_coarsely(
     if not len(patches.numbers):
         return None
     pixels, matrix = np.ascontiguousarray(image), key_to_frame.copy()
-    scaling = scaling_of(patches.centres)
-    found = settle(pixels, patches.centres, patches.probes, patches.usable, scaling, passes, settled, matrix)
+    level = patches.centres, patches.probes, patches.numbers, patches.usable
+    found = settle(pixels, *level, scaling_of(patches.centres), passes, settled, matrix)
     return matrix if found else None
 
 
@@ -88,6 +88,7 @@ def align_jointly(
             pixels,
             patches.centres,
             patches.probes,
+            patches.numbers,
             patches.usable,
             patches.inverse_hessian,
             scaling,

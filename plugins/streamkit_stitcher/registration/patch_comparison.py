@@ -20,6 +20,7 @@ def probe(
     image: GreyArray,
     centres: FloatArray,
     probes: npt.NDArray[np.float32],
+    numbers: npt.NDArray[np.int64],
     usable: MaskArray,
     matrix: FloatArray,
     products: FloatArray,
@@ -28,7 +29,7 @@ def probe(
     """One Gauss-Newton step of each patch from its position under a motion.
 
     Each is compared with the image resampled bilinearly through the homography's local affine part.
-    `centres` float64[n, 2] are px of the keyframe; `probes` float32[n, 3, 225], see `PatchLevel`. Results:
+    `centres` float64[n, 2] are px of the keyframe; `probes` and `numbers` see `PatchLevel`. Results:
     `products` float64[3, n], shift in x and y, px of the keyframe, and correlation, 0 out of view; `seen`
     bool[n], usable and in view. Returns the number of patches in view.
     """
@@ -51,6 +52,7 @@ def probe(
         xx, xy = (matrix[0, 0] - matrix[2, 0] * to_x) * weight, (matrix[0, 1] - matrix[2, 1] * to_x) * weight
         yx, yy = (matrix[1, 0] - matrix[2, 0] * to_y) * weight, (matrix[1, 1] - matrix[2, 1] * to_y) * weight
         step_x, step_y = np.int64(xx * _ONE), np.int64(yx * _ONE)
+        number = numbers[patch]
         total = squares = across = down = correlation = np.float32(0)
         pixel = 0
         for row in range(-RADIUS, RADIUS + 1):
@@ -67,9 +69,9 @@ def probe(
                 value = first + lower * (second - first)
                 total += value
                 squares += value * value
-                across += value * probes[patch, 0, pixel]
-                down += value * probes[patch, 1, pixel]
-                correlation += value * probes[patch, 2, pixel]
+                across += value * probes[number, 0, pixel]
+                down += value * probes[number, 1, pixel]
+                correlation += value * probes[number, 2, pixel]
                 pixel += 1
                 at_x += step_x
                 at_y += step_y

@@ -1,8 +1,8 @@
 """Compiled joint alignment: Gauss-Newton steps of a homography over all patches of a keyframe.
 
 Common arguments: `centres` float64[n, 2], px of the keyframe; `scaling` float64[3], centre x y and size of
-normalised coordinates; `parameters` float64[8], of a step in these; `probes` float32[n, 3, 225], see
-`PatchLevel`; `usable` bool[n]. Results go into arrays of the caller. Loops assign single elements: assigning
+normalised coordinates; `parameters` float64[8], of a step in these; `probes` float32[m, 3, 225], `numbers` int64[n]
+and `usable` bool[n], see `PatchLevel`. Results go into arrays of the caller. Loops assign single elements: assigning
 an array to a slice takes the compiler seconds, for messages about shapes.
 """
 
@@ -15,12 +15,12 @@ from numba import types
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8_READONLY, compiled, kernel
 from streamkit_stitcher.registration.patch_comparison import probe
-from streamkit_stitcher.registration.patches import MIN_STD, OFF_PLANE
+from streamkit_stitcher.registration.patches import MIN_STD, OFF_PLANE, VALUES
 
 _SingleArray = npt.NDArray[np.float32]
 _PATCHES = types.Array(types.float32, 3, "C")
 _MATRICES = types.Array(types.float64, 3, "C")
-_VALUES = types.Array(types.float64, 1, "C")
+_NUMBERS = types.Array(types.int64, 1, "C")
 # Common shift of the patches, px, that is taken before any other motion, and the displacement that is none.
 _FAR: Final = 1.0
 _WILD: Final = 10.0
@@ -32,11 +32,12 @@ _MIN_CORRELATION: Final = 0.6
 _MAX_CONDITION: Final = 1e14
 
 
-@kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, _VALUES, types.int64, types.float64, FLOAT64)
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, _NUMBERS, BOOL_1D, VALUES, types.int64, types.float64, FLOAT64)
 def settle(
     image: GreyArray,
     centres: FloatArray,
     probes: _SingleArray,
+    numbers: npt.NDArray[np.int64],
     usable: MaskArray,
     scaling: FloatArray,
     passes: int,
@@ -53,7 +54,7 @@ def settle(
     squares, information = np.empty(count), np.zeros((3, count))
     normal, parameters = np.empty((8, 8)), np.empty(8)
     for _ in range(passes):
-        visible = probe(image, centres, probes, usable, matrix, products, seen)
+        visible = probe(image, centres, probes, numbers, usable, matrix, products, seen)
         if _above(products, seen, _MIN_COARSE_CORRELATION, valid) < max(_FEWEST, visible // 3):
             return False
         x, y = _together(products, valid, near, squares)
@@ -100,11 +101,12 @@ class JointStep(NamedTuple):
     on_plane: MaskArray
 
 
-@kernel(UINT8_READONLY, FLOAT64, _PATCHES, BOOL_1D, _MATRICES, _VALUES, FLOAT64)
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, _NUMBERS, BOOL_1D, _MATRICES, VALUES, FLOAT64)
 def improve(
     image: GreyArray,
     centres: FloatArray,
     probes: _SingleArray,
+    numbers: npt.NDArray[np.int64],
     usable: MaskArray,
     inverse_hessian: FloatArray,
     scaling: FloatArray,
@@ -122,7 +124,7 @@ def improve(
     information, weights, squares = np.empty((3, count)), np.empty((3, count)), np.empty(count)
     normal, parameters, moves = np.empty((8, 8)), np.empty(8), np.empty((2, count))
     size, variance = np.inf, 0.0
-    visible_count = probe(image, centres, probes, usable, matrix, products, seen)
+    visible_count = probe(image, centres, probes, numbers, usable, matrix, products, seen)
     found = _above(products, seen, _MIN_CORRELATION, correlated) >= max(_FEWEST, visible_count // 3)
     if found:
         _inform(products, inverse_hessian, information)

@@ -7,8 +7,10 @@ from typing import Final
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import types
 
-from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray, project
+from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
+from streamkit_kernels import BOOL_1D, FLOAT64, kernel
 
 RADIUS: Final = 7
 # Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
@@ -17,6 +19,7 @@ MIN_STD: Final = 0.04
 OFF_PLANE: Final = 9.0
 _MIN_CONTRAST: Final = 2.0
 _PIXELS: Final = (2 * RADIUS + 1) ** 2
+VALUES: Final = types.Array(types.float64, 1, "C")
 _SingleArray = npt.NDArray[np.float32]
 
 
@@ -45,11 +48,11 @@ class PatchLevel:
 
     Attributes:
         centres: float64[n, 2], px of this level.
-        probes: float32[n, 3, 225]; their products with a sampled patch, divided by its deviation, are the
-            Gauss-Newton step in x and in y, px, and the correlation.
+        probes: float32[m, 3, 225], of all patches of the keyframe; their products with a sampled patch,
+            divided by its deviation, are the Gauss-Newton step in x and in y, px, and the correlation.
         inverse_hessian: float64[n, 2, 2], of the gradients at unit deviation.
         usable: bool[n], patches with contrast in both directions.
-        numbers: int64[n], their numbers in the keyframe.
+        numbers: int64[n], their numbers in the keyframe, below m.
     """
 
     centres: FloatArray
@@ -62,7 +65,7 @@ class PatchLevel:
         """Some of the patches, by their indices or a slice."""
         return PatchLevel(
             self.centres[chosen],
-            self.probes[chosen],
+            self.probes,
             self.inverse_hessian[chosen],
             self.usable[chosen],
             self.numbers[chosen],
@@ -124,9 +127,39 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
     return PatchLevel(centres, probes, inverse_hessian, usable, np.arange(count))
 
 
-def in_view(level: PatchLevel, key_to_frame: FloatArray, shape: Sequence[int]) -> MaskArray:
-    """Usable patches inside an image of `shape` under a motion, bool[n]."""
-    margin = RADIUS + 3
-    middle = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
-    inside = np.abs(project(key_to_frame, level.centres) - middle) < middle + (0.5 - margin)
-    return np.asarray(level.usable & inside.all(axis=1), dtype=np.bool_)
+@kernel(FLOAT64, BOOL_1D, VALUES, types.float64, FLOAT64, types.int64, types.int64, types.int64)
+def in_view(
+    centres: FloatArray,
+    usable: MaskArray,
+    scores: FloatArray,
+    most_suspect: float,
+    key_to_frame: FloatArray,
+    height: int,
+    width: int,
+    count: int,
+) -> npt.NDArray[np.int64]:
+    """The first usable patches inside an image under a motion, int64[k].
+
+    Args:
+        centres: float64[n, 2], px of the keyframe.
+        usable: bool[n].
+        scores: float64[n], how often each was off the plane lately.
+        most_suspect: patches with this score or more are left out.
+        key_to_frame: float64[3, 3].
+        height: of the image, px.
+        width: of the image, px.
+        count: most patches.
+    """
+    chosen, found = np.empty(len(centres), np.int64), 0
+    middle_x, middle_y, margin = (width - 1) / 2, (height - 1) / 2, RADIUS + 3
+    for patch in range(len(centres)):
+        if found == count or not usable[patch] or scores[patch] >= most_suspect:
+            continue
+        x, y = centres[patch, 0], centres[patch, 1]
+        weight = 1 / (key_to_frame[2, 0] * x + key_to_frame[2, 1] * y + key_to_frame[2, 2])
+        across = (key_to_frame[0, 0] * x + key_to_frame[0, 1] * y + key_to_frame[0, 2]) * weight
+        down = (key_to_frame[1, 0] * x + key_to_frame[1, 1] * y + key_to_frame[1, 2]) * weight
+        if abs(across - middle_x) < middle_x + 0.5 - margin and abs(down - middle_y) < middle_y + 0.5 - margin:
+            chosen[found] = patch
+            found += 1
+    return chosen[:found]

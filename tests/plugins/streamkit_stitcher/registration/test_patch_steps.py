@@ -69,7 +69,7 @@ def probed(centres, frame, matrix):
     """Products, which patches are seen, and the patches."""
     patches = prepare(cut_patches(frame, centres), centres)
     products, seen = np.empty((3, len(centres))), np.empty(len(centres), dtype=np.bool_)
-    count = probe(frame, centres, patches.probes, patches.usable, matrix, products, seen)
+    count = probe(frame, centres, patches.probes, patches.numbers, patches.usable, matrix, products, seen)
     assert count == np.count_nonzero(seen)
     return products, seen, patches
 
