@@ -93,8 +93,9 @@ def is_homography(matrix: FloatArray) -> bool:
         return False
     (a, b, c), (d, e, f), (g, h, i) = (matrix / matrix[2, 2]).tolist()
     smallest, largest = DETERMINANT_LIMITS
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     # False also for what is no number.
-    return smallest < abs(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)) < largest
+    return bool(smallest < abs(determinant) < largest)
 
 
 @dataclass(slots=True)

@@ -45,8 +45,9 @@ def find_foreground(
     """
     covered, gain = (bounds_of(frame.region), frame.spans), settings.noise_gain * DEVIATION_RATIO
     known = ground.background, ground.deviation, ground.valid
-    limits = gain, settings.foreground_threshold, tolerance
-    background, thresholds, mask = compare_with_background(frame.image, *known, *covered, *limits)
+    background, thresholds, mask = compare_with_background(
+        frame.image, *known, *covered, gain, settings.foreground_threshold, tolerance
+    )
     if tolerance > 0 and settings.hysteresis_ratio < 1.0:
         mask = cast("ByteImage", cv2.medianBlur(mask, 3))
         near = cast("ByteImage", cv2.dilate(mask, _GROWTH))

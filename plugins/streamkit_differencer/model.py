@@ -144,9 +144,7 @@ class BackgroundModel:
         shifts = view.shifts(places)
         shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), shifts)
         if shifted.any():
-            remove_blocks(
-                blocks[shifted], found.mask, found.quiet, found.image, ground.background[region]
-            )
+            remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background[region])
 
     def _learn(self, frame: CanvasFrame, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""

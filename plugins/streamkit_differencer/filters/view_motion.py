@@ -177,7 +177,7 @@ class ViewMotionEstimator:
         camera = np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
         _, _, translations, normals = cv2.decomposeHomographyMat(to_later, camera)
         # Each solution comes with both signs.
-        number = int(np.argmax([normal.ravel() @ self._normal for normal in normals]))
+        number = max(range(len(normals)), key=lambda number: float(normals[number].ravel() @ self._normal))
         translation, normal = translations[number].ravel(), normals[number].ravel()
         length = float(np.linalg.norm(translation))
         if not length >= MIN_TRANSLATION:
@@ -188,4 +188,4 @@ class ViewMotionEstimator:
         before = translation if self._mean is None else self._mean
         smooth = np.asarray(before + TRANSLATION_RATE * (translation - before), np.float64)
         self._mean = smooth
-        return CameraTranslation(camera @ smooth, np.asarray(normal @ np.linalg.inv(camera), np.float64))
+        return CameraTranslation(camera @ smooth, normal @ inverse(camera))

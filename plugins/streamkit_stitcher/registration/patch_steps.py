@@ -1,9 +1,9 @@
 """Compiled joint alignment: Gauss-Newton steps of a homography over all patches of a keyframe.
 
 Common arguments: `centres` float64[n, 2], px of the keyframe; `scaling` float64[3], centre x y and size of
-normalised coordinates; `parameters` float64[8], of a step in these; `probes` float32[m, 3, 225], `numbers` int64[n]
-and `usable` bool[n], see `PatchLevel`. Results go into arrays of the caller. Loops assign single elements: assigning
-an array to a slice takes the compiler seconds, for messages about shapes.
+normalised coordinates; `parameters` float64[8], of a step in these; `probes` float32[m, 3, 225], `numbers`
+int64[n] and `usable` bool[n], see `PatchLevel`. Results go into arrays of the caller. Loops assign single
+elements: assigning an array to a slice takes the compiler seconds, for messages about shapes.
 """
 
 from typing import Final, NamedTuple

@@ -18,6 +18,8 @@ MIN_STD: Final = 0.04
 # Squared residual by the median one beyond which a patch is off the plane.
 OFF_PLANE: Final = 9.0
 _MIN_CONTRAST: Final = 2.0
+# Patches nearer to the border of an image are out of view, px.
+_MARGIN: Final = RADIUS + 3
 _PIXELS: Final = (2 * RADIUS + 1) ** 2
 VALUES: Final = types.Array(types.float64, 1, "C")
 _SingleArray = npt.NDArray[np.float32]
@@ -151,7 +153,8 @@ def in_view(
         count: most patches.
     """
     chosen, found = np.empty(len(centres), np.int64), 0
-    middle_x, middle_y, margin = (width - 1) / 2, (height - 1) / 2, RADIUS + 3
+    middle_x, middle_y = (width - 1) / 2, (height - 1) / 2
+    most_x, most_y = middle_x + (0.5 - _MARGIN), middle_y + (0.5 - _MARGIN)
     for patch in range(len(centres)):
         if found == count or not usable[patch] or scores[patch] >= most_suspect:
             continue
@@ -159,7 +162,7 @@ def in_view(
         weight = 1 / (key_to_frame[2, 0] * x + key_to_frame[2, 1] * y + key_to_frame[2, 2])
         across = (key_to_frame[0, 0] * x + key_to_frame[0, 1] * y + key_to_frame[0, 2]) * weight
         down = (key_to_frame[1, 0] * x + key_to_frame[1, 1] * y + key_to_frame[1, 2]) * weight
-        if abs(across - middle_x) < middle_x + 0.5 - margin and abs(down - middle_y) < middle_y + 0.5 - margin:
+        if abs(across - middle_x) < most_x and abs(down - middle_y) < most_y:
             chosen[found] = patch
             found += 1
     return chosen[:found]
