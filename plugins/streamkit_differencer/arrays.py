@@ -56,13 +56,6 @@ def above(image: ByteImage, limit: int) -> ByteImage:
     return cast("ByteImage", cv2.threshold(image, limit, 255, cv2.THRESH_BINARY)[1])
 
 
-def set_pixels(mask: ByteImage) -> tuple[Indices, Indices]:
-    """Rows and columns, int64[n] each, of the pixels of a mask that are not 0."""
-    # A quarter of the time of `cv2.findNonZero`, a tenth of that of `np.nonzero`.
-    rows, columns = np.divmod(np.flatnonzero(mask > 0), mask.shape[1])
-    return rows, columns
-
-
 @compiled
 def has_set(line: ByteLine) -> bool:
     """Whether a line of a mask has a pixel that is not 0."""

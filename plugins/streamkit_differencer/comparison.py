@@ -67,7 +67,7 @@ def find_quiet_ground(
         uint8[h, w], mask of D = 0.
     """
     top, bottom, left, right = bounds
-    most, gain = np.float32(threshold), np.float32(gradient_gain)
+    most, gain = np.uint8(min(threshold, 255.0)), np.float32(gradient_gain)
     quiet, changed = np.zeros((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
     columns = np.empty(right - left, np.int64)
     for row in range(top, bottom):
@@ -81,7 +81,7 @@ def find_quiet_ground(
             for column in columns[: find_set(changes, columns)]:
                 difference = np.float32(abs(np.int64(values[column]) - np.int64(before[column])))
                 edge = np.float32(_range_around(earlier, row, first + column, seen))
-                if np.rint(difference - gain * edge) <= most:
+                if np.rint(difference - gain * edge) <= np.float32(threshold):
                     changes[column] = 0
         _mark_unseen(values, before, SET, changes)
         count_down(counters, changes)

@@ -25,18 +25,18 @@ SET = np.uint8(255)
 
 
 @compiled
-def find_changes(image: ByteLine, earlier: ByteLine, threshold: np.float32, changed: ByteLine) -> None:
+def find_changes(image: ByteLine, earlier: ByteLine, threshold: np.uint8, changed: ByteLine) -> None:
     """Equation 2: the pixels that differ from f(t - tau) by more than T_s.
 
     Args:
         image: uint8[w], f(t).
         earlier: uint8[w], f(t - tau).
-        threshold: T_s, grey levels; a change exceeds it.
+        threshold: T_s, whole grey levels; a change exceeds it.
         changed: uint8[w], becomes the mask S(t).
     """
     for index in range(changed.size):
         now, before = image[index], earlier[index]
-        difference = np.float32(np.uint8(max(now, before) - min(now, before)))
+        difference = np.uint8(max(now, before) - min(now, before))
         changed[index] = SET if difference > threshold else np.uint8(0)
 
 

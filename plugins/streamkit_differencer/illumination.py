@@ -17,7 +17,7 @@ MIN_SAMPLES = 100
 ROUNDS = 4
 GAIN_LIMITS = (0.4, 2.5)
 DARKEST, BRIGHTEST = 8, 247
-# Equation 3 follows smaller changes.
+# Equation 3 follows smaller changes of most pixels.
 MIN_SHIFT = 4.0
 MIN_AGREEMENT = 0.6
 NEAR = 10.0
@@ -42,9 +42,11 @@ def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> 
     before, after = sampled(model, current, known, step)
     if before.size < MIN_SAMPLES:
         return None
-    gain, offset = 1.0, float(np.median(after - before))
-    if abs(offset) < MIN_SHIFT:
+    shifts = after - before
+    brighter, darker = np.count_nonzero(shifts >= MIN_SHIFT), np.count_nonzero(shifts <= -MIN_SHIFT)
+    if 2 * max(brighter, darker) <= shifts.size:
         return None
+    gain, offset = 1.0, float(np.median(shifts))
     for _ in range(ROUNDS):
         residual = np.abs(after - gain * before - offset)
         near = residual <= max(3.0 * float(np.median(residual)), 2.0)

@@ -98,7 +98,9 @@ def learn(
         _find_averaged(marks[0], marks[1], states, known)
         update_background(ground, values, known, alpha)
         learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
-        _find_open(values, marks, states, np.uint8(limits[2]), candidates, known)
+        _find_others(values, marks[2], np.uint8(limits[2]), candidates)
+        _add_provisional(values, states, candidates, known)
+        _find_open(values, marks[0], marks[1], states, candidates)
         _count(known, frames)
         found, others = columns[: find_set(candidates, columns)], (other[row, part], other_frames[row, part])
         _choose(found, values, marks, ground, states, frames, *others, limits)
@@ -113,29 +115,35 @@ def _find_averaged(mask: ByteLine, quiet: ByteLine, valid: ByteLine, averaged: B
 
 
 @compiled
-def _find_open(
-    image: ByteLine,
-    marks: Marks,
-    valid: ByteLine,
-    same: np.uint8,
-    is_open: ByteLine,
-    shown: ByteLine,
-) -> None:
-    """The pixels to choose a value for; those that show their provisional value are added to `shown`.
+def _find_others(image: ByteLine, rounded: ByteLine, same: np.uint8, differs: ByteLine) -> None:
+    """What shows another value than the background."""
+    for index in range(differs.size):
+        value, known = image[index], rounded[index]
+        difference = np.uint8(max(value, known) - min(value, known))
+        differs[index] = SET if difference > same else np.uint8(0)
+
+
+@compiled
+def _add_provisional(image: ByteLine, valid: ByteLine, differs: ByteLine, shown: ByteLine) -> None:
+    """Adds what shows its provisional value."""
+    for index in range(shown.size):
+        is_provisional = SET if valid[index] == np.uint8(PROVISIONAL) else np.uint8(0)
+        is_seen = SET if image[index] > np.uint8(UNSEEN) else np.uint8(0)
+        shown[index] |= is_provisional & (differs[index] ^ SET) & is_seen
+
+
+@compiled
+def _find_open(image: ByteLine, mask: ByteLine, quiet: ByteLine, valid: ByteLine, differs: ByteLine) -> None:
+    """The pixels to choose a value for; `differs` becomes their mask.
 
     They are foreground, quiet ground that is not known, and ground that differs from its provisional value.
     """
-    mask, quiet, rounded, _ = marks
-    for index in range(is_open.size):
-        value, other = image[index], rounded[index]
-        difference = np.uint8(max(value, other) - min(value, other))
-        differs = SET if difference > same else np.uint8(0)
-        is_known = SET if valid[index] == np.uint8(KNOWN) else np.uint8(0)
+    for index in range(differs.size):
+        is_unknown = SET if valid[index] != np.uint8(KNOWN) else np.uint8(0)
         is_provisional = SET if valid[index] == np.uint8(PROVISIONAL) else np.uint8(0)
-        is_seen = SET if value > np.uint8(UNSEEN) else np.uint8(0)
-        decides = mask[index] | (quiet[index] & (is_known ^ SET)) | (is_provisional & differs)
-        is_open[index] = decides & is_seen
-        shown[index] |= is_provisional & (differs ^ SET) & is_seen
+        is_seen = SET if image[index] > np.uint8(UNSEEN) else np.uint8(0)
+        decides = mask[index] | (quiet[index] & is_unknown) | (is_provisional & differs[index])
+        differs[index] = decides & is_seen
 
 
 @compiled

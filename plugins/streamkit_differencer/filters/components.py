@@ -6,11 +6,13 @@ from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numba import types
 
-from streamkit_differencer.arrays import ByteImage, FloatImage, LabelImage, set_pixels
+from streamkit_differencer.arrays import ByteImage, FloatImage, LabelImage
+from streamkit_kernels import INT32, UINT8, UINT8_STRIDED, kernel
 
-_BLOCK = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]], np.int32)
+# A part of the canvas that is written to.
+PART = types.Array(types.float32, 2, "A")
 
 
 def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
@@ -31,20 +33,29 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
     count, labels = cv2.connectedComponents(blocks, connectivity=8)
     if count == 1:
         return np.zeros((0, 3), np.int32), 0
-    rows, columns = set_pixels(cast("ByteImage", blocks))
-    table = np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1])
-    return table.astype(np.int32), count - 1
+    return _table_of(cast("LabelImage", labels)), count - 1
 
 
-def pixels_of(blocks: LabelImage, mask: ByteImage) -> tuple[NDArray[np.int32], ...]:
-    """Rows, columns and components, int32[n] each, of the pixels of blocks that are set in the mask."""
-    rows, columns, numbers = (blocks[:, None] + _BLOCK).reshape(-1, 3).T
-    is_set = mask[rows, columns] > 0
-    return rows[is_set], columns[is_set], numbers[is_set]
+@kernel(INT32)
+def _table_of(labels: LabelImage) -> LabelImage:
+    """The blocks with a label, see `components_of`."""
+    table, count = np.empty((labels.size, 3), np.int32), 0
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            if labels[row, column] > 0:
+                table[count, 0], table[count, 1] = 2 * row, 2 * column
+                table[count, 2] = labels[row, column] - 1
+                count += 1
+    return table[:count].copy()
 
 
+@kernel(INT32, UINT8, UINT8, UINT8_STRIDED, PART)
 def remove_blocks(
-    blocks: LabelImage, mask: ByteImage, quiet: ByteImage, image: ByteImage, background: FloatImage
+    blocks: LabelImage,
+    mask: ByteImage,
+    quiet: ByteImage,
+    image: ByteImage,
+    background: FloatImage,
 ) -> None:
     """Removes blocks from the foreground, and learns them where they are quiet: the background keeps up.
 
@@ -55,8 +66,9 @@ def remove_blocks(
         image: uint8[h, w], f(t).
         background: float32[h, w], B.
     """
-    rows, columns, _ = pixels_of(blocks, mask)
-    mask[rows, columns] = 0
-    is_quiet = quiet[rows, columns] > 0
-    learnt = rows[is_quiet], columns[is_quiet]
-    background[learnt] = image[learnt]
+    for index in range(len(blocks)):
+        for offset in range(4):
+            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
+            if mask[row, column] > 0 and quiet[row, column] > 0:
+                background[row, column] = image[row, column]
+            mask[row, column] = 0

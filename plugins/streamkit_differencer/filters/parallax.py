@@ -65,7 +65,7 @@ def find_parallax(
     for shift in shifts:
         states = explained_blocks(*images, mask, blocks, radius, shift)
         is_whole, is_part = count_votes(blocks, states, count, *shape)
-        if is_part.any():
+        if (is_part & ~is_whole).any():
             is_part &= _pieces(blocks, ~is_part, shape)[blocks[:, 2]] <= 1
         found |= is_whole | is_part
     return found

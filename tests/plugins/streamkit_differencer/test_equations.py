@@ -14,7 +14,7 @@ def changed(image, earlier, threshold):
     """Equation 2."""
     mask = np.empty_like(image)
     for row in range(len(image)):
-        equations.find_changes(image[row], earlier[row], np.float32(threshold), mask[row])
+        equations.find_changes(image[row], earlier[row], np.uint8(threshold), mask[row])
     return mask
 
 
