@@ -52,10 +52,14 @@ def split_objects(
         return objects
     images, typical = (image, background, to_background, mask, scale), typical_area(objects.areas)
     sizes = np.prod(objects.boxes[:, 2:] - objects.boxes[:, :2], axis=1)
+    height, width = image.shape
+    corners = np.clip(np.rint(objects.boxes + 0.5).astype(int), 0, (width, height, width, height))
     is_whole, found = np.ones(len(objects), np.bool_), []
     for number in np.flatnonzero(objects.areas > typical).tolist():
         gap = max(MIN_GAP_PX, round(GAP_SHARE * math.sqrt(objects.areas[number])))
-        pieces = _pieces(images, objects.boxes[number], gap, round(PIECE_SHARE * typical))
+        pieces = _pieces(images, corners[number].tolist(), gap, round(PIECE_SHARE * typical))
+        if not len(pieces):
+            continue
         # What lies in the box of a smaller object is part of that one.
         own = ~_are_within(pieces.boxes, objects.boxes[sizes < sizes[number]])
         if np.count_nonzero(own) > 1:
@@ -79,27 +83,30 @@ def typical_area(areas: FloatArray) -> float:
     return float(ordered[np.searchsorted(sums, 0.5 * sums[-1])])
 
 
-def _pieces(images: Images, box: FloatArray, gap: int, min_area: int) -> Objects:
-    """The parts of the foreground in a box, with `gap` px of ground between them.
+def _pieces(images: Images, box: list[int], gap: int, min_area: int) -> Objects:
+    """The parts of the foreground in a box, with `gap` px of ground between them; none of one that is whole.
 
     Args:
         images: image, background, to_background, mask and scale, see `split_objects`.
-        box: float64[4], x0 y0 x1 y1, px of the frame; none has parts that is larger than `MAX_PX`.
+        box: first column and row, and those after the last; none has parts that is larger than `MAX_PX`.
         gap: px.
         min_area: of a part, px.
     """
-    height, width = images[0].shape
-    corners = np.clip(np.rint(box + 0.5).astype(int), 0, (width, height, width, height))
-    left, top, right, bottom = corners.tolist()
+    left, top, right, bottom = box
     if max(right - left, bottom - top) > MAX_PX:
         return NO_OBJECTS
     foreground = clear_foreground(*images, (top, bottom, left, right))
     clear = above(foreground, 0)
     near = cv2.dilate(clear, np.ones((gap, gap), np.uint8))
     count, labels = cv2.connectedComponents(near, connectivity=4)
+    if count <= 2:  # the ground, and one part
+        return NO_OBJECTS
     parts = cast("LabelImage", labels), count - 1
     table = measure_objects(foreground, clear, *parts, 0, 0, 1, max(min_area, 1))
-    found = measured(table[table[:, PIXELS] > 0.0], 1)
+    table = table[table[:, PIXELS] > 0.0]
+    if len(table) < 2:
+        return NO_OBJECTS
+    found = measured(table, 1)
     corner = left, top
     return replace(found, centroids=found.centroids + corner, boxes=found.boxes + 2 * corner)
 
