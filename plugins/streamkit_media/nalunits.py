@@ -42,22 +42,18 @@ def units(data: bytes, length_bytes: int = 0, *, is_whole: bool = False) -> Iter
     Raises:
         BadPacket: a length exceeds the packet.
     """
-    at = 0
-    if length_bytes:
-        while at + length_bytes <= len(data):
-            begin = at + length_bytes
-            at = begin + int.from_bytes(data[at:begin], "big")
-            if is_whole and at > len(data):
-                break
-            yield data[begin:at]
-        if is_whole and at != len(data):
-            raise BadPacket(f"the length of a NAL unit exceeds its packet of {len(data)} bytes")
+    if not length_bytes:
+        yield from data.split(START_CODE[1:])[1:]
         return
-    begin = data.find(START_CODE[1:]) + 3
-    while begin >= 3:
-        end = data.find(START_CODE[1:], begin)
-        yield data[begin : end if end >= 0 else len(data)]
-        begin = end + 3
+    at = 0
+    while at + length_bytes <= len(data):
+        begin = at + length_bytes
+        at = begin + int.from_bytes(data[at:begin], "big")
+        if is_whole and at > len(data):
+            break
+        yield data[begin:at]
+    if is_whole and at != len(data):
+        raise BadPacket(f"the length of a NAL unit exceeds its packet of {len(data)} bytes")
 
 
 def parameter_sets(codec: str, extradata: bytes) -> Iterator[bytes]:
