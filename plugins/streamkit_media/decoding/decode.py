@@ -25,7 +25,7 @@ from streamkit.handoff.library_threads import available_cores
 from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
 from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, oriented
-from streamkit_media.decoding.marks import FrameMarks, Freshness, InherentDelay
+from streamkit_media.decoding.marks import Damage, Freshness, InherentDelay
 from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
 from streamkit_media.failures import reason_of
 from streamkit_media.streams import DecodeOnly
@@ -87,7 +87,8 @@ class Decode(Transform):
         self._stream: CodedStream | None = None
         self._reader = FrameReader("GRAY8")
         self._raw_caps: Caps | None = None  # of the last frame
-        self._marks = FrameMarks()
+        self._damage = Damage()
+        self._gap = 0  # DISCONTINUITY after packets that are not shown, until a frame is
         self._inherent_delay = InherentDelay()
         self._packets = self._frames_decoded = self._frames_shown = 0
         self._errors: list[str] = []  # of packets, each once
@@ -144,7 +145,8 @@ class Decode(Transform):
         except FFmpegError as error:
             stream.leave_out(frame)
             reason = NO_KEYFRAME if stream.awaits_keyframe else reason_of(error)
-            self._drop_packet(frame, f"undecodable packet: {reason}", is_damage=True)
+            self._damage.begin()
+            self._drop_packet(frame, f"undecodable packet: {reason}")
             self._report_error(reason, f" at {frame.describe()}")
             return held
         frames = [*held, *self._shown(stream, decoded)]
@@ -210,9 +212,8 @@ class Decode(Transform):
         is_usual = is_auto and is_live and codec == "h264" and width * height <= ONE_THREAD_PIXELS
         return threading, 1 if is_usual else available_cores()
 
-    def _drop_packet(self, frame: Frame, reason: str, *, is_damage: bool = False) -> None:
-        is_discontinuity = bool(frame.flags & DISCONTINUITY)
-        self._marks.packet_dropped(is_discontinuity=is_discontinuity, is_damage=is_damage)
+    def _drop_packet(self, frame: Frame, reason: str) -> None:
+        self._gap |= frame.flags & DISCONTINUITY
         if reason:
             self.count_drop(reason)
 
@@ -246,7 +247,7 @@ class Decode(Transform):
         for video_frame, origin in decoded:
             number = stream.numbers.pop(0) if stream.numbers else origin.seq
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
-            is_damaged = self._marks.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
+            is_damaged = self._damage.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._decide_to_hide(stream, origin) if origin.metadata else None
             if reason is None:
                 frames.append(self._frame(stream, video_frame, origin, number, is_damaged))
@@ -281,8 +282,8 @@ class Decode(Transform):
         caps = self._raw_caps
         if caps is None or (caps["width"], caps["height"]) != size:
             caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, stream.framerate)
-        flags = origin.flags & ~(KEYFRAME | CORRUPT)
-        flags |= DISCONTINUITY if self._marks.take_discontinuity() else 0
+        flags = origin.flags & ~(KEYFRAME | CORRUPT) | self._gap
+        self._gap = 0
         flags |= KEYFRAME if video_frame.key_frame else 0
         flags |= CORRUPT if is_damaged else 0
         self._frames_shown += 1

@@ -1,4 +1,4 @@
-"""What follows a live or damaged stream from frame to frame: damage, discontinuities, age."""
+"""What follows a live or damaged stream from frame to frame: damage and age."""
 
 from __future__ import annotations
 
@@ -14,31 +14,23 @@ FIRST_DELAY_NS = 50_000_000
 MIN_GAIN_NS = 5_000_000
 
 
-class FrameMarks:
-    """Flags that outlast a frame: damage until it heals, a discontinuity until a frame is shown."""
+class Damage:
+    """Damage of frames, which outlasts the packet that it began with until it heals."""
 
     def __init__(self) -> None:
-        self._damaged_frames_left = 0
-        self._has_discontinuity = False
+        self._frames_left = 0
 
-    def packet_dropped(self, *, is_discontinuity: bool, is_damage: bool) -> None:
-        """A packet gives no frame; `is_damage` means that later frames depend on it."""
-        self._has_discontinuity |= is_discontinuity
-        if is_damage:
-            self._damaged_frames_left = DAMAGE_LASTS
+    def begin(self) -> None:
+        """A packet is lost on which later frames depend."""
+        self._frames_left = DAMAGE_LASTS
 
     def next_frame(self, *, is_corrupt: bool, is_key: bool) -> bool:
         """Whether the next decoded frame, or one that it depends on, is damaged; a keyframe has none."""
         if is_corrupt:
-            self._damaged_frames_left = DAMAGE_LASTS
-        elif self._damaged_frames_left:
-            self._damaged_frames_left = 0 if is_key else self._damaged_frames_left - 1
-        return self._damaged_frames_left > 0
-
-    def take_discontinuity(self) -> bool:
-        """Whether there is a gap between this shown frame and the one shown before."""
-        found, self._has_discontinuity = self._has_discontinuity, False
-        return found
+            self._frames_left = DAMAGE_LASTS
+        elif self._frames_left:
+            self._frames_left = 0 if is_key else self._frames_left - 1
+        return self._frames_left > 0
 
 
 @dataclass(frozen=True, slots=True)
