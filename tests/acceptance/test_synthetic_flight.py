@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from streamkit import Frame, Pipeline, Registration, Tracks, TrackState
 from streamkit_video import TrueRegistration, TrueTargets
@@ -54,7 +54,7 @@ def match_count(truth: NDArray[np.float64], found: NDArray[np.float64]) -> int:
     if not len(truth) or not len(found):
         return 0
     distance = np.linalg.norm(truth[:, None] - found[None], axis=2)
-    rows, columns = linear_sum_assignment(np.minimum(distance, 10 * NEAR_PX))
+    rows, columns = scipy.optimize.linear_sum_assignment(np.minimum(distance, 10 * NEAR_PX))
     return int((distance[rows, columns] <= NEAR_PX).sum())
 
 

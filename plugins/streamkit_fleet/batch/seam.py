@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 SAME_IOU = 0.5  # the criterion of the MOT and PASCAL benchmarks
 
@@ -40,9 +40,8 @@ def match_ids(frames: Iterable[tuple[Boxes, Boxes]]) -> dict[int, int]:
     counts = np.array([[agreed[earlier, later] for later in columns] for earlier in rows])
     if not counts.size:
         return {}
-    matched = (
-        (rows[i], columns[j]) for i, j in zip(*linear_sum_assignment(counts, maximize=True), strict=True)
-    )
+    found = zip(*scipy.optimize.linear_sum_assignment(counts, maximize=True), strict=True)
+    matched = [(rows[i], columns[j]) for i, j in found]
     return {
         later: earlier for earlier, later in matched if 2 * agreed[earlier, later] > common[earlier, later]
     }

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from streamkit_differencer.canvas import CanvasChange, Motion
 from streamkit_differencer.differencer import Differencer, ModelChange
@@ -50,7 +50,7 @@ class Score:
         distance = np.array([[np.linalg.norm(c - t[0]) for t in truth] for c in objects.centroids])
         matched = set()
         if distance.size:
-            for i, j in zip(*linear_sum_assignment(distance), strict=True):
+            for i, j in zip(*scipy.optimize.linear_sum_assignment(distance), strict=True):
                 if distance[i, j] <= MATCH_PX:
                     matched.add(i)
                     self.errors.append(distance[i, j])

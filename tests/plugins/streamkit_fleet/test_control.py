@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from ray.cluster_utils import Cluster
 
 from streamkit import ResourceError
 from streamkit_fleet import control
@@ -41,6 +40,8 @@ class Nodes:
 @pytest.fixture(scope="module")
 def nodes() -> Iterator[Nodes]:
     """A head and a second node."""
+    from ray.cluster_utils import Cluster
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FEED_SECRET", SECRET)
         patch.setenv("RAY_worker_niceness", "0")

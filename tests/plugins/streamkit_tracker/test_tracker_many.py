@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.report import TargetReport
@@ -46,7 +46,9 @@ def matches(rows):
         gaps = np.array([[np.hypot(*(t.window[:2] - w[:2])) for t in tracks] for _, w in cars])
         gaps = gaps.reshape(len(cars), len(tracks))
         pairs = [
-            p for p in zip(*linear_sum_assignment(np.minimum(gaps, 50)), strict=True) if gaps[p] < MATCH_PX
+            p
+            for p in zip(*scipy.optimize.linear_sum_assignment(np.minimum(gaps, 50)), strict=True)
+            if gaps[p] < MATCH_PX
         ]
         found += [(index, cars[row][0], tracks[column]) for row, column in pairs]
         false += len(tracks) - len(pairs)

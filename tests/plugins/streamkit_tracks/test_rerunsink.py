@@ -1,5 +1,6 @@
 """rerunsink: what Rerun's own reader finds in the recording."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,9 @@ import pytest
 from streamkit import Frame, PropertyError, Registration, Track, Tracks, TrackState, raw_video_caps
 from streamkit.testing import Harness
 
-pytest.importorskip("rerun", reason="rerun-sdk, the extra `rerun`, is not installed")
+pytestmark = pytest.mark.skipif(
+    not find_spec("rerun"), reason="rerun-sdk, the extra `rerun`, is not installed"
+)
 
 
 def frames(count: int) -> list[Frame]:

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 
 from streamkit_wavelet_eigen.eigenspace import learn_fisher_axes
 
@@ -20,6 +19,8 @@ def _classes(
 
 def test_axes_span_those_of_scikit_learn() -> None:
     """Without shrinkage the axes span scikit-learn's discriminant space."""
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
     vectors, labels = _classes()
     ours = learn_fisher_axes(vectors, labels, shrinkage=0.0)
     theirs = LinearDiscriminantAnalysis(solver="eigen").fit(vectors, labels).scalings_[:, :3]

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.distance import cdist
+import scipy
 
 from streamkit_wavelet_eigen.feature_space import learn_space
 from streamkit_wavelet_eigen.gallery import (
@@ -83,13 +83,18 @@ def test_no_vector_has_no_match() -> None:
 def test_distances_are_those_of_scipy(metric: Metric, name: str) -> None:
     """Euclidean and cosine distances of all pairs."""
     one, other = (np.random.default_rng(seed).normal(size=(count, 12)) for seed, count in ((1, 5), (2, 7)))
-    np.testing.assert_allclose(distances(one, other, metric), cdist(one, other, name), atol=1e-6)
+    np.testing.assert_allclose(
+        distances(one, other, metric), scipy.spatial.distance.cdist(one, other, name), atol=1e-6
+    )
 
 
 def test_summed_distances_add_the_blocks() -> None:
     """The sum over blocks of Euclidean distances, not the distance of the whole."""
     one, other = (np.random.default_rng(seed).normal(size=(count, 12)) for seed, count in ((1, 5), (2, 7)))
-    expected = sum(cdist(one[:, first : first + 3], other[:, first : first + 3]) for first in range(0, 12, 3))
+    expected = sum(
+        scipy.spatial.distance.cdist(one[:, first : first + 3], other[:, first : first + 3])
+        for first in range(0, 12, 3)
+    )
     np.testing.assert_allclose(distances(one, other, Metric.SUMMED, 4), expected, atol=1e-6)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scipy.linalg import subspace_angles
+import scipy
 
 from streamkit_wavelet_eigen.appearance import AppearanceSettings, SpaceLearner
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
@@ -139,7 +139,7 @@ def test_a_stream_follows_the_batch(streamkit_data: Path, name: str) -> None:
         assert under_test.space is not None
         ours, theirs = under_test.space.spaces[0], learn_space(chosen, recipe).spaces[0]
         assert ours.rank == 16
-        assert np.degrees(subspace_angles(ours.basis[:8].T, theirs.basis[:8].T)).max() <= 5.0
+        assert np.degrees(scipy.linalg.subspace_angles(ours.basis[:8].T, theirs.basis[:8].T)).max() <= 5.0
 
 
 def _images(paths: list[Path]) -> np.ndarray:

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import ray
 from typer.testing import CliRunner
 
 from streamkit import Pipeline
@@ -171,6 +170,8 @@ def test_a_killed_worker_loses_no_file(archive: Path) -> None:
 
 def test_a_termination_is_clean_and_parts_are_counted(archive: Path, tmp_path: Path) -> None:
     """One line says what to do next; Ray's own handler would print the stack of its native code."""
+    import ray
+
     (archive / "bad.mp4").unlink()
     words = [
         "batch",

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.optimize
+import scipy
 
 from streamkit_stitcher.bundle_adjustment.adjustment import AdjustmentSettings, adjust
 from streamkit_stitcher.bundle_adjustment.problem import PlaneProblem, projected, robust_cost

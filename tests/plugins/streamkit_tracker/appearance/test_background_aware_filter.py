@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import fft
+import scipy
 
 from streamkit_tracker.appearance.background_aware_filter import BackgroundAwareFilter
 from streamkit_tracker.appearance.region_features import GRID
@@ -16,7 +16,7 @@ def region(shift: tuple[int, int] = (0, 0), target: int = 1, ground: int = 0) ->
     channels = 0.5 * np.random.default_rng(ground).standard_normal((4, GRID, GRID))
     top, left = MIDDLE - 4 + shift[1], MIDDLE - 5 + shift[0]
     channels[:, top : top + 8, left : left + 10] = np.random.default_rng(target).standard_normal((4, 8, 10))
-    return fft.rfft2(channels.astype(np.float32))
+    return scipy.fft.rfft2(channels.astype(np.float32))
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (7, -4), (-12, 9)])
