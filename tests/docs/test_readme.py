@@ -1,6 +1,5 @@
 """Every command and every listing in the README runs."""
 
-import os
 import re
 import shlex
 import subprocess
@@ -10,8 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-from tests.slowness import patience
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -25,22 +22,13 @@ COMMANDS = [
 ]
 RUN = re.compile(r"streamkit (launch|explain|tracks|convert|report)\b")
 LAUNCHES = [command for command in COMMANDS if RUN.match(command)]
-BINARY = Path(sys.executable).with_name("streamkit")
 NEEDS_PEER = ("rtsp://",)
+Call = Callable[[list[str], Path], subprocess.CompletedProcess[str]]
 
 
 def commands_of(*verbs: str) -> list[str]:
     """The lines that call one of these commands of streamkit."""
     return [command for command in COMMANDS if re.match(rf"streamkit ({'|'.join(verbs)})\b", command)]
-
-
-def run(command: str, folder: Path, limit_s: float = 100) -> subprocess.CompletedProcess[str]:
-    """Runs one streamkit command in a folder that holds the pipelines."""
-    arguments = [str(BINARY), *shlex.split(command)[1:]]
-    return subprocess.run(
-        arguments, cwd=folder, timeout=patience(limit_s), capture_output=True, text=True, check=False,
-        env={**os.environ, "COLUMNS": "200"},
-    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +45,7 @@ def test_readme_names_the_two_commands() -> None:
 
 
 @pytest.mark.timeout(400)
-def test_launch_lines_run_in_order(
-    folder: Path, call: Callable[[list[str], Path], subprocess.CompletedProcess[str]]
-) -> None:
+def test_launch_lines_run_in_order(folder: Path, call: Call) -> None:
     """Each, and what reads its files, ends with exit code 0; one that needs a camera is built instead."""
     assert len(LAUNCHES) >= 5
     for command in LAUNCHES:
@@ -70,18 +56,21 @@ def test_launch_lines_run_in_order(
 
 
 @pytest.mark.parametrize("command", commands_of("inspect", "graph", "caps", "new"))
-def test_commands_without_a_stream_run(command: str, folder: Path) -> None:
+def test_commands_without_a_stream_run(command: str, folder: Path, call: Call) -> None:
     """They end with exit code 0 and print something."""
-    done = run(command, folder)
+    done = call(shlex.split(command)[1:], folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
 
 
 @pytest.mark.parametrize("command", [*commands_of("subscribe", "doctor", "experiments"), "streamkit launch"])
-def test_options_of_other_commands_are_there(command: str, folder: Path) -> None:
+def test_options_of_other_commands_are_there(
+    command: str, folder: Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What needs a peer or data is asked for its help, which has every option that the README gives."""
+    monkeypatch.setenv("COLUMNS", "200")
     words = shlex.split(command)
-    done = run(f"streamkit {words[1]} --help", folder)
+    done = call([words[1], "--help"], folder)
     assert done.returncode == 0, done.stderr
     for option in (word.partition("=")[0] for word in words if word.startswith("-")):
         assert option in done.stdout
