@@ -104,6 +104,15 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Flight:
     return path, {frame.seq: (np.asarray(frame.data), frame.get(TrueTargets).centres) for frame in frames}
 
 
+@pytest.fixture(scope="module")
+def tracks(flight: Flight) -> Path:
+    """The records of a target of the flight; a server that plays them does not track."""
+    path = flight[0].with_name("tracks.jsonl")
+    track = f"decode ! particletrack window=100,80,40,40 ! tracksink location={path}"
+    Pipeline.parse(f"filesrc location={flight[0]} ! {track}").run(timeout_s=patience(60))
+    return path
+
+
 def number_of_last(browser: Chrome) -> int | None:
     """The number of the frame that is shown with its own boxes, if it is the last one.
 
@@ -180,10 +189,14 @@ def test_a_file_is_shown_with_boxes_on_the_cars(
 
 @pytest.mark.timeout(180)
 def test_the_past_of_an_ended_stream_plays_to_its_end(
-    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], flight: Flight
+    browser: Chrome,
+    start_view: Callable[..., Any],
+    wait_for: Callable[..., Any],
+    flight: Flight,
+    tracks: Path,
 ) -> None:
     """No frame is left out, though the states that the page gets meanwhile say that the stream has ended."""
-    browser.get(start_view(str(flight[0])).url)
+    browser.get(start_view(str(tracks), "--video", str(flight[0])).url)
     wait_for(lambda: text(browser, "state") == "ended", 100)
     wait_for(lambda: number_of_last(browser))
     slider = browser.find_element(By.ID, "back")
@@ -202,6 +215,7 @@ def test_video_is_shown_in_a_canvas(
     start_view: Callable[..., Any],
     wait_for: Callable[..., Any],
     flight: Flight,
+    tracks: Path,
     missing: str,
 ) -> None:
     """As over http from another machine, and in Firefox: a frame is that of its time, not one beside it."""
@@ -209,7 +223,7 @@ def test_video_is_shown_in_a_canvas(
     removal = {"source": f"delete window.{missing}"}
     script = browser.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", removal)
     try:
-        browser.get(start_view(str(path)).url)
+        browser.get(start_view(str(tracks), "--video", str(path)).url)
         wait_for(lambda: text(browser, "state") == "ended", 100)
         number, shown = wait_for(lambda: last_frame(browser))
     finally:
@@ -224,17 +238,14 @@ def test_video_is_shown_in_a_canvas(
 
 @pytest.mark.timeout(180)
 def test_a_finished_run_is_shown_with_its_video(
-    browser: Chrome, start_view: Callable[..., Any], wait_for: Callable[..., Any], tmp_path: Path
+    browser: Chrome,
+    start_view: Callable[..., Any],
+    wait_for: Callable[..., Any],
+    flight: Flight,
+    tracks: Path,
 ) -> None:
     """The records of the file belong to the frames with their times; a page that opens late has them, too."""
-    flight, tracks = tmp_path / "flight.mp4", tmp_path / "tracks.jsonl"
-    launch = (
-        "videotestsrc num-buffers=250 ! video/x-raw, width=320, height=240, framerate=25/1 ! tee name=t "
-        f"! encode gop=12 ! packetsink location={flight}  t. ! queue ! particletrack window=100,80,40,40 "
-        f"! tracksink location={tracks}"
-    )
-    Pipeline.parse(launch).run(timeout_s=patience(120))
-    browser.get(start_view(str(tracks), "--video", str(flight)).url)
+    browser.get(start_view(str(tracks), "--video", str(flight[0])).url)
     wait_for(lambda: browser.execute_script("return streamkit.page.video && streamkit.page.shown?.isExact"))
     wait_for(lambda: text(browser, "state") == "ended")
     assert text(browser, "feeds") == "tracks.jsonl"
