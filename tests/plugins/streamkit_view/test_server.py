@@ -229,8 +229,11 @@ def test_hostile_messages_end_their_connection_and_nothing_else(server: Any) -> 
     """Each is refused with a policy violation; the reasons are logged once; the server goes on."""
     numbers = random.Random(22)
     for _ in range(150):
+        message = hostile(numbers)
+        if message == '{"stills": true}':  # a page's answer after all
+            continue
         with open_page(server.address) as page:
-            page.send(hostile(numbers))
+            page.send(message)
             assert closing_code(page) in (1006, 1008, 1009)
     with open_page(server.address) as page:
         page.send("x" * 5000)

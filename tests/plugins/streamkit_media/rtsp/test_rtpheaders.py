@@ -29,7 +29,7 @@ def report() -> bytes:
 def ends() -> Iterator[tuple[socket.socket, socket.socket]]:
     """The server's end of a connection, and what looks at the other."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        client = socket.create_connection(listener.getsockname(), 5)
+        client = socket.create_connection(listener.getsockname())
         server, _ = listener.accept()
         server.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         with server, client:
