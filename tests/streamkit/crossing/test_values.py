@@ -51,7 +51,7 @@ leaves = (
 
 
 @settings(max_examples=60)
-@given(st.recursive(leaves, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
+@given(st.recursive(leaves, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20))
 def test_plain_values_keep_type_and_content(value: object) -> None:
     """Numbers, texts, containers."""
     assert there_and_back(value) == value
