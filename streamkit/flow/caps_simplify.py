@@ -61,7 +61,13 @@ def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
     ordered = sorted(structures, key=lambda structure: (structure.name, -len(structure.fields)))
     kept = [one for index, one in enumerate(ordered) if not _is_redundant(index, ordered)]
     runs = groupby(kept, lambda structure: (structure.name, frozenset(structure.features)))
-    return tuple(structure for _, run in runs for structure in _simplified(list(run)))
+    found = list[Structure]()
+    for _, alike in runs:
+        run = list(alike)
+        for index in reversed(range(len(run))):  # the last is merged first
+            _merge_into_others(run, index)
+        found += run
+    return tuple(found)
 
 
 def _is_redundant(index: int, structures: Sequence[Structure]) -> bool:
@@ -72,13 +78,6 @@ def _is_redundant(index: int, structures: Sequence[Structure]) -> bool:
         for place, other in enumerate(structures)
         if other.features == ANY_FEATURES and place != index
     )
-
-
-def _simplified(run: list[Structure]) -> list[Structure]:
-    """Structures with the same name and features in fewer ones, in place; the last is merged first."""
-    for index in reversed(range(len(run))):
-        _merge_into_others(run, index)
-    return run
 
 
 def _merge_into_others(run: list[Structure], index: int) -> None:
