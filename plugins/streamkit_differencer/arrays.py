@@ -16,7 +16,6 @@ LabelImage = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 # A row of an image, [columns].
 ByteLine = NDArray[np.uint8]
-BYTES = types.Array(types.uint8, 1, "C")
 CountLine = NDArray[np.uint16]
 FloatLine = NDArray[np.float32]
 # Rows or columns of pixels, [n].

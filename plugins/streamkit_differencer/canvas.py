@@ -89,12 +89,11 @@ def working_to_frame(scale: int) -> FloatArray:
 
 def is_homography(matrix: FloatArray) -> bool:
     """Whether a matrix is a finite, well-conditioned homography."""
-    if matrix.shape != (3, 3) or matrix[2, 2] == 0.0:
+    if matrix.shape != (3, 3) or matrix[2, 2] == 0.0 or not math.isfinite(sum(matrix.ravel().tolist())):
         return False
     (a, b, c), (d, e, f), (g, h, i) = (matrix / matrix[2, 2]).tolist()
     smallest, largest = DETERMINANT_LIMITS
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    # False also for what is no number.
     return bool(smallest < abs(determinant) < largest)
 
 

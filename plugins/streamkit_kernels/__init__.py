@@ -15,8 +15,11 @@ from streamkit_kernels.calling_thread import product as product
 from streamkit_kernels.compilation import BOOL_1D as BOOL_1D
 from streamkit_kernels.compilation import FLOAT32 as FLOAT32
 from streamkit_kernels.compilation import FLOAT64 as FLOAT64
+from streamkit_kernels.compilation import FLOAT64_1D as FLOAT64_1D
 from streamkit_kernels.compilation import INT32 as INT32
+from streamkit_kernels.compilation import INT64_1D as INT64_1D
 from streamkit_kernels.compilation import UINT8 as UINT8
+from streamkit_kernels.compilation import UINT8_1D as UINT8_1D
 from streamkit_kernels.compilation import UINT8_READONLY as UINT8_READONLY
 from streamkit_kernels.compilation import UINT8_STRIDED as UINT8_STRIDED
 from streamkit_kernels.compilation import UINT16 as UINT16

@@ -20,7 +20,11 @@ UINT8 = types.Array(types.uint8, 2, "C")
 UINT16 = types.Array(types.uint16, 2, "C")
 INT32 = types.Array(types.int32, 2, "C")
 FLOAT32 = types.Array(types.float32, 2, "C")
+# The same, [n].
 BOOL_1D = types.Array(types.boolean, 1, "C")
+UINT8_1D = types.Array(types.uint8, 1, "C")
+INT64_1D = types.Array(types.int64, 1, "C")
+FLOAT64_1D = types.Array(types.float64, 1, "C")
 # Points, boxes, homographies.
 FLOAT64 = types.Array(types.float64, 2, "C")
 # A read-only image.

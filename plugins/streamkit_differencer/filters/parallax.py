@@ -16,8 +16,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import BYTES, ByteImage, ByteLine, Flags, FloatArray, LabelImage
-from streamkit_kernels import FLOAT64, INT32, UINT8_STRIDED, compiled, kernel
+from streamkit_differencer.arrays import ByteImage, ByteLine, Flags, FloatArray, LabelImage
+from streamkit_kernels import FLOAT64, INT32, UINT8_1D, UINT8_STRIDED, compiled, kernel
 
 IntegerArray = NDArray[np.int64]
 Images = tuple[ByteImage, ByteImage, ByteImage, ByteImage, ByteImage]
@@ -71,7 +71,7 @@ def find_parallax(
     return found
 
 
-@kernel(INT32, BYTES, types.int64, types.int64, types.int64)
+@kernel(INT32, UINT8_1D, types.int64, types.int64, types.int64)
 def count_votes(
     blocks: LabelImage, states: ByteLine, count: int, height: int, width: int
 ) -> tuple[Flags, Flags]:

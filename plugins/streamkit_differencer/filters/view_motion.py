@@ -18,9 +18,8 @@ from numba import types
 
 from streamkit.geometry.homography import centre, inverse, project
 from streamkit_differencer.arrays import FloatArray
-from streamkit_kernels import FLOAT64, compiled, kernel
+from streamkit_kernels import FLOAT64, FLOAT64_1D, compiled, kernel
 
-VECTOR = types.Array(types.float64, 1, "C")
 # Focal length in widths of the frame, of a lens of 24 mm as most drones have. Of 0.4 to 2.0, the ground's
 # normal is the steadiest with 0.7 or 0.8 in each of seven clips of such drones.
 FOCAL_LENGTH = 0.7
@@ -95,7 +94,7 @@ class ViewMotion:
         return found
 
 
-@kernel(FLOAT64, FLOAT64, FLOAT64, VECTOR, VECTOR, types.float64)
+@kernel(FLOAT64, FLOAT64, FLOAT64, FLOAT64_1D, FLOAT64_1D, types.float64)
 def parallax(
     places: FloatArray,
     to_canvas: FloatArray,

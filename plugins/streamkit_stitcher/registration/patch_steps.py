@@ -13,14 +13,13 @@ import numpy.typing as npt
 from numba import types
 
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
-from streamkit_kernels import BOOL_1D, FLOAT64, UINT8_READONLY, compiled, kernel
+from streamkit_kernels import BOOL_1D, FLOAT64, FLOAT64_1D, INT64_1D, UINT8_READONLY, compiled, kernel
 from streamkit_stitcher.registration.patch_comparison import probe
-from streamkit_stitcher.registration.patches import MIN_STD, OFF_PLANE, VALUES
+from streamkit_stitcher.registration.patches import MIN_STD, OFF_PLANE
 
 _SingleArray = npt.NDArray[np.float32]
 _PATCHES = types.Array(types.float32, 3, "C")
 _MATRICES = types.Array(types.float64, 3, "C")
-_NUMBERS = types.Array(types.int64, 1, "C")
 # Common shift of the patches, px, that is taken before any other motion, and the displacement that is none.
 _FAR: Final = 1.0
 _WILD: Final = 10.0
@@ -32,7 +31,7 @@ _MIN_CORRELATION: Final = 0.6
 _MAX_CONDITION: Final = 1e14
 
 
-@kernel(UINT8_READONLY, FLOAT64, _PATCHES, _NUMBERS, BOOL_1D, VALUES, types.int64, types.float64, FLOAT64)
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, INT64_1D, BOOL_1D, FLOAT64_1D, types.int64, types.float64, FLOAT64)
 def settle(
     image: GreyArray,
     centres: FloatArray,
@@ -101,7 +100,7 @@ class JointStep(NamedTuple):
     on_plane: MaskArray
 
 
-@kernel(UINT8_READONLY, FLOAT64, _PATCHES, _NUMBERS, BOOL_1D, _MATRICES, VALUES, FLOAT64)
+@kernel(UINT8_READONLY, FLOAT64, _PATCHES, INT64_1D, BOOL_1D, _MATRICES, FLOAT64_1D, FLOAT64)
 def improve(
     image: GreyArray,
     centres: FloatArray,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import types
 
 from streamkit.geometry.homography import FloatArray, GreyArray, MaskArray
-from streamkit_kernels import BOOL_1D, FLOAT64, kernel
+from streamkit_kernels import BOOL_1D, FLOAT64, FLOAT64_1D, kernel
 
 RADIUS: Final = 7
 # Smallest deviation of a patch, px: lens, shutter and terrain do not quite follow a plane's homography.
@@ -21,7 +21,6 @@ _MIN_CONTRAST: Final = 2.0
 # Patches nearer to the border of an image are out of view, px.
 _MARGIN: Final = RADIUS + 3
 _PIXELS: Final = (2 * RADIUS + 1) ** 2
-VALUES: Final = types.Array(types.float64, 1, "C")
 _SingleArray = npt.NDArray[np.float32]
 
 
@@ -129,7 +128,7 @@ def prepare(patches: GreyArray, centres: FloatArray) -> PatchLevel:
     return PatchLevel(centres, probes, inverse_hessian, usable, np.arange(count))
 
 
-@kernel(FLOAT64, BOOL_1D, VALUES, types.float64, FLOAT64, types.int64, types.int64, types.int64)
+@kernel(FLOAT64, BOOL_1D, FLOAT64_1D, types.float64, FLOAT64, types.int64, types.int64, types.int64)
 def in_view(
     centres: FloatArray,
     usable: MaskArray,
