@@ -100,6 +100,12 @@ class Sink(Element):
         if frame.pts is None or pad.segment.holds(frame.pts, frame.duration):
             return False
         self.count_drop("outside the segment")
+        self.warn_once(
+            f"a frame at {frame.pts / 1e9:.3f} s is outside the stream, which begins at "
+            f"{pad.segment.start_ns / 1e9:.3f} s, and is dropped, as is each further one; "
+            "give frames times that ascend",
+            subject="segment",
+        )
         return True
 
     def _render_in_time(self, frame: Frame, running_time_ns: int) -> None:

@@ -98,10 +98,10 @@ class AppSink(PlainSink):
 
     def render(self, frame: Frame) -> None:
         """Queues the frame; waits, or drops the oldest, if full."""
+        if self.clip(frame, self.pads["sink"]):
+            return
         with self.changed:
             self.check_open()
-            if self.clip(frame, self.pads["sink"]):
-                return
             self.wait_for(self._make_room)
             self.note(frame)
             self.pending.append(frame)

@@ -107,7 +107,7 @@ class Chain:
                 element.activity = ("frame", before, frame)
                 element.at_work[0] = AT_WORK
                 if stage.is_terminal and frame.pts.__class__ not in PLAIN_TIMES:
-                    check_time(frame)
+                    frame = frame.replace(pts=plain_time(frame))
                 result = stage.call(frame)
                 called = element.activity = None
                 element.at_work[0] = IDLE
@@ -188,10 +188,14 @@ class Chain:
             element.enter("frame", time.perf_counter_ns(), frame)
 
 
-def check_time(frame: Frame) -> None:
-    """Raises `StreamError` for a time, not in `PLAIN_TIMES`, that is no integer of any other kind."""
+def plain_time(frame: Frame) -> int:
+    """The time of a frame that has an integer of another kind, as NumPy's, which no file or message takes.
+
+    Raises:
+        StreamError: it is no integer.
+    """
     try:
-        operator.index(frame.pts)  # type: ignore[arg-type]
+        return operator.index(frame.pts)  # type: ignore[arg-type]
     except TypeError:
         raise StreamError(
             f"the pts of a frame must be an integer, ns, or None, it is {frame.pts!r}; "

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Sink
+from streamkit import Caps, ElementFailure, Frame, MessageKind, NotNegotiated, Pipeline, Sink
 from streamkit.flow.events import Flushing
 from streamkit.testing import Harness, ManualClock
 
@@ -152,6 +152,34 @@ def test_a_time_that_is_not_an_integer_is_an_error(pts: object, properties: dict
         with pytest.raises(ElementFailure, match="the pts of a frame must be an integer, ns, or None"):
             harness.push(Frame(b"", ANYTHING, pts=pts))  # type: ignore[arg-type]
         assert harness.element.kept == ["a/b", 1, 2]  # type: ignore[attr-defined]
+
+
+def test_a_sink_gets_times_of_numpy_as_plain_integers() -> None:
+    """A file or a message takes no other; nothing but the time changes."""
+    with Pipeline.parse("appsrc name=in ! identity ! appsink name=out") as pipeline:
+        pipeline.play()
+        pipeline["in"].push(Frame(b"x", ANYTHING, pts=np.int64(5)))  # type: ignore[arg-type]
+        pipeline["in"].end()
+        (frame,) = pipeline["out"]
+    assert (frame.data, frame.pts, type(frame.pts)) == (b"x", 5, int)
+
+
+def test_frames_before_the_first_are_told_of_once() -> None:
+    """They are dropped and counted; that their times descend is a fault of the program."""
+    told: list[str] = []
+    with Pipeline.parse("appsrc name=in ! appsink name=out") as pipeline:
+        pipeline.bus.watch(
+            lambda message: told.append(message.text) if message.kind is MessageKind.WARNING else None
+        )
+        pipeline.play()
+        for pts in (10**9, 96 * 10**7, 92 * 10**7):
+            pipeline["in"].push(Frame(b"", ANYTHING, pts=pts))
+        pipeline["in"].end()
+        assert [frame.pts for frame in pipeline["out"]] == [10**9]
+        assert pipeline["out"].drops == {"outside the segment": 2}
+    assert [text.partition(", and")[0] for text in told] == [
+        "a frame at 0.960 s is outside the stream, which begins at 1.000 s"
+    ]
 
 
 def test_a_frame_that_comes_amid_a_flush_is_not_waited_for() -> None:
