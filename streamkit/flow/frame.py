@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from streamkit.flow.caps import Caps
 
 Item = TypeVar("Item")
+COMMON_MODULES = ("builtins", "numpy")  # their types say nothing of what they hold
 NO_METADATA: Mapping[type, object] = MappingProxyType({})
 
 
@@ -89,7 +90,14 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         return f"<{self.describe()}: {self.caps}{'; ' if kinds else ''}{kinds}>"
 
     def replace(self, **changes: Any) -> Frame:
-        """A copy with these attributes changed; data is shared."""
+        """A copy with these attributes changed; data is shared.
+
+        Raises:
+            TypeError: there is no such attribute, or metadata is no mapping: `attach` adds to it.
+        """
+        if "metadata" in changes and not isinstance(changes["metadata"], Mapping):
+            given = type(changes["metadata"]).__name__
+            raise TypeError(f"metadata= must be a mapping by type, got {given}; add it by frame.attach(...)")
         return msgspec.structs.replace(self, **changes)
 
     def get(self, kind: Callable[..., Item]) -> Item | None:
@@ -108,9 +116,18 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         return self.get(Registration)
 
     def attach(self, *items: object) -> Frame:
-        """A copy with metadata added, each item under its own type."""
+        """A copy with metadata added, each item under its own type.
+
+        Raises:
+            TypeError: the type is one that any element may use for anything, such as dict.
+        """
         added = dict(self.metadata)
         for item in items:
+            if type(item).__module__ in COMMON_MODULES:
+                raise TypeError(
+                    "metadata is found by its type, which must be a class of its own, as a dataclass, got "
+                    f"{type(item).__name__}"
+                )
             added[type(item)] = item
         return msgspec.structs.replace(self, metadata=added)
 

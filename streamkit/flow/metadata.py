@@ -7,6 +7,7 @@ towards +y. Times in nanoseconds. Arrays are float64 unless said.
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -84,7 +85,7 @@ class Detections:
         """Refuses columns that do not fit each other, which elements would drop or fail on much later.
 
         Raises:
-            ValueError: a column has another shape, or a box ends before it begins.
+            ValueError: a column has another shape, a box ends before it begins, or an area or score is NaN.
         """
         count = len(self.centroids)
         shapes = {"centroids": (count, 2), "boxes": (count, 4), "areas": (count,), "scores": (count,)}
@@ -95,6 +96,9 @@ class Detections:
                 raise ValueError(f"{name} of {count} detections must be an array of shape {shape}, got {got}")
         if len(self.labels) not in (0, count):
             raise ValueError(f"labels of {count} detections must be {count} or none, got {len(self.labels)}")
+        for name in ("areas", "scores"):  # of a target's record, which has no word for NaN
+            if not all(map(math.isfinite, getattr(self, name))):
+                raise ValueError(f"{name} of detections must be finite, got {getattr(self, name).tolist()}")
         is_reversed = (self.boxes[:, 2:] < self.boxes[:, :2]).any(axis=1)
         if is_reversed.any():
             box = self.boxes[is_reversed.argmax()].tolist()

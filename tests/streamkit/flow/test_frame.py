@@ -88,6 +88,21 @@ def test_metadata_is_found_by_type() -> None:
     assert frame.get(Pose) is None
 
 
+@pytest.mark.parametrize("item", [{"mean": 1.0}, [1], 0.5, "text", np.zeros(3)])
+def test_metadata_has_a_type_of_its_own(item: object) -> None:
+    """Two elements that attach a dict would replace each other's."""
+    kind = type(item).__name__
+    with pytest.raises(TypeError, match=f"must be a class of its own, as a dataclass, got {kind}"):
+        grey_frame().attach(item)
+
+
+def test_metadata_is_replaced_by_a_mapping_only() -> None:
+    """Where it is given: the next `attach` would fail, in another element."""
+    with pytest.raises(TypeError, match=r"must be a mapping by type, got Capture; add it by frame.attach"):
+        grey_frame().replace(metadata=Capture(1, "file"))
+    assert grey_frame().replace(metadata={int: 5}).get(int) == 5
+
+
 def test_an_item_can_be_attached_under_a_protocol() -> None:
     """With `attach_as`."""
     assert grey_frame().attach_as(Iterator, iter(())).get(Iterator) is not None  # type: ignore[type-abstract]
