@@ -29,9 +29,13 @@ NTSC = Fraction(1000, 1001)
 # Relative: 23.976, 29.97 and 59.94 are a millionth off what they stand for, 29.98 is 300 times that.
 ROUNDING = Fraction(1, 100_000)
 
-# What videoscale and videorate can make.
-CONVERTIBLE = "video/x-raw, width=[ 1, 32767 ], height=[ 1, 32767 ], framerate=[ 0/1, 2147483647/1 ]"
+# What videoconvert, videoscale and videorate can make.
+CONVERTIBLE = (
+    f"video/x-raw, format={{ {', '.join(FORMATS)} }}, width=[ 1, 32767 ], height=[ 1, 32767 ], "
+    "framerate=[ 0/1, 2147483647/1 ]"
+)
 CONVERTERS = {
+    "videoconvert": ("format",),  # inserted where links are made; a format may also come with a frame
     "videoscale": ("width", "height"),
     "videorate": ("framerate",),
     "videoscale ! videorate": ("width", "height", "framerate"),
@@ -66,6 +70,14 @@ def misspelt_fields(caps: Caps) -> list[str]:
     ]
 
 
+def misspelt_media(caps: Caps) -> list[str]:
+    """A line for each media type that is like that of raw video, which other types of video are not."""
+    names = [structure.name for structure in caps.structures if structure.name != "video/x-raw"]
+    # GStreamer 0.10's video/x-raw-yuv is alike by 0.85, video/x-av1 by 0.82.
+    hints = [(name, did_you_mean(name, ["video/x-raw"], 0.84)) for name in names]
+    return [f"{name}: {hint}" for name, hint in hints if hint]
+
+
 def misspelt_formats(caps: Caps) -> list[str]:
     """A line for each pixel format of raw video that is like one of streamkit's, and none of them."""
     formats = [structure.fields.get("format") for structure in caps.structures]
@@ -86,7 +98,7 @@ def is_turned_for_display(caps: Caps) -> bool:
 
 
 def conversion_remedy(offered: Caps, accepted: Caps) -> str:
-    """What to put between raw video of two sizes or rates, as "put videoscale between", or ""."""
+    """What to put between raw video of two formats, sizes or rates, as "put videoscale between", or ""."""
     convertible = Caps(CONVERTIBLE)
     if not all(is_raw_video(caps) and caps.can_intersect(convertible) for caps in (offered, accepted)):
         return ""

@@ -6,7 +6,13 @@ from streamkit.element.base import Element
 from streamkit.element.pad import Direction
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
-from streamkit.flow.video import conversion_remedy, is_raw_video, misspelt_fields, misspelt_formats
+from streamkit.flow.video import (
+    conversion_remedy,
+    is_raw_video,
+    misspelt_fields,
+    misspelt_formats,
+    misspelt_media,
+)
 
 RAW = "video/x-raw"
 CODED_VIDEO = ("video/", "image/")  # begin the media types of coded packets
@@ -18,7 +24,8 @@ def caps_conflict(
 ) -> DescriptionError:
     """The error for two pads, by path, whose caps have nothing in common; `sink` is the second's element."""
     text = f"could not link {left} to {right}: they "
-    if remedy := _codec_remedy(offered, accepted, sink):
+    misspelt = dict.fromkeys([*misspelt_media(offered), *misspelt_media(accepted)])
+    if remedy := "; ".join(misspelt) or _codec_remedy(offered, accepted, sink):
         text += f"disagree on media type: {left} offers {_media(offered)}; {right} takes {_media(accepted)}"
         return DescriptionError("link", text, place, remedy)
     text += offered.disagreement(accepted, left, right)

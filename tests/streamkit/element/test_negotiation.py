@@ -57,12 +57,13 @@ def test_caps_that_fit_are_accepted() -> None:
         ("video/x-raw, width=8, framerate=5/1", "; put videoscale ! videorate between"),
         ("video/x-raw, width=0", ""),
         ("video/x-raw, framerate=5", ""),
-        ("video/x-raw, format=RGB", ""),
+        ("video/x-raw, format=RGB", "; put videoconvert between"),
+        ("video/x-raw, format=GRAY16_LE", ""),
         ("video/x-raw, format=RGB, width=8", ""),
     ],
 )
-def test_video_of_another_size_or_rate_gets_a_remedy(accepted: str, remedy: str) -> None:
-    """Nothing is scaled unless the description says so: the error says how."""
+def test_video_of_another_format_size_or_rate_gets_a_remedy(accepted: str, remedy: str) -> None:
+    """Converters are inserted before frames bring their caps, and nothing is scaled: the error says how."""
     src, _ = pads("video/x-raw", accepted)
     fixed = Caps("video/x-raw, format=GRAY8, width=4, height=4, framerate=25/1")
     with pytest.raises(NotNegotiated) as caught:

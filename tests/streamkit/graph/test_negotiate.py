@@ -60,6 +60,9 @@ def test_pads_without_common_caps_are_refused(register: Register) -> None:
         ("camera ! coded", "put encode between"),
         ("camera ! queue ! coded", "put encode between"),
         ("camera ! video/x-h264 ! fakesink", "put encode between"),
+        ("camera ! video/x-av1 ! fakesink", "put encode between"),
+        ("camera ! video/raw ! fakesink", 'video/raw: did you mean "video/x-raw"'),
+        ("camera ! video/x-raw-yuv ! fakesink", 'video/x-raw-yuv: did you mean "video/x-raw"'),
         ("camera ! packer ! screen", "put decode between"),
         ("camera ! packer ! identity ! packer", "the video is encoded before packer1: leave packer1 out"),
         (
