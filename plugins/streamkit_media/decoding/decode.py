@@ -38,6 +38,10 @@ SPARE_THREADS, MAX_THREADS = 2, 16
 TOO_OLD = "late: too old when decoded"
 NO_KEYFRAME = "no keyframe has come yet"
 NO_FRAME = "packet without a frame of its own"
+INTERLACED = (
+    "the video is interlaced, and what moves has combed edges; deinterlace it for better detections, as "
+    "ffmpeg -i IN -vf bwdif OUT does"
+)
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -56,7 +60,8 @@ class Decode(Transform):
     """Decodes video and images; GRAY8 is the decoder's own luma plane, without copy.
 
     Damaged frames, and those built on them, are marked as corrupt, counted as the outcome `damaged`, and
-    warned of once, at the end. An element message `decoder` names the device, or software.
+    warned of once, at the end. Interlaced video is warned of, and decoded as it is. An element message
+    `decoder` names the device, or software.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -275,6 +280,8 @@ class Decode(Transform):
             pixels = self._reader.read(video_frame)
         except OddSize as error:
             raise StreamError(str(error)) from None
+        if video_frame.interlaced_frame:
+            self.warn_once(INTERLACED)
         size = video_frame.width, video_frame.height
         if stream.rotation or stream.is_flipped:
             pixels = oriented(pixels, stream.rotation, is_flipped=stream.is_flipped)

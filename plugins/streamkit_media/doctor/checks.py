@@ -9,6 +9,8 @@ from fractions import Fraction
 from typing import Any
 
 from streamkit import mask_secrets
+from streamkit_media.codecs import OTHER
+from streamkit_media.decoding.decode import INTERLACED
 from streamkit_media.doctor.measure import Decoded, Measured, measure, try_decoding
 from streamkit_media.doctor.watch import Seen
 
@@ -100,6 +102,8 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     decoded = try_decoding(seen.kept)
     speed = _decoding_check(decoded, found.rate if is_live else None)
     checks = [_format_check(seen, transport, decoded.size), speed]
+    if decoded.interlaced:
+        checks.append(note("fields", INTERLACED))
     if found.packets == 1 and not is_live:
         return [*checks, note("length", "one frame"), _telemetry_check(seen, is_live=False)]
     if seen.shortfall:
@@ -122,8 +126,9 @@ def _format_check(seen: Seen, transport: str, size_seen: tuple[int, int] | None)
         over += ", which decode turns upside down"
     if rotation := caps.get("rotation"):
         over += f", which decode rotates counter-clockwise by {rotation!s} degrees"
-    facts = {"codec": caps.name, "width": width, "height": height, "transport": transport}
-    return good("stream", f"{caps.name}, {size}{over}", **facts)
+    codec = caps.name if caps.name != OTHER else f"{caps.name}, codec={caps['codec']}"
+    facts = {"codec": codec, "width": width, "height": height, "transport": transport}
+    return good("stream", f"{codec}, {size}{over}", **facts)
 
 
 def _decoding_check(decoded: Decoded, live_rate: float | None) -> Check:

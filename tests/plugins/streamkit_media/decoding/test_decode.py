@@ -191,6 +191,16 @@ def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> Non
     assert drops == {"undecodable packet: Invalid data found when processing input": 3}
 
 
+@pytest.mark.parametrize(("flags", "warnings"), [("+ildct+ilme", 1), ("+bitexact", 0)])
+def test_interlaced_video_is_warned_of_once(make_video: MakeVideo, flags: str, warnings: int) -> None:
+    """Its frames come out as they are: two half images, of two times."""
+    path = make_video(f"fields{warnings}.mpg", codec="mpeg2video", options={"flags": flags}, count=5)
+    with Harness("decode") as harness:
+        assert len(decoded(harness, packets_of(path))) == 5
+    told = [message.text for message in harness.messages if message.kind == "warning"]
+    assert [text.partition(",")[0] for text in told] == ["the video is interlaced"] * warnings
+
+
 def test_a_stream_joined_between_keyframes_says_what_it_waits_for(make_video: MakeVideo) -> None:
     """Its parameter sets come with the next keyframe; until then nothing decodes, which is no damage."""
     packets = packets_of(make_video("joined.ts", bframes=0, options={"g": "6", "sc_threshold": "0"}))[1:]

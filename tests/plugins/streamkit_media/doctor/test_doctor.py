@@ -170,6 +170,13 @@ def test_whole_video_decodes_well(
     """Fields, frames that are not shown, and deep reordering are no fault."""
     report = examine(str(make_video(name, count=60, codec=codec, options=options)), 1, 5, "tcp")
     assert verdicts(report)["decoding"] == "good", report.as_text()
+    assert verdicts(report).get("fields") == ("note" if name.startswith("fields") else None)
+
+
+def test_a_codec_without_a_media_type_is_named(make_video: Callable[..., Path]) -> None:
+    """The caps of all of these are video/x-coded."""
+    report = examine(str(make_video("lossless.mkv", codec="ffv1", pixel_format="yuv420p")), 1, 5, "tcp")
+    assert "video/x-coded, codec=ffv1, " in report.as_text()
 
 
 def test_a_file_with_telemetry(streamkit_data: Path) -> None:
