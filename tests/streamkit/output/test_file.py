@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -232,6 +233,10 @@ def test_check_writable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         check_writable(tmp_path / "file" / "a" / "c.txt")
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(PermissionError):
+        check_writable(tmp_path / "c.txt")
+    read_only = SimpleNamespace(f_flag=os.ST_RDONLY)
+    monkeypatch.setattr(os, "statvfs", lambda _: read_only)
+    with pytest.raises(OSError, match="Read-only file system"):
         check_writable(tmp_path / "c.txt")
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
