@@ -21,6 +21,7 @@ from streamkit import (
     read_description,
     unused_variables,
     variable_names,
+    write_remedy,
 )
 from streamkit.masking import presentable
 
@@ -68,6 +69,9 @@ def batch(
 
     try:
         output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        exit_with_error(f"--output {output}: cannot be written: {error.strerror}{write_remedy(error)}")
+    try:
         with connected(address, cores=cores), BatchProgress(len(files)) as progress:
             from streamkit_fleet.batch.driver import BatchDriver
 

@@ -53,3 +53,14 @@ def test_a_description_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     done = CliRunner().invoke(make_app(), ["batch", "*.mp4", "-f", "nosuch.pipe", "--output", str(tmp_path)])
     assert done.exit_code == 2
     assert done.stderr == "error: cannot read the description nosuch.pipe: No such file or directory\n"
+
+
+def test_a_folder_of_results_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    """With the option and what to do, and before Ray starts."""
+    (tmp_path / "a.mp4").touch()
+    (tmp_path / "copy.pipe").write_text("filesrc location=${input} ! filesink location=${output}")
+    output = tmp_path / "a.mp4" / "out"
+    command = ["batch", str(tmp_path / "*.mp4"), "-f", str(tmp_path / "copy.pipe"), "--output", str(output)]
+    result = CliRunner().invoke(make_app(), command)
+    assert result.exit_code == 1
+    assert f"--output {output}: cannot be written: Not a directory; check that" in result.stderr
