@@ -19,6 +19,7 @@ from typing import Any, Generic, TypeVar, cast, overload
 from streamkit.element.property_text import flag_word, value_from_text
 from streamkit.errors import PropertyError, did_you_mean
 from streamkit.flow.caps import Caps
+from streamkit.flow.video import exact_rate
 from streamkit.masking import MASK, mask_secrets
 from streamkit.settings import FileUse, Traits, traits_of
 
@@ -140,7 +141,7 @@ class PropertyDeclaration(Traits):
         if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
         if kind is Fraction and isinstance(value, int | float | Fraction):
-            return Fraction(value).limit_denominator(1001)
+            return exact_rate(value) if isinstance(value, float) else Fraction(value)
         return kind(value) if issubclass(kind, enum.Enum) else value
 
     def _broken_rule(self, value: Any) -> str:
