@@ -110,7 +110,7 @@ class TrackSubscriber:
         return self._receiver.has_vanished
 
     def __iter__(self) -> Iterator[TrackRecord]:
-        """Records as they are received, until `close` is called or the last publisher is gone."""
+        """Records as they are received, until `close`, or the end that `ends_with_publisher` gives."""
         return (update.record for update in self.updates() if update.record is not None)
 
     def updates(self) -> Iterator[Update]:

@@ -73,4 +73,7 @@ def read_request(data: bytes) -> ControlRequest:
     """
     if len(data) > REQUEST_LIMIT_BYTES:
         raise ValueError(f"a request has at most {REQUEST_LIMIT_BYTES} bytes, got {len(data)}")
-    return decode_json(data, ControlRequest)
+    try:
+        return decode_json(data, ControlRequest)
+    except ValueError as error:
+        raise ValueError(f'{error}; write {{"element": NAME, "property": NAME, "value": VALUE}}') from None

@@ -105,6 +105,7 @@ def test_a_window_starts_a_target(pipeline: Pipeline, ask: Ask) -> None:
         (change("moved", "min-score", 1), "no element 'moved' in the pipeline"),
         (change("zenohsink0", "key", "uav/2"), "property key cannot change while playing"),
         ({"element": "moving"}, "missing required field `property`"),
+        ({"moving": {"min-score": 1}}, 'write {"element": NAME, "property": NAME, "value": VALUE}'),
         (b"\xff", "invalid"),
         (b'{"a":' + b"[" * 3000, "unknown field"),
         (b" " * 5000, "at most 4096 bytes, got 5000"),
