@@ -17,12 +17,15 @@ from streamkit import (
 )
 from streamkit_tracks.tracksrc import check_records
 
+ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
+
 
 class TrackAttach(Transform):
     """Attaches the tracks and registration of a finished run to the frames of its video.
 
-    With it, an overlay is drawn without tracking again. A frame belongs to the record with its epoch and
-    number; one without a record passes as it is. Frames of another size than the records name are an error.
+    With it, an overlay is drawn without tracking again. A frame belongs to the record with its time, or,
+    where one of them has none, with its epoch and number; one without a record passes as it is. Frames of
+    another size than the records name are an error.
 
     Example:
         filesrc location=flight.mp4 ! decode ! trackattach location=tracks.jsonl ! trackoverlay ! fakesink
@@ -53,12 +56,12 @@ class TrackAttach(Transform):
         Raises:
             StreamError: the record is of a frame of another size.
         """
-        place = frame.epoch, frame.seq
-        while self._record is not None and (self._record.epoch, self._record.seq) < place:
+        while self._record is not None and _side_of(frame, self._record) < 0:
             self._record = next(self._records, None)
         record = self._record
-        if record is None or (record.epoch, record.seq) != place:
+        if record is None or _side_of(frame, record):
             return frame
+        self._record = next(self._records, None)
         recorded = record.width, record.height
         if None not in recorded and recorded != (frame.caps["width"], frame.caps["height"]):
             raise StreamError(
@@ -77,10 +80,22 @@ class TrackAttach(Transform):
         if self.run > self._run_count:
             text, code = f"no run {self.run}, it has {self._run_count}", "shortfall"
         elif not self._has_match:
-            text, code = "no record has the number of a frame; name the file of its run", "shortfall"
+            text, code = "no record has the time of a frame; name the file of its run", "shortfall"
         elif self.run < self._run_count:
             text, code = f"it has {self._run_count} runs, this is run {self.run}; see run=", ""
         else:
             return ()
         self.post_warning(f"location={self.location}: {text}", code)
         return ()
+
+
+def _side_of(frame: Frame, record: TrackRecord) -> int:
+    """Below 0 for a record of an earlier frame, 0 for that of this one, above 0 for that of a later one.
+
+    A recording has the times of the live stream, but neither its epochs nor the numbers of all its frames.
+    """
+    if frame.pts is None or record.pts_ns is None or record.epoch < frame.epoch:
+        place, wanted = (record.epoch, record.seq), (frame.epoch, frame.seq)
+        return (place > wanted) - (place < wanted)
+    later_ns = record.pts_ns - frame.pts
+    return 0 if abs(later_ns) <= ROUNDING_NS else later_ns

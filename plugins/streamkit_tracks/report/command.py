@@ -11,12 +11,13 @@ from typing import Annotated
 import typer
 
 from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error, read_statistics
+from streamkit.masking import presentable
 from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason, write_output
 from streamkit_tracks.report.page import build_page, cost_table
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
+from streamkit_tracks.trackattach import ROUNDING_NS
 
 MAX_CROPS = 60
-ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
 PAGE_SUFFIXES = (".html", ".htm")
 
 
@@ -121,6 +122,9 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
         raise StreamError(
             f"{video}: no frame has the time of a record; give the video that the tracks are of"
         )
+    if lost := sum(map(len, wanted.values())):
+        text = f"targets without a picture: {lost}; no frame of {video} has the time of their record"
+        typer.echo(presentable(f"note: {text}: give the video that the tracker had"), err=True)
     return picture, crops
 
 

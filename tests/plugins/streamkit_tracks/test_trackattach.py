@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from streamkit import ElementFailure, Message, MessageKind, Pipeline
+from streamkit import ElementFailure, Message, MessageKind, Pipeline, Tracks
 
 RUN = "dronetestsrc num-buffers=20 seed=1 ! video/x-raw, width=320, height=240"
+DROPPED = '"dropped":0'
 TRACK = "particletrack window=100,80,40,40"
 
 
@@ -25,6 +26,20 @@ def test_the_frames_have_the_tracks_of_the_run(tmp_path: Path) -> None:
     with Pipeline.parse(f"{RUN} ! trackattach location={path} ! appsink name=out max-buffers=0") as pipeline:
         pipeline.play()
         assert [frame.seq for frame in pipeline["out"] if frame.tracks] == [5, 6, 7, 9]
+
+
+def test_a_frame_has_the_record_of_its_time(tmp_path: Path) -> None:
+    """A recording has other numbers and epochs than the live run, as has a run from the middle of a file."""
+    path = tmp_path / "tracks.jsonl"
+    times = {0: 39_000_000, 1: 80_400_000, 2: 120_000_000}  # of one there is no frame; rounded; exact
+    line = '{{"schema":"streamkit.tracks/1","source":"a","seq":{},"epoch":{},"pts_ns":{},"tracks":[],{}}}\n'
+    path.write_text("".join(line.format(seq, seq // 2, pts, DROPPED) for seq, pts in times.items()))
+    source = "videotestsrc num-buffers=5 ! video/x-raw, framerate=25/1"
+    with Pipeline.parse(
+        f"{source} ! trackattach location={path} ! appsink name=out max-buffers=0"
+    ) as pipeline:
+        pipeline.play()
+        assert [frame.seq for frame in pipeline["out"] if frame.get(Tracks) is not None] == [2, 3]
 
 
 def test_frames_of_another_size_are_an_error(tmp_path: Path) -> None:
@@ -54,7 +69,7 @@ def test_a_file_of_another_video_is_reported(tmp_path: Path) -> None:
     warnings: list[str] = []
     pipeline.bus.watch(lambda message: warnings.append(message.text))
     pipeline.run(timeout_s=30)
-    assert f"location={path}: no record has the number of a frame; name the file of its run" in warnings
+    assert f"location={path}: no record has the time of a frame; name the file of its run" in warnings
     with pytest.raises(ElementFailure, match="No such file or directory; name a file that tracksink wrote"):
         Pipeline.parse("videotestsrc ! trackattach location=/none.jsonl ! fakesink").ready()
     with pytest.raises(ElementFailure, match="location must be set; write for example"):

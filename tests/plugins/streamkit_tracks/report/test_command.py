@@ -55,6 +55,18 @@ def test_the_page_shows_the_run(run: tuple[Path, Path], tmp_path: Path) -> None:
     assert re.search(r'(?:src|href)="(?!data:)', text) is None
 
 
+def test_targets_without_a_frame_of_their_time_are_counted(run: tuple[Path, Path], tmp_path: Path) -> None:
+    """Such as those of a run behind videorate; the page is made, with the pictures that there are."""
+    records, video = run
+    first, *others = map(json.loads, records.read_text().splitlines())
+    moved = {**first, "pts_ns": first["pts_ns"] + 7_000_000}  # the target is largest there
+    path = tmp_path / "rated.jsonl"
+    path.write_text("".join(json.dumps(record) + "\n" for record in (moved, *others)))
+    done = report(path, "--video", video, "-o", tmp_path / "page.html")
+    assert done.returncode == 0
+    assert done.stderr.startswith(f"note: targets without a picture: 1; no frame of {video} has")
+
+
 def test_a_run_that_begins_late_in_its_stream_says_when(run: tuple[Path, Path], tmp_path: Path) -> None:
     """`tracks` and `explain` have the times of the stream, the page those from the first frame."""
     later, page = tmp_path / "later.jsonl", tmp_path / "page.html"
