@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from streamkit_differencer.arrays import FloatArray, overlaps
 
 MOT_CORNER = 1.5  # from the centre of the first pixel to the corner of MOT's pixel 1
 MAX_FRAME = 1e7
+ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
 MAX_OUTSIDE = 0.1  # of the boxes; those of tracked objects that leave may lie beyond the frame
 NOT_IN_TEXT = frozenset("\0\N{REPLACEMENT CHARACTER}")
 
@@ -34,7 +36,7 @@ class DetectionSrc(Transform):
     highest 1. With it, a tracker is judged apart from the detector, and any detector's results are tracked.
 
     A warning at the end says that the file does not fit the video: no number matched, rows are numbered from
-    0, no score reached min-score, or boxes lie outside the frame.
+    0 or have the times of other frames, no score reached min-score, or boxes lie outside the frame.
 
     Example:
         filesrc location=flight.mp4 ! decode ! detectionsrc location=det.txt ! particletrack ! fakesink
@@ -65,9 +67,8 @@ class DetectionSrc(Transform):
         matched = self._table.of_frame(number)
         rows = matched[self._table.scores[matched] >= self.min_score]
         boxes = self._table.boxes[rows]
-        self._fit.note(
-            number, len(matched), boxes, (frame.caps.integer("width"), frame.caps.integer("height"))
-        )
+        size = frame.caps.integer("width"), frame.caps.integer("height")
+        self._fit.note(number, frame.pts, len(matched), boxes, size)
         return frame.attach(
             Detections(
                 centroids=(boxes[:, :2] + boxes[:, 2:]) / 2,
@@ -96,6 +97,7 @@ class DetectionTable:
         scores: float64[n], in the units of the file.
         relative_scores: float64[n], 0 to 1.
         lines: those of the file that are not blank.
+        times: of the frames, ns, by their numbers, where the file has them.
     """
 
     frames: FloatArray
@@ -103,6 +105,7 @@ class DetectionTable:
     scores: FloatArray
     relative_scores: FloatArray
     lines: int
+    times: dict[int, int]
 
     def of_frame(self, number: int) -> NDArray[np.int64]:
         """The rows of a frame."""
@@ -116,8 +119,8 @@ def read_detections(path: str) -> DetectionTable:
         OSError: it cannot be read.
         ValueError: a line is no detection; the error names it.
     """
-    count = 0
-    read = _mot_rows if Path(path).suffix.lower() == ".txt" else _json_rows
+    count, times = 0, dict[int, int]()
+    read = _mot_rows if Path(path).suffix.lower() == ".txt" else partial(_json_rows, times)
     rows: list[Row] = []
     with Path(path).open(encoding="utf-8", errors="replace") as lines:
         for number, line in enumerate(lines, 1):
@@ -139,7 +142,7 @@ def read_detections(path: str) -> DetectionTable:
     if len(scores) and (scores.min() < 0.0 or scores.max() > 1.0):
         span = np.ptp(scores)
         relative = (scores - scores.min()) / span if span else np.ones(len(scores))
-    return DetectionTable(table[:, 0], table[:, 1:5], scores, relative, count)
+    return DetectionTable(table[:, 0], table[:, 1:5], scores, relative, count, times)
 
 
 class FileFit:
@@ -152,17 +155,22 @@ class FileFit:
     def __init__(self, table: DetectionTable) -> None:
         self._table = table
         self._numbers: tuple[int, int] | None = None  # of the first and the last frame
+        self._first_ns: int | None = None  # time of the first
         self._matched = self._used = self._outside = 0
 
-    def note(self, number: int, matched: int, boxes: FloatArray, size: tuple[int, int]) -> None:
+    def note(
+        self, number: int, pts: int | None, matched: int, boxes: FloatArray, size: tuple[int, int]
+    ) -> None:
         """Notes a frame.
 
         Args:
             number: of the frame in the file.
+            pts: of the frame, ns; None if unknown.
             matched: rows of the file with this number.
             boxes: float64[n, 4], those that are used.
             size: width and height of the frame, px.
         """
+        self._first_ns = pts if self._numbers is None else self._first_ns
         self._numbers = (number if self._numbers is None else self._numbers[0]), number
         self._matched += matched
         if len(boxes):
@@ -183,6 +191,8 @@ class FileFit:
             return f"no row matched a frame: rows are numbered {rows}, frames {frames}; check first-number"
         if self._numbers[0] == 1 and table.frames[0] == 0:
             return "the rows are numbered from 0, the frames from 1; set first-number=0"
+        if text := self._wrong_time(self._numbers[0]):
+            return text
         if not self._used:
             scores = f"{table.scores.min():g} to {table.scores.max():g}"
             return f"no row has a score of min-score={min_score:g}: the scores are {scores}"
@@ -190,6 +200,19 @@ class FileFit:
             outside = f"{self._outside} of {self._used} boxes lie outside the frame"
             return f"{outside}: are they of another video or scale?"
         return ""
+
+    def _wrong_time(self, number: int) -> str:
+        """That another frame of the file has the time of the first, as with start-s of filesrc, or ""."""
+        first_ns, row_ns = self._first_ns, self._table.times.get(number)
+        if first_ns is None or row_ns is None or abs(row_ns - first_ns) <= ROUNDING_NS:
+            return ""
+        others = [at for at, ns in self._table.times.items() if abs(ns - first_ns) <= ROUNDING_NS]
+        if not others:
+            return ""  # the file may be of the same frames in another container
+        return (
+            f"frame {number} of the file is of {row_ns / 1e9:.3f} s, the first frame of "
+            f"{first_ns / 1e9:.3f} s, which is that of frame {others[0]}; check first-number"
+        )
 
 
 def _mot_rows(line: str) -> Iterator[Row]:
@@ -199,10 +222,13 @@ def _mot_rows(line: str) -> Iterator[Row]:
     yield _row(frame, [left, top, left + width, top + height], score)
 
 
-def _json_rows(line: str) -> Iterator[Row]:
+def _json_rows(times: dict[int, int], line: str) -> Iterator[Row]:
     record = json.loads(line)
     for found in record["detections"]:
         yield _row(record["frame"], found["box"], found["score"])
+    frame, pts = record.get("frame"), record.get("pts_ns")
+    if isinstance(frame, int) and isinstance(pts, int):
+        times[frame] = pts
 
 
 def _row(frame: float, box: list[float], score: float) -> Row:

@@ -1,5 +1,6 @@
 """detectionsrc in pipelines."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -145,6 +146,31 @@ def test_a_file_that_does_not_fit_is_told(tmp_path: Path, text: str, settings: s
         run.run(timeout_s=30)
     assert bool(warnings) is bool(warning)
     assert all(warning in message.text and message.fields["code"] == "shortfall" for message in warnings)
+
+
+@pytest.mark.parametrize(
+    ("times_s", "settings", "warning"),
+    [
+        ((0, 0.04, 0.08), "", ""),
+        ((5, 5.04, 5.08), "", ""),  # of a container whose times begin elsewhere
+        ((-0.08, -0.04, 0), "", "frame 1 of the file is of -0.080 s, the first frame of 0.000 s, which"),
+        ((-0.08, -0.04, 0), "first-number=3", ""),
+    ],
+)
+def test_rows_of_other_times_are_told(
+    tmp_path: Path, times_s: tuple[float, ...], settings: str, warning: str
+):
+    """As where a detector saw the whole file, and start-s leaves out its beginning: numbers alone fit."""
+    path = tmp_path / "det.jsonl"
+    found = [{"box": [1, 1, 5, 5], "score": 1}]
+    rows = [{"frame": n, "pts_ns": round(s * 1e9), "detections": found} for n, s in enumerate(times_s, 1)]
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    told: list[str] = []
+    text = f"videotestsrc num-buffers=1 ! detectionsrc location={path} {settings} ! fakesink"
+    with Pipeline.parse(text) as run:
+        run.bus.watch(lambda message: told.append(message.text) if message.kind == "warning" else None)
+        run.run(timeout_s=30)
+    assert [warning in text for text in told] == [True] * bool(warning)
 
 
 def test_an_empty_scene_fits(tmp_path: Path):
