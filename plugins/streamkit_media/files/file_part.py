@@ -14,6 +14,8 @@ from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
 from streamkit_media.streams import DECODE_ONLY, StreamKind, packet_frame, read_packets
 
+FIRST_BACK_S = 1.0  # doubled with each try
+
 
 class FilePart:
     """Reads the part of a file from `start_s` to `stop_s`, or to its own end.
@@ -44,6 +46,7 @@ class FilePart:
         self._streams = [stream for stream, _ in streams.values()]
         self._carried = {stream.index: (kind, caps) for kind, (stream, caps) in streams.items()}
         video = next((stream for stream in self._streams if isinstance(stream, VideoStream)), None)
+        self._video, self._awaits_keyframe = video, False
         self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
 
     def shortfall(self) -> str:
@@ -51,12 +54,39 @@ class FilePart:
         return "" if self._completeness is None else self._completeness.shortfall()
 
     def seek(self) -> None:
-        """Goes to the keyframe at or before the start."""
-        if not self._start_s:
-            return
+        """Goes to a keyframe at or before the start, if only to the beginning.
+
+        A container without an index, as MPEG-TS, is entered at any packet: earlier and earlier, until a
+        keyframe is among those before the start.
+        """
+        at_s, back_s = self._start_s, FIRST_BACK_S
+        while at_s > 0:
+            self._seek(at_s)
+            if self._meets_keyframe():
+                self._seek(at_s)
+                return
+            at_s, back_s = self._start_s - back_s, 2 * back_s
+        if self._start_s:
+            self._seek(-FIRST_BACK_S)  # its first packet may precede the first picture
+
+    def _meets_keyframe(self) -> bool:
+        """Whether a keyframe of the video comes before the start; reads on, up to the start."""
+        if self._video is None:
+            return True
+        start = _tick(self._start_s, self._video)
+        for packet in read_packets(self._container, self._video):
+            decoded = packet.pts if packet.dts is None else packet.dts
+            if packet.is_keyframe and (packet.pts is None or packet.pts <= start):
+                self._awaits_keyframe = True
+                return True
+            if decoded is None or decoded >= start:
+                break
+        return False
+
+    def _seek(self, at_s: float) -> None:
         stream = self._streams[0]
         try:
-            self._container.seek(_tick(self._start_s, stream), stream=stream)
+            self._container.seek(_tick(at_s, stream), stream=stream)
         except MEDIA_ERRORS as error:
             raise StreamError(
                 f"{self._where}: start-s={self._start_s:g} cannot be reached: {reason_of(error)}; "
@@ -71,6 +101,7 @@ class FilePart:
         """
         limits = {stream.index: self._limits(stream) for stream in self._streams}
         playing, video_pts = set(limits), None
+        latest = dict[int, int | None]()  # time of each stream, ticks
         for packet in read_packets(self._container, *self._streams):
             if self._completeness is not None:
                 self._completeness.add(packet)
@@ -82,6 +113,9 @@ class FilePart:
                     return
                 continue
             kind, caps = self._carried[packet.stream_index]
+            if kind is StreamKind.VIDEO and self._awaits_keyframe and not packet.is_keyframe:
+                continue  # of pictures from before the keyframe that was sought
+            self._awaits_keyframe &= kind is not StreamKind.VIDEO
             frame = packet_frame(packet, caps)
             if frame.pts is not None:
                 frame = frame.replace(pts=frame.pts + self._offset_ns) if self._offset_ns else frame
@@ -91,6 +125,9 @@ class FilePart:
             elif frame.pts is None and video_pts is not None:
                 frame = frame.replace(pts=video_pts)  # asynchronous KLV gets the time of the video around it
             shown = packet.pts if packet.pts is not None else decoded
+            # Of several in a PES packet only the first has a time: the others are where it is.
+            shown = latest.get(packet.stream_index) if shown is None else shown
+            latest[packet.stream_index] = shown
             if shown is None or begin <= shown < end:
                 yield kind, frame
             elif kind is StreamKind.VIDEO:
