@@ -112,8 +112,13 @@ class PoseSync(Combine):
             self._forget()
         with self._reading():
             while not self._samples.covers(pts) and (sample := self._file.next()) is not None:
-                self._add(sample)
+                self._add(replace(sample, pts=sample.pts + self._begin_ns()))
         self._warn_of_damage(self._file.reader)
+
+    def _begin_ns(self) -> int:
+        """When the video begins, as the times of the file do; a transport stream begins at any time."""
+        video = self.pads["sink"].peer
+        return 0 if video is None else video.element.query_begin_ns()
 
     def _forget(self) -> None:
         """Restarts with other timestamps."""

@@ -327,6 +327,10 @@ class Element(PadOwner, PropertyOwner):
         """Whether the element's output comes from a live source; asks upstream."""
         return any(element.query_live() for element in self.upstream())
 
+    def query_begin_ns(self) -> int:
+        """Time of the first frame of what the source reads, wherever it starts to, ns; asks upstream."""
+        return next((element.query_begin_ns() for element in self.upstream()), 0)
+
     def query_caps(self, pad: Pad) -> Caps:
         """Caps that `pad` can carry given the caps on the other side; its template still bounds them."""
         return ANY

@@ -91,6 +91,7 @@ class FileSrc(Source):
     )
 
     _is_opening = False
+    _begin_ns = 0
     _duration_us: int | None = None
     _sockets: ConnectionSockets | None = None
 
@@ -111,12 +112,17 @@ class FileSrc(Source):
             if self._video_is_wanted():
                 video = video_stream(container, self.location, self.video_stream)
                 self._orientation = display_orientation(container, video)
+                self._begin_ns = round((video.start_time or 0) * (video.time_base or 0) * SECOND_NS)
                 self._packet_caps(video, StreamKind.VIDEO)
                 if self.video_stream is None and (others := other_videos(container, video)):
                     self.post_warning(
                         f"{self._where}: video stream {video.index} is read, and not {others}; "
                         f"write video-stream={others[0]} to read another"
                     )
+
+    def query_begin_ns(self) -> int:
+        """Time of the first frame of the video."""
+        return self._begin_ns
 
     def _check_properties(self) -> None:
         scheme = self.location.partition("://")[0].lower()

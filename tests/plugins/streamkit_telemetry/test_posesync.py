@@ -138,6 +138,25 @@ def test_a_new_epoch_forgets_the_old_telemetry() -> None:
     assert latitudes(frames) == [None]
 
 
+def test_a_file_counts_from_the_first_frame_of_the_video(streamkit_data: Path, tmp_path: Path) -> None:
+    """The stream begins at 2.167 s: its KLV in a file of its own gives each frame the same pose."""
+    stream, raw = streamkit_data / "telemetry" / "sample-stream.ts", tmp_path / "raw.klv"
+    Pipeline.parse(f"filesrc name=s location={stream}  s.klv ! filesink location={raw}").run(timeout_s=30)
+
+    def flown(start_s: int, telemetry: str) -> dict[int, float]:
+        text = f"filesrc name=s location={stream} start-s={start_s} ! decode ! posesync name=p {telemetry}"
+        with Pipeline.parse(f"{text}  p. ! appsink name=out max-buffers=0") as pipeline:
+            pipeline.play()
+            return {frame.pts or 0: pose.latitude for frame in pipeline["out"] if (pose := frame.get(Pose))}
+
+    inside = flown(0, " s.klv ! p.telemetry")
+    assert min(inside) == 2_167_000_000
+    for start_s in (0, 5):
+        beside = flown(start_s, f"location={raw}")
+        assert len(beside) == 277 - 30 * start_s
+        assert beside == pytest.approx({pts: inside[pts] for pts in beside}, abs=1e-8)  # 1 mm
+
+
 def test_a_dji_file_beside_the_video(streamkit_data: Path) -> None:
     """location= names the subtitles; positions between two are interpolated; offset-s= moves them."""
     location = streamkit_data / "telemetry" / "dji" / "p4_rtk.SRT"
