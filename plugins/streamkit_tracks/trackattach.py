@@ -68,6 +68,12 @@ class TrackAttach(Transform):
                 "location={}: the tracks are of frames of {} x {} px, this one has {} x {}; give their own "
                 "video".format(self.location, *recorded, frame.caps["width"], frame.caps["height"])
             )
+        if not self._has_match and record.seq != frame.seq:
+            self.post_warning(
+                f"location={self.location}: the first {frame.describe()} that has a record has number "
+                f"{record.seq} in it, by its time: right where the run began at start-s=, wrong where this "
+                "is a copy of its video whose times begin elsewhere"
+            )
         self._has_match = True
         frame = frame.attach(tracks_of(record))
         return frame if record.registration is None else frame.attach(registration_of(record.registration))
