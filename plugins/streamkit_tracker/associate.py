@@ -14,6 +14,7 @@ from streamkit_tracker.appearance.look import Look, differences
 from streamkit_tracker.delete import position_doubt
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
+    SETTLED_S,
     TENTATIVE,
     BoolArray,
     IndexArray,
@@ -34,6 +35,7 @@ LOOK_WEIGHT = 2.0
 LOOK_RATE, OBJECT_LOOK_RATE = 0.2, 0.05  # per detection; what covers an object must not become its look
 ALIKE = 0.5  # difference of the sides, relative
 KNOWN_TO = 1.0  # sides; a gate that is wider says nothing about a place
+SHARED_OVERLAP = 0.75  # from which a region shows one target alone, and part of a target that lies in it
 OBJECT_OVERLAP = 0.3  # of an object and its predicted box, as in SORT (Bewley et al., 2016)
 SCORE_RATE, WEAK_SHARE = 0.02, 0.5  # per frame; of the usual score
 X, Y, LEFT, TOP, RIGHT, BOTTOM = range(6)  # of a detection
@@ -81,6 +83,9 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     # a dormant target of unknown position is found upon its prediction only
     is_gated = ~dormant | (position_doubt(table.rows) < KNOWN_TO)
     strong = _assign_group(table, followed & ~dormant, strong, detected, costs, is_gated)
+    large = np.flatnonzero(followed & ~dormant & table.rows["whole"] & (table.rows["credit_s"] >= SETTLED_S))
+    if len(large) > 1 and not observation.are_objects:
+        strong = share_regions(table.rows, large, strong, detected)
     _assign_group(table, followed & ~dormant, weak, detected, costs, is_gated)
     for group in (followed & dormant, ~followed):
         strong = _assign_group(table, group, strong, detected, costs, is_gated)
@@ -124,6 +129,33 @@ def _assign_group(
     owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
     rows[members[taken]] = owners
     return free[left]
+
+
+def share_regions(
+    rows: TargetRows, members: IndexArray, free: IndexArray, detected: FloatArray
+) -> IndexArray:
+    """Gives each region in which some of the targets `members` have become one to all of them.
+
+    They lie in the region, and none of them fills it. Without this one of them would take it, or a new
+    target, and the others end.
+
+    Returns:
+        The rows of `free` that are left.
+    """
+    taken = rows["detection"][members]
+    regions = np.union1d(free, taken[taken >= 0])
+    half, middle = rows["box"][members, None] / 2, rows["mean"][members, None, :2]
+    first, last = detected[regions, LEFT:RIGHT], detected[regions, RIGHT:]
+    low, high = np.maximum(middle - half, first), np.minimum(middle + half, last)
+    common, areas = np.maximum(high - low, 0.0).prod(axis=2), 4 * half.prod(axis=2)
+    lies_in = (common >= SHARED_OVERLAP * areas) & ((taken[:, None] < 0) | (taken[:, None] == regions))
+    fills = common >= SHARED_OVERLAP * (areas + (last - first).prod(axis=1) - common)
+    is_shared = (lies_in.sum(axis=0) > 1) & ~(lies_in & fills).any(axis=0)
+    for column in np.flatnonzero(is_shared).tolist():
+        sharing = members[lies_in[:, column] & (rows["detection"][members] == taken)]
+        rows["detection"][sharing] = regions[column]
+        rows["crowded"][sharing] = rows["shared"][sharing] = True
+    return free[~np.isin(free, regions[is_shared])]
 
 
 def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:

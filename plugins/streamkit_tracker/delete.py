@@ -123,7 +123,7 @@ def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     targets["waited_s"][looked] = 0.0
     targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + looked)
     coast = table.settings.coast
-    earned_s = coast if table.are_objects else passed_s
+    earned_s = coast if table.are_objects else passed_s * ~targets["shared"]
     targets["credit_s"] = np.minimum(
         targets["credit_s"] + np.where(detected, earned_s, -passed_s), coast - targets["waited_s"]
     )

@@ -10,16 +10,22 @@ import numpy as np
 
 from streamkit_tracker.delete import position_doubt
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.targets import COASTING, CONFIRMED, TargetState, TargetTable, centroid_std
+from streamkit_tracker.targets import (
+    COASTING,
+    CONFIRMED,
+    SETTLED_S,
+    TargetState,
+    TargetTable,
+    centroid_std,
+)
 from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
 
 STATES = tuple(TargetState)
 REPORTED = (
-    "id", "state", "score", "age_s", "predicted", "detection", "gate", "similarity", "learnt",
+    "id", "state", "score", "age_s", "predicted", "detection", "gate", "similarity", "shared", "learnt",
 )  # fmt: skip
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
-SETTLED_S = 1.0  # of detections beyond its gaps: false regions of motion seldom last
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
 
@@ -30,6 +36,7 @@ class TargetProvenance:
 
     predicted: tuple[float, float] | None = None
     detection: int | None = None
+    shared: bool = False
     gate: float | None = None
     similarity: float | None = None
     learnt: bool = False
@@ -91,11 +98,12 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     # whole columns: reading one field of one row takes as long as reading all rows
     columns = zip(*(rows[name].tolist() for name in REPORTED), strict=True)
     reports = []
-    for place, (number, state, score, age_s, point, detection, *found, learnt) in enumerate(columns):
+    for place, (number, state, score, age_s, point, detection, *found, shared, learnt) in enumerate(columns):
         gate, similarity = (None if math.isnan(value) else value for value in found)
         provenance = TargetProvenance(
             None if math.isnan(point[0]) else tuple(point),
             None if detection < 0 else detection,
+            shared,
             gate,
             similarity,
             learnt,

@@ -26,6 +26,7 @@ TargetRows = NDArray[Any]
 
 TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
 INITIAL_CREDIT_S = 0.2
+SETTLED_S = 1.0  # of detections beyond its gaps: false regions of motion seldom last
 SPEED_SHARE = 1 / 3  # of the fastest speed: standard deviation of the velocity before it is known
 
 # Positions are pixels of the latest frame; x right, y down.
@@ -56,6 +57,7 @@ TARGET = np.dtype(
         ("gate", np.float64),  # distance of the detection, standard deviations
         ("detection_std", np.float64),  # of its centroid, px
         ("crowded", np.bool_),  # the detection's box holds other targets, too
+        ("shared", np.bool_),  # and is the detection of each of them
         ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared
         ("recognised", np.bool_),
         ("sure", np.bool_),  # drawn by hand: its last responses were sharp
@@ -173,7 +175,8 @@ class TargetTable:
         rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
         rows["predicted"], rows["detection"] = rows["mean"][:, :2], -1
         rows["gate"] = rows["similarity"] = np.nan
-        rows["crowded"] = rows["recognised"] = rows["learnt"] = rows["measured"] = False
+        for name in ("crowded", "shared", "recognised", "learnt", "measured"):
+            rows[name] = False
         rows["filter_share"] = 0.0
 
     @property

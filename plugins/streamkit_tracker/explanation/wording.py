@@ -65,6 +65,8 @@ def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
         x, y = match.centroid
         facts.append(("detection", f"row {match.row} at {x:.1f} {y:.1f} px{distance}"))
         facts.append(("", f"box {box}, area {match.area:.0f} px, score {match.score:.2f}{label}"))
+        if origin.shared:
+            facts.append(("", "it covers another track, too"))
     else:
         missing = "that of another track covers this one too" if origin.shared else "none in its gate"
         facts.append(("detection", missing))

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.targets import TENTATIVE, BoolArray, TargetRows, centroid_std
+from streamkit_tracker.targets import TENTATIVE, BoolArray, IndexArray, TargetRows, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
+    IDENTITY,
     MINIMUM_SIDE,
     FloatArray,
     half_turn,
@@ -30,6 +31,7 @@ MIN_HEADING_STD = 0.08  # rad
 USUAL_ASPECT = 2.0
 ASPECT_WEIGHT = 0.3
 MAX_ASPECT = 5.0
+UNKNOWN_STD = 1e3  # px, of a target between others that share its region
 MAX_DISAGREEMENT = 2.0  # standard deviations of a detection
 
 
@@ -72,6 +74,22 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
         centres = DETECTED_SHARE * places + (1 - DETECTED_SHARE) * rows["mean"][:, :2]
         targets["window"][index] = turned_windows(centres, rows["box"], headings)
     targets["recognised"][index] = True
+
+
+def measure_shared(targets: TargetRows, index: IndexArray, region: FloatArray) -> None:
+    """Measures the rows `index` by the edges of the region, float64[4], that they share.
+
+    Each edge is that of the outermost target, whose box keeps its size.
+    """
+    middle, half = targets["mean"][index, :2], targets["box"][index] / 2
+    low, high = middle - half, middle + half
+    is_low, is_high = low <= low.min(axis=0), high >= high.max(axis=0)
+    known = is_low.astype(float) + is_high
+    places = is_low * (region[:2] + half) + is_high * (region[2:] - half)
+    stds = np.where(known > 0, centroid_std(2 * np.sqrt(half.prod(axis=1)))[:, None], UNKNOWN_STD)
+    targets["measurement"][index] = np.where(known > 0, places / np.maximum(known, 1.0), middle)
+    targets["noise"][index] = stds[:, None] ** 2 * IDENTITY
+    targets["measured"][index] = True
 
 
 def has_own_detection(targets: TargetRows) -> BoolArray:

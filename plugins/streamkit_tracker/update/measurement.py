@@ -13,7 +13,12 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
-from streamkit_tracker.update.detected_box import has_own_detection, motion_headings, turned_windows
+from streamkit_tracker.update.detected_box import (
+    has_own_detection,
+    measure_shared,
+    motion_headings,
+    turned_windows,
+)
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import Kind, search
@@ -67,6 +72,9 @@ def measure(
         alike = [models[place] for place in members]
         found = search(sampler, alike, searches[members], kind, settings.sigma**2)
         _judge(table, searched[members], *found)
+    for region in set(rows["detection"][rows["shared"]].tolist()):
+        sharing = np.flatnonzero(rows["shared"] & (rows["detection"] == region))
+        measure_shared(rows, sharing, observation.boxes[region])
     alone = np.flatnonzero((rows["detection"] >= 0) & ~rows["measured"])
     chosen, is_whole = rows["detection"][alone], rows["whole"][alone, None]
     middles = (observation.boxes[chosen, :2] + observation.boxes[chosen, 2:]) / 2

@@ -349,3 +349,29 @@ def test_a_large_region_starts_a_target_where_a_part_of_it_is_followed():
     part, whole = reports
     assert (part.id, whole.id, whole.state) == (1, 2, TargetState.CONFIRMED)
     np.testing.assert_allclose(whole.window, [70 + 2 * 59, 90, 40, 100, 0], atol=0.01)
+
+
+def walkers(index: int) -> Observation:
+    """Two people of 24x60 px who walk towards each other, one region while they are closer than 4 px."""
+    boxes = np.array([[60.0, 60, 84, 120], [260, 70, 284, 130]]) + 2 * index * np.array(
+        [[1, 0, 1, 0], [-1, 0, -1, 0]]
+    )
+    if abs(boxes[1, 0] - boxes[0, 0]) < 28:
+        boxes = np.hstack([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])[None]
+    return Observation(0.04, centroids=(boxes[:, :2] + boxes[:, 2:]) / 2, boxes=boxes)
+
+
+def test_people_keep_their_ids_and_sizes_in_a_region_that_shows_both():
+    """They cross in it, each where it would be without the other; they come out of it as they went in."""
+    tracker, image = MultiTargetTracker(), np.zeros((200, 400), np.uint8)
+    for index in range(80):
+        reports = tracker.step(image, walkers(index))
+        if 44 <= index < 48:
+            assert [report.provenance.shared for report in reports] == [True, True]
+            assert [report.state for report in reports] == [TargetState.COASTING] * 2
+            np.testing.assert_allclose(
+                [report.window[0] for report in reports], [72 + 2 * index, 272 - 2 * index], atol=2
+            )
+            np.testing.assert_allclose([report.window[2:] for report in reports], [[24, 60, 0]] * 2, atol=1)
+    assert [(report.id, report.state) for report in reports] == [(1, "confirmed"), (2, "confirmed")]
+    np.testing.assert_allclose([report.window[0] for report in reports], [72 + 158, 272 - 158], atol=1)
