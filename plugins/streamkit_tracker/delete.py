@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.targets import COASTING, CONFIRMED, TENTATIVE, TargetRows, TargetTable
+from streamkit_kernels import compiled
+from streamkit_tracker.targets import COASTING, CONFIRMED, TENTATIVE, BoolArray, TargetRows, TargetTable
 from streamkit_tracker.window_geometry import (
     ANGLE,
     LENGTH,
     WIDTH,
     FloatArray,
-    inside_windows,
+    is_inside,
     visible_fraction,
 )
 
@@ -85,19 +86,31 @@ def end_duplicates(table: TargetTable) -> None:
     """
     members = np.flatnonzero(table.followed & ~table.dormant)
     rows, known, table.closeness = table.rows[members], table.closeness, {}
-    window, velocity, covariance = rows["window"], rows["mean"][:, 2:], rows["covariance"]
-    # differences of velocities below these say nothing, px/s
-    doubt = np.sqrt(window[:, LENGTH] * window[:, WIDTH])
-    doubt += np.sqrt((covariance[:, 2, 2] + covariance[:, 3, 3]) / 2)
-    apart = np.hypot(*(velocity[:, None] - velocity).T)
-    inside = inside_windows(window[:, :2], window, MERGE_SCALE)
-    close = (inside | inside.T) & (apart < np.maximum(doubt[:, None], doubt))
-    close &= ~(rows["whole"] & (rows["detection"] >= 0))  # the younger ones, in columns
-    for older, younger in np.argwhere(np.triu(close, k=1)).tolist():
+    for older, younger in np.argwhere(find_close(rows)).tolist():
         both = (rows["id"].item(older), rows["id"].item(younger))
         table.closeness[both] = known.get(both, 0) + 1
         if table.closeness[both] >= MERGE_FRAMES:
             table.lose(members.item(younger), f"was on the same object as {both[0]}")
+
+
+@compiled
+def find_close(rows: TargetRows) -> BoolArray:
+    """Which targets, in rows, a younger one, in columns, moves with and is on: bool[n, n]."""
+    close, doubt = np.zeros((len(rows), len(rows)), np.bool_), np.empty(len(rows))
+    for younger in range(len(rows)):
+        new = rows[younger]
+        variance = (new["covariance"][2, 2] + new["covariance"][3, 3]) / 2
+        # differences of velocities below this say nothing, px/s
+        doubt[younger] = np.sqrt(new["window"][LENGTH] * new["window"][WIDTH]) + np.sqrt(variance)
+        for older in range(younger):
+            old = rows[older]
+            apart = np.hypot(new["mean"][2] - old["mean"][2], new["mean"][3] - old["mean"][3])
+            if apart < max(doubt[younger], doubt[older]) and not (new["whole"] and new["detection"] >= 0):
+                is_on = is_inside(new["window"][0], new["window"][1], old["window"], MERGE_SCALE)
+                close[older, younger] = is_on or is_inside(
+                    old["window"][0], old["window"][1], new["window"], MERGE_SCALE
+                )
+    return close
 
 
 def position_doubt(rows: TargetRows) -> FloatArray:

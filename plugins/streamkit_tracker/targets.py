@@ -56,6 +56,7 @@ TARGET = np.dtype(
         ("detection", np.int64),  # row of the frame's detections; -1 is none
         ("gate", np.float64),  # distance of the detection, standard deviations
         ("detection_std", np.float64),  # of its centroid, px
+        ("led", np.bool_),  # confirmed before, not drawn by hand, with a detection that shows it alone
         ("crowded", np.bool_),  # the detection's box holds other targets, too
         ("shared", np.bool_),  # and is the detection of each of them
         ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared

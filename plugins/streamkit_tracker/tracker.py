@@ -24,7 +24,7 @@ from streamkit_tracker.predict import correct, predict
 from streamkit_tracker.report import TargetReport, report
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, IndexArray, TargetTable
-from streamkit_tracker.update.detected_box import follow_boxes, follow_detections, has_own_detection
+from streamkit_tracker.update.detected_box import follow_boxes, follow_detections
 from streamkit_tracker.update.measurement import follow_drawn, learn_detected, measure
 from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
@@ -148,6 +148,6 @@ class MultiTargetTracker:
         rows, followed = self.targets.rows, self.targets.followed
         found = rows["detection"] >= 0
         # in every other frame, a detection of its own is enough: the target is neither searched nor learnt
-        is_resting = has_own_detection(rows) & ((rows["id"] + self._frames) % SEARCH_EVERY > 0)
+        is_resting = rows["led"] & ((rows["id"] + self._frames) % SEARCH_EVERY > 0)
         # boxes that show the whole target are better than any template
         return np.flatnonzero(followed & ~is_resting & ~rows["whole"] & (found | ~self.targets.dormant))

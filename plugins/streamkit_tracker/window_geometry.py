@@ -61,15 +61,13 @@ def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, 
     return mapped, np.where(usable[:, :, None], slopes, IDENTITY)
 
 
-def inside_windows(points: FloatArray, windows: FloatArray, scale: float) -> NDArray[np.bool_]:
-    """Which points float64[n, 2] lie inside which windows float64[m, 5]: bool[n, m].
-
-    The windows are taken `scale` times as large, about their centres.
-    """
-    right, down = (points[:, None, axis] - windows[:, axis] for axis in range(2))
-    cosine, sine = np.cos(windows[:, ANGLE]), np.sin(windows[:, ANGLE])
-    along, across = np.abs(right * cosine + down * sine), np.abs(down * cosine - right * sine)
-    return np.asarray((along < 0.5 * scale * windows[:, LENGTH]) & (across < 0.5 * scale * windows[:, WIDTH]))
+@register_jitable
+def is_inside(x: float, y: float, window: FloatArray, scale: float) -> bool:
+    """Whether a point lies inside a window, float64[5], `scale` times as large about its centre."""
+    right, down = x - window[X], y - window[Y]
+    cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
+    along, across = abs(right * cosine + down * sine), abs(down * cosine - right * sine)
+    return bool(along < 0.5 * scale * window[LENGTH] and across < 0.5 * scale * window[WIDTH])
 
 
 def upright_sides(windows: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.targets import TENTATIVE, BoolArray, IndexArray, TargetRows, centroid_std
+from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetRows, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
     IDENTITY,
@@ -38,12 +38,14 @@ MAX_DISAGREEMENT = 2.0  # standard deviations of a detection
 def follow_detections(
     targets: TargetRows, detected: FloatArray, step_s: float, are_objects: bool = False
 ) -> None:
-    """Lets boxes follow the detections float64[d, 6] that show no other target, and sets `whole`.
+    """Lets boxes follow the detections float64[d, 6] that show no other target; sets `whole` and `led`.
 
     The boxes of a detector (`are_objects`) are smoothed. Targets drawn by hand are never whole; all others
     are with a detector, else the large ones.
     """
-    index = np.flatnonzero((targets["detection"] >= 0) & ~targets["crowded"])
+    is_shown = (targets["detection"] >= 0) & ~targets["crowded"]
+    targets["led"] = is_shown & ~targets["manual"] & (targets["state"] != TENTATIVE)
+    index = np.flatnonzero(is_shown)
     seen = detected[targets["detection"][index]]
     sides = np.maximum(seen[:, RIGHT:] - seen[:, LEFT:RIGHT], 1.0)
     kept = (1.0 - OBJECT_RATE) ** (step_s / RATED_S) if are_objects else 0.0
@@ -59,7 +61,7 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
     into the motion where that is known. It lies between the filter's position and the middle of the region,
     or the centre of mass of a small one.
     """
-    index = np.flatnonzero(has_own_detection(targets))
+    index = np.flatnonzero(targets["led"])
     if not len(index):
         return
     rows = targets[index]
@@ -90,12 +92,6 @@ def measure_shared(targets: TargetRows, index: IndexArray, region: FloatArray) -
     targets["measurement"][index] = np.where(known > 0, places / np.maximum(known, 1.0), middle)
     targets["noise"][index] = stds[:, None] ** 2 * IDENTITY
     targets["measured"][index] = True
-
-
-def has_own_detection(targets: TargetRows) -> BoolArray:
-    """bool[n]: confirmed before, not drawn by hand, and detected by a box that shows no other target."""
-    is_led = ~targets["manual"] & (targets["state"] != TENTATIVE)
-    return np.asarray(is_led & (targets["detection"] >= 0) & ~targets["crowded"])
 
 
 def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:

@@ -9,12 +9,11 @@ import numpy as np
 from streamkit_tracker.appearance.correlation_filter import Memory
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.region_features import PADDING
-from streamkit_tracker.appearance.window_sampling import WindowSampler
+from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
 from streamkit_tracker.update.detected_box import (
-    has_own_detection,
     measure_shared,
     motion_headings,
     turned_windows,
@@ -174,15 +173,23 @@ def learn_detected(table: TargetTable, searched: IndexArray, sampler: WindowSamp
 
     What a template is not shown it cannot find in the next frame without a detection.
     """
-    rows, is_led = table.rows, has_own_detection(table.rows)
+    rows, is_led = table.rows, table.rows["led"]
     for row in np.flatnonzero(is_led | ~rows["recognised"]).tolist():
         table.models[row].particles = None  # they begin at the window again
     index = searched[is_led[searched]]
     windows = np.concatenate([rows["mean"][index, :2], rows["window"][index, LENGTH:]], axis=1)
-    for row, window in zip(index.tolist(), windows, strict=True):
-        model = table.models[row]
-        assert model.template is not None
-        model.template.update(sampler.sample(window[None], model.patch)[0])
+    models = [table.models[row] for row in index.tolist()]
+    shapes = [
+        (each.patch, shrink_factor(at, each.patch, sampler.shape))
+        for each, at in zip(models, windows, strict=True)
+    ]
+    for patch, factor in set(shapes):  # those that are alike at once
+        alike = [place for place, shape in enumerate(shapes) if shape == (patch, factor)]
+        crops = sampler.crop(windows[alike], factor, len(alike))
+        for place, pixels in zip(alike, sampler.sample(windows[alike], patch, crops=crops), strict=True):
+            template = models[place].template
+            assert template is not None
+            template.update(pixels)
     rows["learnt"][index] = True
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from streamkit_tracker.window_geometry import (
     half_turn,
-    inside_windows,
     invertible,
+    is_inside,
     map_points,
     visible_fraction,
 )
@@ -51,6 +51,5 @@ def test_visible_fraction_counts_what_lies_in_the_frame():
 
 def test_inside_follows_the_turned_rectangle():
     """A point near the long axis is inside, the same distance across is not."""
-    window = np.array([[0.0, 0.0, 40.0, 10.0, np.pi / 2]])
-    inside = inside_windows(np.array([[0.0, 15.0], [15.0, 0.0]]), window, 1.0)
-    np.testing.assert_array_equal(inside[:, 0], [True, False])
+    window = np.array([0.0, 0.0, 40.0, 10.0, np.pi / 2])
+    assert [is_inside(*point, window, 1.0) for point in ((0.0, 15.0), (15.0, 0.0))] == [True, False]

@@ -19,7 +19,7 @@ def row(width: float, height: float) -> TargetRows:
     """A confirmed target that was detected once, and is detected in this frame by the first detection."""
     target = np.zeros(1, TARGET)
     target["box"], target["state"] = (width, height), CONFIRMED
-    target["detection_std"] = 2.0
+    target["detection_std"], target["led"] = 2.0, True
     return target
 
 
