@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from streamkit.flow.caps import Caps
 
 Item = TypeVar("Item")
-COMMON_MODULES = ("builtins", "numpy")  # their types say nothing of what they hold
 NO_METADATA: Mapping[type, object] = MappingProxyType({})
 
 
@@ -119,11 +118,11 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         """A copy with metadata added, each item under its own type.
 
         Raises:
-            TypeError: the type is one that any element may use for anything, such as dict.
+            TypeError: an item is a mapping, such as a dict, whose entries `get` would not find.
         """
         added = dict(self.metadata)
         for item in items:
-            if type(item).__module__ in COMMON_MODULES:
+            if isinstance(item, Mapping):
                 raise TypeError(
                     "metadata is found by its type, which must be a class of its own, as a dataclass, got "
                     f"{type(item).__name__}"
