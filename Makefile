@@ -18,9 +18,10 @@ demo: $(READY)
 	@$(BIN)/python pipelines/demo.py
 
 # Python may cache: each worker would compile all tests again. Long files come early in the order of names.
+# Tests wait for half of their time, for servers and clocks: on two cores six workers are busy.
 test: $(READY)
 	@$(BIN)/python -m compileall -q streamkit plugins  # for the processes that tests start
-	@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 4 --dist loadfile --no-loadscope-reorder
+	@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 6 --dist loadfile --no-loadscope-reorder
 
 lint: $(READY)
 	@$(BIN)/ruff check .
