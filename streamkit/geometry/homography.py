@@ -119,7 +119,12 @@ def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
 def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Largest distance any of the four image corners moves under `matrix`, in px."""
     points = corners(shape)
-    return max(map(math.dist, project(matrix, points).tolist(), points.tolist()))
+    return _farthest(project(matrix, points), points)
+
+
+def _farthest(points: FloatArray, others: FloatArray) -> float:
+    """Largest distance of two points of the same row, float64[n, 2] each."""
+    return max(map(math.dist, points.tolist(), others.tolist()))
 
 
 def is_convex(quadrilateral: FloatArray) -> bool:
@@ -166,7 +171,9 @@ def is_plausible(
     scale = determinant / (i + (g * width + h * height) / 2) ** 3
     if not 1 / max_area_scale < scale < max_area_scale:
         return False
-    return is_convex(project(matrix, corners(shape))) and corner_shift(matrix, shape) < max_step * width
+    frame = corners(shape)
+    moved = project(matrix, frame)
+    return is_convex(moved) and _farthest(moved, frame) < max_step * width
 
 
 def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
