@@ -83,9 +83,7 @@ def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
         left, top, right, bottom = boxes[number]
         low, high = (np.inf, np.inf), (-np.inf, -np.inf)
         for x, y in ((left, top), (right, top), (right, bottom), (left, bottom)):
-            depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
-            across = (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth
-            down = (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth
+            across, down = mapped_point(matrix, x, y)
             low = min(low[0], across), min(low[1], down)
             high = max(high[0], across), max(high[1], down)
         found[number, :2], found[number, 2:] = low, high
@@ -111,7 +109,7 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
     for line in range(len(mask)):
         filled[line + 1] = filled[line] + int(has_set(mask[line]))
     for row in range(height):
-        first, last = _down(to_mask, 0.0, row), _down(to_mask, width - 1.0, row)
+        first, last = mapped_point(to_mask, 0.0, row)[1], mapped_point(to_mask, width - 1.0, row)[1]
         upper = min(max(int(min(first, last) - 1.0), 0), len(mask) - 1)
         lower = min(max(int(max(first, last) + 1.0), 0), len(mask) - 1)
         if filled[lower + 1] == filled[upper]:
@@ -123,10 +121,13 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
 
 
 @compiled
-def _down(matrix: FloatArray, column: float, row: float) -> float:
-    """The row of an image where a pixel is."""
-    depth = matrix[2, 0] * column + matrix[2, 1] * row + matrix[2, 2]
-    return float((matrix[1, 0] * column + matrix[1, 1] * row + matrix[1, 2]) / depth)
+def mapped_point(matrix: FloatArray, x: float, y: float) -> tuple[float, float]:
+    """Where a homography, float64[3, 3], maps a point."""
+    depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+    return (
+        (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth,
+        (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth,
+    )
 
 
 @compiled

@@ -18,7 +18,8 @@ from numba import types
 
 from streamkit.geometry.homography import centre, inverse, project
 from streamkit_differencer.arrays import FloatArray
-from streamkit_kernels import FLOAT64, FLOAT64_1D, compiled, kernel
+from streamkit_differencer.warping import mapped_point
+from streamkit_kernels import FLOAT64, FLOAT64_1D, kernel
 
 # Focal length in widths of the frame, of a lens of 24 mm as most drones have. Of 0.4 to 2.0, the ground's
 # normal is the steadiest with 0.7 or 0.8 in each of seven clips of such drones.
@@ -115,23 +116,14 @@ def parallax(
     """
     shifts = np.empty_like(places)
     for index in range(len(places)):
-        x, y = _mapped(to_frame, places[index, 0], places[index, 1])
+        x, y = mapped_point(to_frame, places[index, 0], places[index, 1])
         near = height * max(nearness[0] * x + nearness[1] * y + nearness[2], 0.0)
         x, y = x + near * (epipole[2] * x - epipole[0]), y + near * (epipole[2] * y - epipole[1])
-        x, y = _mapped(to_canvas, x, y)
+        x, y = mapped_point(to_canvas, x, y)
         x, y = x - places[index, 0], y - places[index, 1]
         share = MAX_SHIFT_PX / max(np.hypot(x, y), MAX_SHIFT_PX)
         shifts[index, 0], shifts[index, 1] = x * share, y * share
     return shifts
-
-
-@compiled
-def _mapped(matrix: FloatArray, x: float, y: float) -> tuple[float, float]:
-    depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
-    return (
-        (matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2]) / depth,
-        (matrix[1, 0] * x + matrix[1, 1] * y + matrix[1, 2]) / depth,
-    )
 
 
 @dataclass(slots=True)
