@@ -165,12 +165,12 @@ def test_rows_of_other_times_are_told(
     found = [{"box": [1, 1, 5, 5], "score": 1}]
     rows = [{"frame": n, "pts_ns": round(s * 1e9), "detections": found} for n, s in enumerate(times_s, 1)]
     path.write_text("".join(json.dumps(row) + "\n" for row in rows))
-    told: list[str] = []
+    warned: list[str] = []
     text = f"videotestsrc num-buffers=1 ! detectionsrc location={path} {settings} ! fakesink"
     with Pipeline.parse(text) as run:
-        run.bus.watch(lambda message: told.append(message.text) if message.kind == "warning" else None)
+        run.bus.watch(lambda message: warned.append(message.text) if message.kind == "warning" else None)
         run.run(timeout_s=30)
-    assert [warning in text for text in told] == [True] * bool(warning)
+    assert [warning in text for text in warned] == [True] * bool(warning)
 
 
 def test_an_empty_scene_fits(tmp_path: Path):

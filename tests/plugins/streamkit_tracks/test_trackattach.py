@@ -40,9 +40,9 @@ def test_a_frame_has_the_record_of_its_time(tmp_path: Path) -> None:
     ) as pipeline:
         pipeline.play()
         assert [frame.seq for frame in pipeline["out"] if frame.get(Tracks) is not None] == [2, 3]
-        told = pipeline.bus.pop(0, (MessageKind.WARNING,))
-    assert told is not None
-    assert "the first frame seq=2 pts=0.080 s that has a record has number 1 in it" in told.text
+        warned = pipeline.bus.pop(0, (MessageKind.WARNING,))
+    assert warned is not None
+    assert "the first frame seq=2 pts=0.080 s that has a record has number 1 in it" in warned.text
 
 
 def test_frames_of_another_size_are_an_error(tmp_path: Path) -> None:

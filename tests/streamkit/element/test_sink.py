@@ -166,10 +166,10 @@ def test_a_sink_gets_times_of_numpy_as_plain_integers() -> None:
 
 def test_frames_before_the_first_are_told_of_once() -> None:
     """They are dropped and counted; that their times descend is a fault of the program."""
-    told: list[str] = []
+    warned: list[str] = []
     with Pipeline.parse("appsrc name=in ! appsink name=out") as pipeline:
         pipeline.bus.watch(
-            lambda message: told.append(message.text) if message.kind is MessageKind.WARNING else None
+            lambda message: warned.append(message.text) if message.kind is MessageKind.WARNING else None
         )
         pipeline.play()
         for pts in (10**9, 96 * 10**7, 92 * 10**7):
@@ -177,7 +177,7 @@ def test_frames_before_the_first_are_told_of_once() -> None:
         pipeline["in"].end()
         assert [frame.pts for frame in pipeline["out"]] == [10**9]
         assert pipeline["out"].drops == {"outside the segment": 2}
-    assert [text.partition(", and")[0] for text in told] == [
+    assert [text.partition(", and")[0] for text in warned] == [
         "a frame at 0.960 s is outside the stream, which begins at 1.000 s"
     ]
 

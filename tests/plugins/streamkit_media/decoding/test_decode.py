@@ -197,8 +197,8 @@ def test_interlaced_video_is_warned_of_once(make_video: MakeVideo, flags: str, w
     path = make_video(f"fields{warnings}.mpg", codec="mpeg2video", options={"flags": flags}, count=5)
     with Harness("decode") as harness:
         assert len(decoded(harness, packets_of(path))) == 5
-    told = [message.text for message in harness.messages if message.kind == "warning"]
-    assert [text.partition(",")[0] for text in told] == ["the video is interlaced"] * warnings
+    warned = [message.text for message in harness.messages if message.kind == "warning"]
+    assert [text.partition(",")[0] for text in warned] == ["the video is interlaced"] * warnings
 
 
 def test_a_stream_joined_between_keyframes_says_what_it_waits_for(make_video: MakeVideo) -> None:
