@@ -70,13 +70,11 @@ def is_inside(x: float, y: float, window: FloatArray, scale: float) -> bool:
     return bool(along < 0.5 * scale * window[LENGTH] and across < 0.5 * scale * window[WIDTH])
 
 
-def upright_sides(windows: FloatArray) -> FloatArray:
-    """Width and height of the upright boxes around windows float64[..., 5]: float64[..., 2], px."""
-    length, width, angle = windows[..., LENGTH], windows[..., WIDTH], windows[..., ANGLE]
-    cosine, sine = np.abs(np.cos(angle)), np.abs(np.sin(angle))
-    sides = np.empty((*windows.shape[:-1], 2))
-    sides[..., 0], sides[..., 1] = length * cosine + width * sine, length * sine + width * cosine
-    return sides
+@register_jitable
+def upright_sides(length: float, width: float, angle: float) -> tuple[float, float]:
+    """Width and height of the upright box around a window, px."""
+    cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
+    return length * cosine + width * sine, length * sine + width * cosine
 
 
 def widened(windows: FloatArray, factor: float | FloatArray) -> FloatArray:
@@ -92,8 +90,8 @@ def visible_fraction(windows: FloatArray, image_shape: tuple[int, int]) -> Float
     shown = np.empty(len(windows))
     for index in range(len(windows)):
         x, y, length, width, angle = windows[index]
-        cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
-        half_x, half_y = 0.5 * (length * cosine + width * sine), 0.5 * (length * sine + width * cosine)
+        across, down = upright_sides(length, width, angle)
+        half_x, half_y = 0.5 * across, 0.5 * down
         inside_x = min(x + half_x, image_shape[1] - 0.5) - max(x - half_x, -0.5)
         inside_y = min(y + half_y, image_shape[0] - 0.5) - max(y - half_y, -0.5)
         shown[index] = max(inside_x, 0.0) * max(inside_y, 0.0) / max(4 * half_x * half_y, 1e-9)

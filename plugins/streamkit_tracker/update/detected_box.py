@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from streamkit_kernels import compiled
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetRows, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
     IDENTITY,
+    LENGTH,
     MINIMUM_SIDE,
+    WIDTH,
     FloatArray,
     half_turn,
     upright_sides,
@@ -94,6 +97,7 @@ def measure_shared(targets: TargetRows, index: IndexArray, region: FloatArray) -
     targets["measured"][index] = True
 
 
+@compiled
 def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:
     """Lengths and widths float64[n, 2] of rectangles that fill upright boxes float64[n, 2], width and height.
 
@@ -101,21 +105,24 @@ def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:
     height = length |sin| + width |cos|. Near 45 degrees the two equations are one; there a weak pull towards
     a length of twice the width decides.
     """
-    cosine, sine = np.abs(np.cos(headings)), np.abs(np.sin(headings))
-    pull = ASPECT_WEIGHT**2
+    shapes, pull = np.empty((len(boxes), 2)), ASPECT_WEIGHT**2
     diagonal_length, diagonal_width = 1 + pull, 1 + pull * USUAL_ASPECT**2
-    mixed = 2 * cosine * sine - pull * USUAL_ASPECT
-    along = cosine * boxes[:, 0] + sine * boxes[:, 1]
-    across = sine * boxes[:, 0] + cosine * boxes[:, 1]
-    determinant = diagonal_length * diagonal_width - mixed**2
-    length = (diagonal_width * along - mixed * across) / determinant
-    width = (diagonal_length * across - mixed * along) / determinant
-    side = np.maximum(np.sqrt(np.maximum(boxes.prod(axis=1), 1.0)), MINIMUM_SIDE)
-    length = np.clip(length, np.maximum(0.3 * side, MINIMUM_SIDE), MAX_ASPECT * side)
-    width = np.clip(width, np.maximum(length / MAX_ASPECT, MINIMUM_SIDE), 2.0 * side)
-    return np.stack([length, width], axis=1)
+    for index in range(len(boxes)):
+        across_box, down_box = boxes[index]
+        cosine, sine = abs(np.cos(headings[index])), abs(np.sin(headings[index]))
+        mixed = 2 * cosine * sine - pull * USUAL_ASPECT
+        along, across = cosine * across_box + sine * down_box, sine * across_box + cosine * down_box
+        determinant = diagonal_length * diagonal_width - mixed**2
+        length = (diagonal_width * along - mixed * across) / determinant
+        width = (diagonal_length * across - mixed * along) / determinant
+        side = max(np.sqrt(max(across_box * down_box, 1.0)), MINIMUM_SIDE)
+        length = min(max(length, 0.3 * side, MINIMUM_SIDE), MAX_ASPECT * side)
+        width = min(max(width, length / MAX_ASPECT, MINIMUM_SIDE), 2.0 * side)
+        shapes[index, 0], shapes[index, 1] = length, width
+    return shapes
 
 
+@compiled
 def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray) -> FloatArray:
     """Windows float64[n, 5] in upright boxes: turned into the motion, where that can be.
 
@@ -128,13 +135,18 @@ def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray)
         boxes: float64[n, 2], width and height, px.
         headings: float64[n], directions of motion, rad.
     """
-    turned = np.column_stack([centres, window_shapes(boxes, headings), half_turn(headings)])
-    deviations = centroid_std(np.sqrt(boxes.prod(axis=1)))[:, None]
-    unlike = (np.abs(upright_sides(turned) - boxes) > MAX_DISAGREEMENT * deviations).any(axis=1)
-    turned[unlike, 2:4], turned[unlike, 4] = boxes[unlike], 0.0
-    return turned
+    windows = np.empty((len(boxes), 5))
+    windows[:, :2], windows[:, 2:4] = centres, window_shapes(boxes, headings)
+    for index in range(len(boxes)):
+        windows[index, ANGLE] = half_turn(headings[index])
+        across, down = upright_sides(windows[index, LENGTH], windows[index, WIDTH], windows[index, ANGLE])
+        error = max(abs(across - boxes[index, 0]), abs(down - boxes[index, 1]))
+        if error > MAX_DISAGREEMENT * centroid_std(np.sqrt(boxes[index, 0] * boxes[index, 1])):
+            windows[index, 2:4], windows[index, ANGLE] = boxes[index], 0.0
+    return windows
 
 
+@compiled
 def motion_headings(
     means: FloatArray, covariances: FloatArray, windows: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -143,10 +155,13 @@ def motion_headings(
     What moves slowly for its size may turn on the spot: while the direction is not known it is the window's,
     with an infinite deviation. Means are float64[n, 4], covariances float64[n, 4, 4], windows float64[n, 5].
     """
-    speed = np.hypot(means[:, 2], means[:, 3])
-    deviation = np.sqrt((covariances[:, 2, 2] + covariances[:, 3, 3]) / 2)
-    least = np.maximum(KNOWN_SPEED * deviation, MIN_SPEED * np.sqrt(windows[:, 2] * windows[:, 3]))
-    known = (speed >= least) & (speed > 0)
-    relative = 1.5 * deviation / np.where(known, speed, 1.0)
-    headings = np.where(known, np.arctan2(means[:, 3], means[:, 2]), windows[:, ANGLE])
-    return headings, np.where(known, np.maximum(MIN_HEADING_STD, relative), np.inf)
+    headings, deviations = windows[:, ANGLE].copy(), np.full(len(windows), np.inf)
+    for index in range(len(windows)):
+        right, down = means[index, 2:]
+        speed = np.hypot(right, down)
+        deviation = np.sqrt((covariances[index, 2, 2] + covariances[index, 3, 3]) / 2)
+        side = np.sqrt(windows[index, LENGTH] * windows[index, WIDTH])
+        if speed > 0 and speed >= max(KNOWN_SPEED * deviation, MIN_SPEED * side):
+            headings[index] = np.arctan2(down, right)
+            deviations[index] = max(MIN_HEADING_STD, 1.5 * deviation / speed)
+    return headings, deviations

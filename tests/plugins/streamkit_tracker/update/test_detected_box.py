@@ -5,7 +5,7 @@ import pytest
 
 from streamkit_tracker.targets import CONFIRMED, TARGET, TENTATIVE, TargetRows
 from streamkit_tracker.update.detected_box import follow_boxes, follow_detections
-from streamkit_tracker.window_geometry import FloatArray, upright_sides
+from streamkit_tracker.window_geometry import LENGTH, FloatArray, upright_sides
 
 STEP_S = 0.04
 
@@ -111,5 +111,5 @@ def test_a_window_is_the_box_turned_into_the_motion():
     follow_detections(target, seen, STEP_S)
     follow_boxes(target, seen, are_objects=False)
     assert target["window"][0, :2].tolist() == [103.0, 51.5]
-    np.testing.assert_allclose(upright_sides(target["window"]), [[44.0, 44.0]])
+    np.testing.assert_allclose(upright_sides(*target["window"][0, LENGTH:]), [44.0, 44.0])
     assert target["window"][0, 4] == pytest.approx(np.pi / 4)
