@@ -17,7 +17,9 @@ from streamkit_tracker.window_geometry import (
     NO_SCALE,
     WIDTH,
     FloatArray,
+    determinants,
     half_turn,
+    inverses,
     invertible,
     map_points,
 )
@@ -79,7 +81,7 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     around, (length, width, angle) = jacobians[count + index], window[index, LENGTH:].T
     x, y = np.einsum("nij,jn->in", around, np.stack([np.cos(angle), np.sin(angle)]))
     stretch = np.maximum(np.hypot(x, y), NO_SCALE)
-    area = np.abs(np.linalg.det(around))
+    area = np.abs(determinants(around))
     window[index, LENGTH] = np.maximum(length * stretch, MINIMUM_SIDE)
     window[index, WIDTH] = np.maximum(width * area / stretch, MINIMUM_SIDE)
     window[index, ANGLE] = half_turn(np.arctan2(y, x))
@@ -107,9 +109,10 @@ def correct(targets: TargetRows) -> None:
     if not len(index):
         return
     covariance, noise = targets["covariance"][index], targets["noise"][index]
-    gain = covariance[:, :, :2] @ np.linalg.inv(covariance[:, :2, :2] + noise)
+    gain = covariance[:, :, :2] @ inverses(covariance[:, :2, :2] + noise)
     error = targets["measurement"][index] - targets["mean"][index, :2]
-    targets["mean"][index] += np.einsum("nij,nj->ni", gain, error)
-    left = np.eye(4) - np.concatenate([gain, np.zeros_like(gain)], axis=2)
-    new = left @ covariance @ left.swapaxes(1, 2) + gain @ noise @ gain.swapaxes(1, 2)
+    targets["mean"][index] += np.matvec(gain, error)
+    # with H of the first two rows of the identity: (I - K H) P (I - K H)' + K R K'
+    once = covariance - gain @ covariance[:, :2]
+    new = once - (once[:, :, :2] - gain @ noise) @ gain.swapaxes(1, 2)
     targets["covariance"][index] = 0.5 * (new + new.swapaxes(1, 2))

@@ -27,6 +27,7 @@ MINIMUM_SIDE = 2.0
 NO_SCALE = 1e-9
 IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
+ADJUGATE: FloatArray = 2 * IDENTITY - 1  # signs
 
 
 @register_jitable
@@ -44,6 +45,16 @@ def invertible(homography: FloatArray) -> FloatArray | None:
     if area_ratio < 1e-9 or abs(matrix[2, 2]) < 1e-9:
         return None
     return None if abs(inverse[2, 2]) < 1e-9 else np.asarray(inverse / inverse[2, 2])
+
+
+def determinants(matrices: FloatArray) -> FloatArray:
+    """Of matrices float64[n, 2, 2]: float64[n]; for so small ones numpy's own take four times as long."""
+    return matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+
+
+def inverses(matrices: FloatArray) -> FloatArray:
+    """Of regular, symmetric matrices float64[n, 2, 2]."""
+    return matrices[:, ::-1, ::-1] * ADJUGATE / determinants(matrices)[:, None, None]
 
 
 def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
