@@ -74,12 +74,12 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     both = np.zeros((count, 4, 4))
     both[:, :2, :2] = both[:, 2:, 2:] = jacobians[:count]
     mean[:, :2] = mapped[:count]
-    mean[:, 2:] = np.einsum("nij,nj->ni", jacobians[:count], mean[:, 2:])
+    mean[:, 2:] = np.matvec(jacobians[:count], mean[:, 2:])
     targets["covariance"] = both @ targets["covariance"] @ both.swapaxes(1, 2)
     window[:, :2] = mapped[count : 2 * count]
     index = np.flatnonzero(~targets["manual"])
     around, (length, width, angle) = jacobians[count + index], window[index, LENGTH:].T
-    x, y = np.einsum("nij,jn->in", around, np.stack([np.cos(angle), np.sin(angle)]))
+    x, y = np.matvec(around, np.stack([np.cos(angle), np.sin(angle)], axis=1)).T
     stretch = np.maximum(np.hypot(x, y), NO_SCALE)
     area = np.abs(determinants(around))
     window[index, LENGTH] = np.maximum(length * stretch, MINIMUM_SIDE)

@@ -81,7 +81,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     index = np.flatnonzero(~hidden)
     rows, models = rows[index], [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])
-    velocities = np.einsum("nij,nj->ni", jacobians, rows["mean"][:, 2:])
+    velocities = np.matvec(jacobians, rows["mean"][:, 2:])
     velocities = np.where(np.isfinite(velocities), velocities, np.nan)
     tentative = np.array([model.template is None for model in models], np.bool_)
     # of the point in the target that its template sits on: no match corrects it
