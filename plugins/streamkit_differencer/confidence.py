@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
+from streamkit_differencer.warping import mapped_into
 from streamkit_kernels import FLOAT64, UINT8_STRIDED, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
@@ -58,7 +59,6 @@ def contrasts(
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
     """
-    height, width = image.shape
     result = np.zeros(len(boxes))
     for number in range(len(boxes)):
         left, top, right, bottom = boxes[number]
@@ -66,12 +66,8 @@ def contrasts(
         for place in range(GRID * GRID):
             x = left + (right - left) * ((place % GRID + 0.5) / GRID)
             y = top + (bottom - top) * ((place // GRID + 0.5) / GRID)
-            scale = 1.0 / (to_image[2, 0] * x + to_image[2, 1] * y + to_image[2, 2])
-            across = (to_image[0, 0] * x + to_image[0, 1] * y + to_image[0, 2]) * scale
-            down = (to_image[1, 0] * x + to_image[1, 1] * y + to_image[1, 2]) * scale
-            # This comparison order maps NaN to 0.
-            column = int(np.rint(min(across if across > 0.0 else 0.0, width - 1.0)))
-            row = int(np.rint(min(down if down > 0.0 else 0.0, height - 1.0)))
+            across, down = mapped_into(to_image, x, y, image.shape)
+            column, row = int(np.rint(across)), int(np.rint(down))
             difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
             excess = float(difference) / float(max(thresholds[row, column], np.uint8(1)))
             if excess > 1.0:

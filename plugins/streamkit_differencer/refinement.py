@@ -24,6 +24,7 @@ from streamkit_differencer.arrays import (
 )
 from streamkit_differencer.foreground import MAX_BACKGROUND
 from streamkit_differencer.objects import Objects
+from streamkit_differencer.warping import mapped_into
 from streamkit_kernels import BOOL_1D, FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
 # Share of the mean contrast at an object's edge; pixels around the object lower that mean.
@@ -182,11 +183,7 @@ def _find_contrasts(
 def background_at(background: ByteImage, to_background: FloatArray, row: int, column: int) -> int:
     """The background at a pixel of the frame, by bilinear interpolation, rounded."""
     height, width = background.shape
-    depth = 1.0 / (to_background[2, 0] * column + to_background[2, 1] * row + to_background[2, 2])
-    x = (to_background[0, 0] * column + to_background[0, 1] * row + to_background[0, 2]) * depth
-    y = (to_background[1, 0] * column + to_background[1, 1] * row + to_background[1, 2]) * depth
-    # This comparison order maps NaN to 0.
-    x, y = min(x if x > 0.0 else 0.0, width - 1.0), min(y if y > 0.0 else 0.0, height - 1.0)
+    x, y = mapped_into(to_background, column, row, background.shape)
     left, top = int(x), int(y)
     right, bottom = min(left + 1, width - 1), min(top + 1, height - 1)
     across, down = x - left, y - top

@@ -131,6 +131,15 @@ def mapped_point(matrix: FloatArray, x: float, y: float) -> tuple[float, float]:
 
 
 @compiled
+def mapped_into(matrix: FloatArray, x: float, y: float, shape: tuple[int, int]) -> tuple[float, float]:
+    """Where a homography maps a point, held within an image of this height and width."""
+    across, down = mapped_point(matrix, x, y)
+    # This comparison order maps NaN to 0.
+    across, down = across if across > 0.0 else 0.0, down if down > 0.0 else 0.0
+    return min(across, shape[1] - 1.0), min(down, shape[0] - 1.0)
+
+
+@compiled
 def _find_places(
     matrix: FloatArray,
     row: float,
