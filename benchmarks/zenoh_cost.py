@@ -116,7 +116,7 @@ def main() -> None:
             congestion_control=zenoh.CongestionControl.BLOCK,
             reliability=zenoh.Reliability.RELIABLE,
         )
-        while not (bare.matching_status.matching and publication.records.stream.has_subscriber):  # type: ignore[attr-defined]
+        while not (bare.matching_status.matching and publication.records.has_subscriber):  # type: ignore[attr-defined]
             time.sleep(0.05)
         calls: dict[str, Callable[[], object]] = {
             "bare put": lambda: bare.put(payload),

@@ -143,15 +143,15 @@ class ZenohSink(SessionElement, Sink):
             publication.media[stream].submit(frame)
 
     def _wait_for_receivers(self, publication: Publication) -> None:
-        stream = publication.records.stream
+        records = publication.records
         there = wait_for_receivers(
-            stream.publisher, publication.receivers, self.wait_subscribers, self.wait_timeout_s, self.stopping
+            records.declared, publication.receivers, self.wait_subscribers, self.wait_timeout_s, self.stopping
         )
         if not there and self.stopping.is_set():
             raise Flushing(self.name)
         if not there:
             raise ResourceError(
-                f"wait-subscribers={self.wait_subscribers}: not there at {stream.key} within "
+                f"wait-subscribers={self.wait_subscribers}: not there at {records.key} within "
                 f"{self.wait_timeout_s:g} s; start them first, or give both sides the same endpoint"
             )
         self._has_waited = True

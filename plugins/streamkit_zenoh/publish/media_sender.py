@@ -10,8 +10,7 @@ from typing_extensions import override
 
 from streamkit import Frame, Registration
 from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO
-from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
-from streamkit_zenoh.publish.sender import Outgoing, Sender
+from streamkit_zenoh.publish.numbered_stream import Outgoing, Publisher, Reply, Sender
 from streamkit_zenoh.wire.frame_header import FRAME_SCHEMA, frame_header
 from streamkit_zenoh.wire.images import ImageFormat, encode_image, grey_or_bgr, scaled_to_width
 from streamkit_zenoh.wire.video_header import VIDEO_SCHEMA, video_header
@@ -27,25 +26,24 @@ class ImageSender(Sender):
 
     def __init__(self, publisher: Publisher, name: str, image_format: ImageFormat, width: int) -> None:
         self._format, self._width = image_format, width
-        stream = NumberedStream(publisher, name, f"image/{image_format};{FRAME_SCHEMA}")
-        super().__init__(publisher, stream, capacity=1)
+        super().__init__(publisher, name, f"image/{image_format};{FRAME_SCHEMA}", capacity=1)
 
     @override
     def send(self, item: Outgoing) -> None:
-        self.stream.put(*self.encoded(item))
+        self.put(*self.encoded(item))
         self.settle(item)
 
     @override
     def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
-        if self.last is not None and asked.intersects(self.stream.key):
+        if self.last is not None and asked.intersects(self.key):
             payload, attachment = self.encoded(self.last)
-            yield Reply(self.stream.key, payload, self.stream.encoding, attachment)
+            yield Reply(self.key, payload, self.encoding, attachment)
 
     def encoded(self, item: Outgoing) -> tuple[bytes, bytes]:
         """Payload and attachment."""
         settings, frame = self.publisher.settings, item.frame
         image = scaled_to_width(grey_or_bgr(frame.data, str(frame.caps["format"])), self._width)
-        now_ns, dropped = self.publisher.utc_ns(), self.stream.dropped
+        now_ns, dropped = self.publisher.utc_ns(), self.dropped
         header = frame_header(frame, settings.key, now_ns, dropped, image.shape)
         return encode_image(image, self._format, settings.picture_quality), item.stamp.attachment(header)
 
@@ -98,13 +96,12 @@ class VideoSender(Sender):
     """Publishes packets unchanged, if there is a subscriber."""
 
     def __init__(self, publisher: Publisher) -> None:
-        stream = NumberedStream(publisher, VIDEO, f"application/octet-stream;{VIDEO_SCHEMA}")
-        super().__init__(publisher, stream, PACKET_CAPACITY)
+        super().__init__(publisher, VIDEO, f"application/octet-stream;{VIDEO_SCHEMA}", PACKET_CAPACITY)
 
     @override
     def send(self, item: Outgoing) -> None:
         header = video_header(item.frame, self.publisher.settings.key, self.publisher.utc_ns())
-        self.stream.put(bytes(item.frame.data), item.stamp.attachment(header))
+        self.put(bytes(item.frame.data), item.stamp.attachment(header))
         self.settle(item)
 
 

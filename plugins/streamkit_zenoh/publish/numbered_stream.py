@@ -1,14 +1,16 @@
-"""NumberedStream: one stream at one key, its messages numbered, its subscribers known."""
+"""Streams: what is published at one key, with numbers; a sender makes its messages in a thread of its own."""
 
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import zenoh
 
+from streamkit import Frame
+from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.numbering import RecentDict, Stamp
@@ -17,7 +19,7 @@ from streamkit_zenoh.wire.status import DropCount, StreamStatus
 
 @dataclass(frozen=True)
 class Publisher:
-    """What the streams and senders of one publisher share.
+    """What the streams of one publisher share.
 
     Attributes:
         session: an open session.
@@ -54,20 +56,22 @@ class ReceiverCutOff(TimeoutError):
 
 
 class NumberedStream:
-    """Publishes messages of one encoding and schema at `key`, ROOT/NAME, each with its stamp."""
+    """Publishes messages of one encoding and schema at `key`, ROOT/NAME, each with its stamp.
+
+    Attributes:
+        publisher: whose stream it is.
+        declared: zenoh's publisher of the key.
+    """
 
     def __init__(self, publisher: Publisher, name: str, content_type: str) -> None:
-        self.name = name
+        self.publisher, self.name = publisher, name
         self.key = f"{publisher.root}/{name}"
         self.encoding = zenoh.Encoding(content_type)
-        self._owner = publisher
-        self._drops: Counter[str] = Counter()
         self._next_number = 0
         self._published = self._bytes = 0
-        self._first_numbers: RecentDict[str, int] = RecentDict()
         self._closed = False
         self._lock = threading.Lock()
-        self.publisher = publisher.session.declare_publisher(
+        self.declared = publisher.session.declare_publisher(
             self.key,
             encoding=self.encoding,
             reliability=zenoh.Reliability.RELIABLE,
@@ -79,17 +83,17 @@ class NumberedStream:
         """Whether zenoh knows of a subscriber now; False after `close`."""
         # zenoh does not undeclare a publisher that another thread is using.
         with self._lock:
-            return not self._closed and is_matching(self.publisher)
+            return not self._closed and is_matching(self.declared)
 
     @property
     def next_stamp(self) -> Stamp:
         """The stamp that the next message will have."""
-        return Stamp(self._owner.run, self._next_number)
+        return Stamp(self.publisher.run, self._next_number)
 
     def stamp(self) -> Stamp:
         """The stamp of the next message; its owner sends the message or counts it as dropped."""
         self._next_number += 1
-        return Stamp(self._owner.run, self._next_number - 1)
+        return Stamp(self.publisher.run, self._next_number - 1)
 
     def put(self, payload: bytes, attachment: bytes) -> None:
         """Publishes a message; may block with congestion control `block`.
@@ -97,8 +101,8 @@ class NumberedStream:
         Raises:
             ReceiverCutOff: it blocked until zenoh closed the link to a receiver.
         """
-        began_s, limit_s = time.monotonic(), self._owner.settings.cut_off_s
-        self.publisher.put(payload, attachment=attachment)
+        began_s, limit_s = time.monotonic(), self.publisher.settings.cut_off_s
+        self.declared.put(payload, attachment=attachment)
         self._published += 1
         self._bytes += len(payload)
         if time.monotonic() - began_s >= limit_s:
@@ -106,23 +110,102 @@ class NumberedStream:
                 f"a receiver of {self.key} has taken nothing for {limit_s:g} s and was cut off"
             )
 
+    def close(self) -> None:
+        """Undeclares the key."""
+        with self._lock:
+            self._closed = True
+        self.declared.undeclare()  # type: ignore[no-untyped-call]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outgoing:
+    """A frame whose message is to be published, when it was given, and its stamp."""
+
+    frame: Frame
+    stamp: Stamp
+    made_ns: int
+
+
+class Sender(NumberedStream):
+    """Numbers frames, and makes and publishes their messages in a thread; a full queue drops the oldest.
+
+    A message that nobody wants is made only when a query asks for it. At most `capacity` frames wait, and a
+    further one `patience_s` for room; `periodic` is called in the thread once a second.
+
+    Attributes:
+        last: the last frame whose message was sent, or wanted by nobody; all before it are settled.
+        executor: the thread; its owner's to close.
+    """
+
+    drop_reason: ClassVar[str] = "queue full"
+
+    def __init__(
+        self,
+        publisher: Publisher,
+        name: str,
+        content_type: str,
+        capacity: int,
+        patience_s: float = 0.0,
+        periodic: Callable[[], object] | None = None,
+    ) -> None:
+        super().__init__(publisher, name, content_type)
+        self.last: Outgoing | None = None
+        self._patience_s = patience_s
+        self._drops: Counter[str] = Counter()
+        self._first_numbers: RecentDict[str, int] = RecentDict()
+        self.executor = BackgroundExecutor(
+            f"zenoh {name}", self._not_sent, capacity=capacity, periodic=periodic
+        )
+
+    def is_wanted(self) -> bool:
+        """Whether anyone receives what is made of a frame."""
+        return self.has_subscriber
+
+    def submit(self, frame: Frame) -> None:
+        """Queues a frame."""
+        item = Outgoing(frame, self.stamp(), self.publisher.utc_ns())
+        if not self.is_wanted():
+            self.settle(item)
+            return
+        cancelled = self.publisher.cancelled
+        if dropped := self.executor.submit_dropping(lambda: self.send(item), self._patience_s, cancelled):
+            self.count_drop(self.drop_reason, dropped)
+
+    def send(self, item: Outgoing) -> None:
+        """Makes and publishes a message; called in the thread."""
+        raise NotImplementedError
+
+    def replies(self, asked: zenoh.KeyExpr) -> Iterable[Reply]:
+        """The last message, for a query that matches its key; none where it is of no use alone."""
+        return ()
+
+    def settle(self, item: Outgoing) -> None:
+        """Notes that a message and all before it were sent or dropped, or wanted by nobody."""
+        # Without a subscriber a frame is settled at once, while frames before it may still be in the queue.
+        if self.last is None or item.stamp.number > self.last.stamp.number:
+            self.last = item
+
     def count_drop(self, reason: str, count: int) -> None:
         """Counts stamped messages that were not sent."""
         with self._lock:
             self._drops[reason] += count
-        self._owner.dropped(f"{self.name}: {reason}", count)
+        self.publisher.dropped(f"{self.name}: {reason}", count)
+
+    def _not_sent(self, error: Exception) -> None:
+        self.count_drop("not sent", 1)
+        self.publisher.failed(error)
 
     def add_receiver(self, name: str) -> None:
         """Stores the first number that a receiver is sent, whose subscription is known now."""
         if name not in self._first_numbers:
             self._first_numbers[name] = self._next_number
 
-    def status(self, settled_number: int, receiver: str | None = None) -> StreamStatus:
-        """Counters; all messages with lower numbers than `settled_number` were sent or dropped."""
+    def status(self, receiver: str | None = None) -> StreamStatus:
+        """Counters; for a known receiver also the first number that it is sent."""
         return StreamStatus(
             name=self.name,
-            run=self._owner.run,
-            settled_number=settled_number,
+            run=self.publisher.run,
+            settled_number=0 if self.last is None else self.last.stamp.number + 1,
             published=self._published,
             bytes=self._bytes,
             has_subscriber=int(self.has_subscriber),
@@ -141,8 +224,7 @@ class NumberedStream:
             drops = dict(self._drops)
         return [DropCount(stream=self.name, reason=reason, count=count) for reason, count in drops.items()]
 
-    def close(self) -> None:
-        """Undeclares the publisher."""
-        with self._lock:
-            self._closed = True
-        self.publisher.undeclare()  # type: ignore[no-untyped-call]
+    def abandon(self) -> None:
+        """Drops what waits."""
+        if left := self.executor.abandon():
+            self.count_drop("not sent before the end", left)

@@ -12,10 +12,9 @@ from streamkit_zenoh.keys import LISTENING, RECEIVER, SCHEMA, STATUS, alive_key,
 from streamkit_zenoh.presence import LivelinessWatch, wait_until_delivered
 from streamkit_zenoh.publish.control import Control
 from streamkit_zenoh.publish.media_sender import MEDIA_SENDERS
-from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply, Sender
 from streamkit_zenoh.publish.record_sender import RecordSender
 from streamkit_zenoh.publish.rivals import EXCLUSIVE, Claimant, KeyInUse, RivalWatch, refuse_rivals
-from streamkit_zenoh.publish.sender import Sender
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec
 from streamkit_zenoh.wire.schemas import schema_files, schema_index
@@ -72,7 +71,7 @@ class Publication:
         handler = zenoh.handlers.Callback(self._reply, indirect=False)
         self._queryable = session.declare_queryable(f"{root}/**", handler)
         # Closing the session removes the token; undeclared alone, its end could overtake the last records.
-        self._token = session.liveliness().declare_token(alive_key(self.records.stream.key))
+        self._token = session.liveliness().declare_token(alive_key(self.records.key))
         own = Claimant.here(settings.claim, publisher.run)
         self._rivals = RivalWatch(session, root, own, self._give_way)
 
@@ -83,7 +82,7 @@ class Publication:
         if not left and not cancelled.is_set():
             self.records.end_tracks()
         self._publish_end()
-        key = self.records.stream.key
+        key = self.records.key
         wait_until_delivered(self.session, key, self.receivers, patience_s, cancelled)
         return left
 
@@ -116,8 +115,8 @@ class Publication:
     def _receiver_appeared(self, token: str) -> None:
         name = token.removeprefix(f"{LISTENING}/")
         for sender in self._senders:
-            if listens_to(token, sender.stream.key):
-                sender.stream.add_receiver(name)
+            if listens_to(token, sender.key):
+                sender.add_receiver(name)
 
     def _reply(self, query: zenoh.Query) -> None:
         """Sends the last message of each key that a query matches, for receivers that come late."""
@@ -161,13 +160,13 @@ class Publication:
             run=self._publisher.run,
             published_ns=self._publisher.utc_ns(),
             uptime_s=round(time.monotonic() - self._began_s, 3),
-            frames=records.stream.next_stamp.number,  # each frame has one, whether it is sent or not
+            frames=records.next_stamp.number,  # each frame has one, whether it is sent or not
             seq=None if frame is None else frame.seq,
             epoch=None if frame is None else frame.epoch,
             tracks=records.targets,
             age_ms=records.age_ms,
             streams=tuple(sender.status(receiver) for sender in self._senders),
-            drops=tuple(drop for sender in self._senders for drop in sender.stream.drop_counts()),
+            drops=tuple(drop for sender in self._senders for drop in sender.drop_counts()),
             control=self._control is not None,
             changes=() if self._control is None else self._control.changes(),
             elements=self._statuses(),

@@ -18,8 +18,7 @@ from streamkit import (
 )
 from streamkit_zenoh.keys import TRACK, TRACKS
 from streamkit_zenoh.presence import is_matching
-from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply
-from streamkit_zenoh.publish.sender import Outgoing, Sender
+from streamkit_zenoh.publish.numbered_stream import Outgoing, Publisher, Reply, Sender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.records import without_pixels
 
@@ -48,16 +47,17 @@ class RecordSender(Sender):
         self._track_key = f"{publisher.root}/{TRACK}"
         self._track_qos = settings.qos()[TRACK]
         self._shown: set[int] = set()
-        stream = NumberedStream(publisher, TRACKS, self._codec.content_type)
-        super().__init__(publisher, stream, settings.max_queue, settings.patience_s, publish_status)
+        super().__init__(
+            publisher, TRACKS, self._codec.content_type, settings.max_queue, settings.patience_s,
+            publish_status,
+        )  # fmt: skip
         # Targets are published by the session: this only shows whether anyone wants them.
         key = f"{self._track_key}/*"
         self._track_publisher = session.declare_publisher(key) if settings.track else None
 
-    @property
     @override
-    def has_subscriber(self) -> bool:
-        return self.stream.has_subscriber or is_matching(self._track_publisher)
+    def is_wanted(self) -> bool:
+        return self.has_subscriber or is_matching(self._track_publisher)
 
     @override
     def submit(self, frame: Frame) -> None:
@@ -85,7 +85,7 @@ class RecordSender(Sender):
 
     def end_tracks(self) -> None:
         """Deletes the keys of all targets."""
-        self._delete(self._shown, self.stream.next_stamp.attachment())
+        self._delete(self._shown, self.next_stamp.attachment())
         self._shown = set()
 
     @override
@@ -95,14 +95,14 @@ class RecordSender(Sender):
         A queued record is no reply: it would overtake the records before it.
         """
         settings = self.publisher.settings
-        asks_all = settings.tracks and asked.intersects(self.stream.key)
+        asks_all = settings.tracks and asked.intersects(self.key)
         asks_one = settings.track and asked.intersects(f"{self._track_key}/*")
         if self.last is None or not (asks_all or asks_one):
             return
-        attachment, encoding = self.last.stamp.attachment(), self.stream.encoding
+        attachment, encoding = self.last.stamp.attachment(), self.encoding
         record = self._record(self.last.frame, self.last.made_ns)
         if asks_all:
-            yield Reply(self.stream.key, self._payload(self.last.frame, record), encoding, attachment)
+            yield Reply(self.key, self._payload(self.last.frame, record), encoding, attachment)
         for key, payload in self._track_payloads(record):
             if asks_one and asked.intersects(key):
                 yield Reply(key, payload, encoding, attachment)
@@ -120,15 +120,15 @@ class RecordSender(Sender):
             # Before the first record: a receiver then knows that a publisher without `ended` was cut off.
             self._has_begun = True
             self._publish_status()
-        if self.publisher.settings.tracks and self.stream.has_subscriber:
-            self.stream.put(payload, attachment)
+        if self.publisher.settings.tracks and self.has_subscriber:
+            self.put(payload, attachment)
         if is_matching(self._track_publisher):
             self._send_tracks(record, attachment)
         self.settle(item)
         self.age_ms, self.targets = record.age_ms, len(record.tracks)
 
     def _send_tracks(self, record: TrackRecord, attachment: bytes) -> None:
-        options = {"encoding": self.stream.encoding, "attachment": attachment, **self._track_qos._asdict()}
+        options = {"encoding": self.encoding, "attachment": attachment, **self._track_qos._asdict()}
         for key, payload in self._track_payloads(record):
             self.publisher.session.put(key, payload, **options)
         shown = {target.id for target in record.tracks if target.state in SHOWN_STATES}
@@ -156,7 +156,7 @@ class RecordSender(Sender):
             frame,
             source=settings.key,
             published_ns=published_ns,
-            dropped=self.stream.dropped,
+            dropped=self.dropped,
             ground_altitude_m=settings.ground_altitude,
             provenance=settings.provenance,
         )

@@ -158,7 +158,7 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
-        assert wait_for(lambda: publication.records.has_subscriber)
+        assert wait_for(publication.records.is_wanted)
         confirmed, tentative, lost = TrackState.CONFIRMED, TrackState.TENTATIVE, TrackState.LOST
         harness.push(_frame(0, confirmed, tentative, confirmed))
         harness.push(_frame(1, confirmed, confirmed, lost))

@@ -195,7 +195,7 @@ def test_later_records_hold_the_number_of_drops(open_test_session: Opener, key: 
     with Harness("zenohsink", key=key, wait_subscribers=1) as harness:
         harness.push(_frame(0))
         assert subscriber.first.wait(10)
-        harness.element._publication.records.stream.count_drop("queue full", 3)
+        harness.element._publication.records.count_drop("queue full", 3)
         harness.push(_frame(1))
         assert [record.dropped for record in subscriber.records()] == [0, 3]
 
@@ -203,8 +203,8 @@ def test_later_records_hold_the_number_of_drops(open_test_session: Opener, key: 
 def test_drops_of_every_stream_are_counted_while_the_pipeline_plays(key: str) -> None:
     """Those of the senders' threads, too: statistics show them at once and not only at the end."""
     with Harness("zenohsink", key=key, frame_rate=5.0) as harness:
-        harness.element._publication.media["frame"].stream.count_drop("replaced by a newer one", 2)
-        harness.element._publication.records.stream.count_drop("not sent", 1)
+        harness.element._publication.media["frame"].count_drop("replaced by a newer one", 2)
+        harness.element._publication.records.count_drop("not sent", 1)
         assert harness.element.drops == {"frame: replaced by a newer one": 2, "tracks: not sent": 1}
 
 
@@ -369,7 +369,7 @@ def test_frames_are_published_at_their_rate(open_test_session: Opener, key: str,
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.ready()
-        assert wait_for(lambda: pipeline["z"]._publication.media["frame"].stream.has_subscriber)
+        assert wait_for(lambda: pipeline["z"]._publication.media["frame"].has_subscriber)
         pipeline.play()
         assert pipeline.wait(20) is not None
     assert subscriber.enough.wait(10)
@@ -395,7 +395,7 @@ def test_images_that_wait_at_the_end_are_counted(
     monkeypatch.setattr(FrameSender, "encoded", encode_slowly)
     _subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint) as harness:
-        assert wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
+        assert wait_for(lambda: harness.element._publication.media["frame"].has_subscriber)
         harness.push(_frame(0), "frame")
         assert working.wait(10)
         for number in range(1, 4):
@@ -410,7 +410,7 @@ def test_frames_of_the_frame_pad_are_published(open_test_session: Opener, key: s
     """They may differ from those of the pad `sink`, for example with tracks drawn on them."""
     subscriber = _Subscriber(open_test_session(listen=endpoint), f"{key}/frame", 1)
     with Harness("zenohsink", key=key, connect=endpoint, frame_format="png") as harness:
-        assert wait_for(lambda: harness.element._publication.media["frame"].stream.has_subscriber)
+        assert wait_for(lambda: harness.element._publication.media["frame"].has_subscriber)
         harness.push(_frame(5).replace(data=np.full((2, 4), 77, np.uint8)), "frame")
         assert subscriber.enough.wait(10)
         harness.drain()
@@ -428,7 +428,7 @@ def test_the_mosaic_pad_publishes_changes(open_test_session: Opener, key: str, e
     )
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        assert wait_for(lambda: pipeline["z"]._publication.media["mosaic"].stream.has_subscriber)
+        assert wait_for(lambda: pipeline["z"]._publication.media["mosaic"].has_subscriber)
         for number, (level, reference) in enumerate(((10, 0), (10, 0), (10, 1), (20, 1))):
             caps = raw_video_caps("GRAY8", 8, 8, None)
             place = Registration(np.eye(3), np.eye(3), reference=reference)

@@ -360,7 +360,7 @@ def test_a_pipeline_can_be_split_over_two_machines(key: str, endpoint: str) -> N
         drone.ready()
         never = threading.Event()
         for _ in range(1000):
-            if drone["z"]._publication.media["frame"].stream.has_subscriber:
+            if drone["z"]._publication.media["frame"].has_subscriber:
                 break
             never.wait(0.01)
         drone.play()

@@ -9,8 +9,7 @@ from collections.abc import Callable
 import zenoh
 
 from streamkit import Caps, Frame
-from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher
-from streamkit_zenoh.publish.sender import Outgoing, Sender
+from streamkit_zenoh.publish.numbered_stream import NumberedStream, Outgoing, Publisher, Sender
 from streamkit_zenoh.publish.settings import PublicationSettings
 from streamkit_zenoh.wire.numbering import KEY_LIMIT
 
@@ -39,25 +38,25 @@ def test_after_its_close_a_stream_has_no_subscriber(open_test_session: Opener, k
 
 def test_a_receiver_has_a_first_number(open_test_session: Opener, key: str) -> None:
     """The next number when its token was first seen, however late it asks."""
-    publisher = _publisher(open_test_session(), key)
+    publisher = Sender(_owner(open_test_session(), key), "tracks", "application/json", capacity=4)
     numbers = []
     for name in ("early", "late", "early"):
         publisher.add_receiver(name)
         numbers.append(publisher.stamp().number)
     assert numbers == [0, 1, 2]
-    first_numbers = {name: publisher.status(0, name).first_number for name in ("early", "late", "unknown")}
+    first_numbers = {name: publisher.status(name).first_number for name in ("early", "late", "unknown")}
     assert first_numbers == {"early": 0, "late": 1, "unknown": None}
-    assert publisher.status(0).first_number is None
+    assert publisher.status().first_number is None
     for index in range(KEY_LIMIT + 1):
         publisher.add_receiver(str(index))
-    assert publisher.status(0, "early").first_number is None
+    assert publisher.status("early").first_number is None
+    assert publisher.executor.close(5)
 
 
 def test_a_message_that_is_sent_late_is_not_the_last(open_test_session: Opener, key: str) -> None:
     """A frame without a subscriber is settled at once, while one before it may still be sent."""
-    owner = _owner(open_test_session(), key)
-    sender = Sender(owner, NumberedStream(owner, "tracks", "application/json"), capacity=4)
-    late, newest = (Outgoing(Frame(b"", Caps("x/y")), sender.stream.stamp(), 0) for _ in range(2))
+    sender = Sender(_owner(open_test_session(), key), "tracks", "application/json", capacity=4)
+    late, newest = (Outgoing(Frame(b"", Caps("x/y")), sender.stamp(), 0) for _ in range(2))
     assert sender.status().settled_number == 0
     sender.settle(newest)
     sender.settle(late)
