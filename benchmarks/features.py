@@ -22,7 +22,7 @@ from streamkit import Detections, Frame, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_wavelet_eigen.appearance import AppearanceSettings, SpaceLearner
 from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
-from streamkit_wavelet_eigen.gallery import Gallery, Recogniser, prepare_gallery
+from streamkit_wavelet_eigen.gallery import Gallery, Recogniser
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import PRESETS, Mode, Preprocessing, Recipe
 
@@ -96,9 +96,9 @@ def recognising(space: WaveletEigenSpace) -> None:
     """Milliseconds to recognise 20 targets in a gallery of 200 windows."""
     gallery = windows(200, space.recipe.patch, 2).astype(np.uint8)
     labels = tuple(f"{number % 40}" for number in range(200))
-    recogniser = Recogniser(space, prepare_gallery(Gallery(gallery, labels), space.recipe))
+    recogniser = Recogniser(space.recipe, Gallery(gallery, labels))
     vectors = space.embed(windows(TARGETS, space.recipe.patch, 3))
-    taken = seconds(lambda: recogniser.recognise(vectors))
+    taken = seconds(lambda: recogniser.recognise(vectors, space))
     print(f"recognise {TARGETS} in a gallery of 200: {taken * 1e3:.2f} ms")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from streamkit.settings import setting
 from streamkit_wavelet_eigen.eigenspace import learn_eigenspace, update_eigenspace
 from streamkit_wavelet_eigen.feature_space import Projection, WaveletEigenSpace, vectors_by_space
-from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser, prepare_gallery
+from streamkit_wavelet_eigen.gallery import Gallery, Matches, Recogniser
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Recipe
 from streamkit_wavelet_eigen.wavelet import FloatBatch
@@ -114,13 +114,12 @@ class AppearanceModel:
     ) -> None:
         self.settings = settings
         self.learner = SpaceLearner(settings, start)
-        self._prepared_gallery = prepare_gallery(gallery, settings.recipe)
-        self._recogniser: Recogniser | None = None
+        self._recogniser = Recogniser(settings.recipe, gallery)
 
     @property
     def gallery(self) -> Gallery:
         """The labelled windows so far."""
-        return self._prepared_gallery.gallery
+        return self._recogniser.gallery
 
     def process(
         self, windows: Windows, *, learn: bool, label: str
@@ -147,17 +146,11 @@ class AppearanceModel:
         if label:
             gallery = self.gallery.with_windows(windows.patches[usable], label, self.settings.gallery_limit)
             if gallery is not self.gallery:
-                self._prepared_gallery = prepare_gallery(gallery, recipe, self._prepared_gallery)
+                self._recogniser.extend(gallery)
         space = self.learner.space
         if space is None:
             return None
         projection = space.project(prepared, windows.flat)
-        if not self._prepared_gallery.gallery.labels:
+        if not self.gallery.labels:
             return projection, None
-        return projection, self._recognise(projection.vectors, space)
-
-    def _recognise(self, vectors: FloatBatch, space: WaveletEigenSpace) -> Matches:
-        current = self._recogniser
-        if current is None or current.space is not space or current.gallery is not self._prepared_gallery:
-            current = self._recogniser = Recogniser(space, self._prepared_gallery)
-        return current.recognise(vectors)
+        return projection, self._recogniser.recognise(projection.vectors, space)

@@ -104,66 +104,54 @@ class Matches:
     margins: NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class PreparedGallery:
-    """A gallery with its prepared windows and virtual views, which do not change with the space.
-
-    Attributes:
-        gallery: the labelled windows.
-        prepared: float32[views, m, h, w].
-        flat: bool[m], windows without structure.
-    """
-
-    gallery: Gallery
-    prepared: FloatBatch
-    flat: NDArray[np.bool_]
-
-
-def prepare_gallery(
-    gallery: Gallery, recipe: Recipe, known: PreparedGallery | None = None
-) -> PreparedGallery:
-    """Prepares the windows of a gallery and their virtual views.
+class Recogniser:
+    """Nearest neighbour in a gallery; its prepared windows and virtual views are kept for every space.
 
     Args:
+        recipe: how windows are prepared, as in the spaces that vectors come from.
         gallery: the labelled windows.
-        recipe: how they are prepared.
-        known: of the first windows of the gallery, which are not prepared again.
+
+    Attributes:
+        gallery: the labelled windows, and those of `extend`.
 
     Raises:
         ValueError: there are too many windows.
     """
-    check_gallery_size(len(gallery), recipe)
-    patches = gallery.patches[len(known.flat) if known else 0 :].astype(np.float32)
-    prepared = prepared_views(patches, recipe.views, recipe.preprocessing)
-    prepared = prepared.reshape(view_count(recipe.views), len(patches), *recipe.prepared_size)
-    flat = flat_windows(patches)
-    if known is not None:
-        prepared = np.concatenate([known.prepared, prepared], axis=1)
-        flat = np.concatenate([known.flat, flat])
-    return PreparedGallery(gallery, prepared, flat)
 
+    def __init__(self, recipe: Recipe, gallery: Gallery) -> None:
+        self._recipe, self._views = recipe, view_count(recipe.views)
+        self._prepared = np.zeros((self._views, 0, *recipe.prepared_size), np.float32)
+        self._flat = np.zeros(0, bool)
+        self.extend(gallery)
 
-class Recogniser:
-    """Nearest neighbour in a gallery, in one space.
+    def extend(self, gallery: Gallery) -> None:
+        """Takes a gallery whose first windows are those of the last one, and prepares the others.
 
-    Args:
-        space: in which vectors are compared.
-        gallery: at least one labelled window, prepared by the space's recipe.
-    """
+        Raises:
+            ValueError: there are too many windows.
+        """
+        check_gallery_size(len(gallery), self._recipe)
+        patches = gallery.patches[len(self._flat) :].astype(np.float32)
+        prepared = prepared_views(patches, self._recipe.views, self._recipe.preprocessing)
+        prepared = prepared.reshape(self._views, len(patches), *self._recipe.prepared_size)
+        self._prepared = np.concatenate([self._prepared, prepared], axis=1)
+        self._flat = np.concatenate([self._flat, flat_windows(patches)])
+        self.gallery = gallery
+        self._space: WaveletEigenSpace | None = None  # of `_vectors`
+        self._names, index = np.unique(np.asarray(gallery.labels), return_inverse=True)
+        self._index = np.tile(index, self._views)
 
-    def __init__(self, space: WaveletEigenSpace, gallery: PreparedGallery) -> None:
-        views, windows = gallery.prepared.shape[:2]
-        self.space, self.gallery = space, gallery
-        prepared = gallery.prepared.reshape(views * windows, *gallery.prepared.shape[2:])
-        self._vectors = space.embed_prepared(prepared, np.tile(gallery.flat, views))
-        names, index = np.unique(np.asarray(gallery.gallery.labels), return_inverse=True)
-        self._names: list[str] = [str(name) for name in names]
-        self._index = np.tile(index, views)
+    def _embed(self, space: WaveletEigenSpace) -> FloatBatch:
+        """The vectors of all windows and views, which change with the space and the gallery."""
+        if self._space is not space:
+            prepared = self._prepared.reshape(-1, *self._recipe.prepared_size)
+            self._space = space
+            self._vectors = space.embed_prepared(prepared, np.tile(self._flat, self._views))
+        return self._vectors
 
-    def recognise(self, vectors: FloatBatch) -> Matches:
-        """The nearest label to each feature vector, float32[n, length]."""
-        recipe = self.space.recipe
-        to_gallery = distances(vectors, self._vectors, recipe.metric, recipe.blocks**2)
+    def recognise(self, vectors: FloatBatch, space: WaveletEigenSpace) -> Matches:
+        """The nearest label to each feature vector of a space, float32[n, length]; needs a gallery."""
+        to_gallery = distances(vectors, self._embed(space), self._recipe.metric, self._recipe.blocks**2)
         to_label = np.full((len(vectors), len(self._names)), np.inf)
         for number in range(len(self._names)):
             to_label[:, number] = to_gallery[:, self._index == number].min(axis=1)
@@ -173,7 +161,7 @@ class Recogniser:
         second = ordered[:, 1] if len(self._names) > 1 else first
         margins = 1.0 - np.divide(first, second, out=np.ones_like(first), where=second > 0)
         valid: NDArray[np.bool_] = np.any(vectors != 0, axis=1)
-        labels = tuple(self._names[number] if ok else "" for number, ok in zip(nearest, valid, strict=True))
+        labels = tuple(str(name) if ok else "" for name, ok in zip(self._names[nearest], valid, strict=True))
         return Matches(labels, np.where(valid, first, np.inf), np.where(valid, margins, 0.0))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streamkit_wavelet_eigen.recipe import Mode, Preprocessing, Threshold
-from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct, sub_bands
+from streamkit_wavelet_eigen.wavelet import FloatBatch, decompose, reconstruct
 
 # Pixels per chunk: intermediate arrays fit the cache, and memory does not grow with the batch.
 CHUNK_PIXELS = 64 * 32 * 32
@@ -38,16 +38,15 @@ def prepare(patches: FloatBatch, how: Preprocessing) -> FloatBatch:
     for first in range(0, count, chunk):
         part = patches[first : first + chunk]
         if how.mode is not Mode.RAW:
-            coefficients = decompose(part, how.wavelet)
-            denoised = threshold_details(coefficients, how.threshold)
+            bands = decompose(part, how.wavelet)
+            denoised = threshold_details(bands, how.threshold)
             if how.mode is Mode.PAPER:
-                low = np.s_[:, 0, :, 0]
-                sub_bands(denoised)[low] = equalised_in_own_range(sub_bands(coefficients)[low])
+                denoised[:, 0, :, 0] = equalised_in_own_range(bands[:, 0, :, 0])
             part = reconstruct(denoised, how.wavelet)
             part = equalised(part) if how.mode is Mode.PAPER else np.clip(part, 0.0, 255.0)
         for _ in range(how.approximation):
             # The LL band, scaled back to grey levels.
-            part = np.float32(0.5) * sub_bands(decompose(part, how.wavelet))[:, 0, :, 0]
+            part = np.float32(0.5) * decompose(part, how.wavelet)[:, 0, :, 0]
         prepared[first : first + chunk] = part
     return prepared
 
@@ -73,35 +72,34 @@ def equalised_in_own_range(bands: FloatBatch) -> FloatBatch:
     return levels
 
 
-def threshold_details(coefficients: FloatBatch, rule: Threshold) -> FloatBatch:
+def threshold_details(bands: FloatBatch, rule: Threshold) -> FloatBatch:
     """Soft threshold of LH, HL and HH of each patch against its own noise; LL stays unchanged.
 
     The noise deviation sigma is median(|HH|) / 0.6745. VisuShrink: sigma * sqrt(2 ln N), N the pixels of the
     patch. BayesShrink: sigma squared over the deviation of the noise-free band, for each band.
 
     Args:
-        coefficients: float32[n, h, w] of `decompose`.
+        bands: of `decompose`.
         rule: which of them.
 
     Returns:
-        New coefficients.
+        New sub-bands.
 
     Source: Donoho and Johnstone, Ideal spatial adaptation by wavelet shrinkage, 1994; Chang, Yu and Vetterli,
         Adaptive wavelet thresholding, 2000.
     """
-    if rule is Threshold.NONE or not coefficients.size:
-        return coefficients.copy()
-    bands = sub_bands(coefficients)
+    if rule is Threshold.NONE or not bands.size:
+        return bands.copy()
     median = np.median(np.abs(bands[:, 1, :, 1]), axis=(1, 2)).astype(np.float32)
     sigma = (median / MEDIAN_TO_SIGMA)[:, None, None, None, None]
     if rule is Threshold.VISU:
-        limits = sigma * np.float32(np.sqrt(2.0 * np.log(coefficients[0].size)))
+        limits = sigma * np.float32(np.sqrt(2.0 * np.log(bands[0].size)))
     else:
         limits = _bayes_limits(bands, sigma)
     # x - clip(x, -t, t) is the soft threshold, in two passes over the data instead of five.
     shrunk = bands - np.clip(bands, -limits, limits)
     shrunk[:, 0, :, 0] = bands[:, 0, :, 0]
-    return shrunk.reshape(coefficients.shape)
+    return shrunk
 
 
 def _bayes_limits(bands: FloatBatch, sigma: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -19,17 +19,6 @@ FloatBatch: TypeAlias = NDArray[np.float32]
 ORTHOGONALITY_LIMIT = 1e-6
 
 
-def sub_bands(coefficients: FloatBatch) -> FloatBatch:
-    """The sub-bands of coefficients float32[n, h, w], as a view float32[n, 2, h / 2, 2, w / 2].
-
-    The second axis is low or high along y, the fourth along x. LL is `[:, 0, :, 0]`, top left in the
-    coefficients, and reaches 2 times the grey level. Texts disagree on which mixed band is LH: here the first
-    letter is the filter along x, so that LH, `[:, 1, :, 0]`, is PyWavelets' cH (horizontal edges).
-    """
-    count, height, width = coefficients.shape
-    return coefficients.reshape(count, 2, height // 2, 2, width // 2)
-
-
 @lru_cache(maxsize=32)
 def transform_matrix(wavelet: str, length: int) -> FloatBatch:
     """The matrix of the periodized one-level transform of `length` samples.
@@ -81,16 +70,22 @@ def _read_only(matrix: NDArray[np.floating]) -> FloatBatch:
 
 
 def decompose(patches: FloatBatch, wavelet: str = "db8") -> FloatBatch:
-    """The coefficients float32[n, h, w] of patches float32[n, h, w]; `sub_bands` gives the sub-bands.
+    """The sub-bands float32[n, 2, h / 2, 2, w / 2] of patches float32[n, h, w].
+
+    The second axis is low or high along y, the fourth along x. LL is `[:, 0, :, 0]`, and reaches 2 times the
+    grey level. Texts disagree on which mixed band is LH: here the first letter is the filter along x, so that
+    LH, `[:, 1, :, 0]`, is PyWavelets' cH (horizontal edges).
 
     Raises:
         ValueError: as `transform_matrix`.
     """
-    rows, columns = (transform_matrix(wavelet, side) for side in patches.shape[1:])
-    return np.asarray(rows @ (patches @ columns.T))
+    count, height, width = patches.shape
+    rows, columns = transform_matrix(wavelet, height), transform_matrix(wavelet, width)
+    return np.asarray(rows @ (patches @ columns.T)).reshape(count, 2, height // 2, 2, width // 2)
 
 
-def reconstruct(coefficients: FloatBatch, wavelet: str = "db8") -> FloatBatch:
+def reconstruct(bands: FloatBatch, wavelet: str = "db8") -> FloatBatch:
     """Inverse of `decompose`: float32[n, h, w]."""
-    rows, columns = (inverse_matrix(wavelet, side) for side in coefficients.shape[1:])
-    return np.asarray(rows @ (coefficients @ columns.T))
+    count, height, width = len(bands), 2 * bands.shape[2], 2 * bands.shape[4]
+    rows, columns = inverse_matrix(wavelet, height), inverse_matrix(wavelet, width)
+    return np.asarray(rows @ (bands.reshape(count, height, width) @ columns.T))

@@ -9,7 +9,7 @@ import numpy as np
 from streamkit_wavelet_eigen.experiments.results import TARGETS, Figure, Selection, figure_of
 from streamkit_wavelet_eigen.experiments.splits import DatabaseSplit, first_targets, inner_splits
 from streamkit_wavelet_eigen.feature_space import learn_space
-from streamkit_wavelet_eigen.gallery import Recogniser, distances, prepare_gallery
+from streamkit_wavelet_eigen.gallery import Recogniser, distances
 from streamkit_wavelet_eigen.recipe import PRESETS, Basis, Metric, Mode, Preprocessing, Recipe, Views
 
 RAW = Preprocessing(Mode.RAW)
@@ -54,8 +54,8 @@ def recognition_rate(recipe: Recipe, split: DatabaseSplit) -> float:
         # A Fisher step needs two targets; with one every answer is right.
         recipe = replace(recipe, discriminative=False)
     space = learn_space(training.patches.astype(np.float32), recipe, training.labels)
-    recogniser = Recogniser(space, prepare_gallery(training, recipe))
-    matches = recogniser.recognise(space.embed(test.patches.astype(np.float32)))
+    vectors = space.embed(test.patches.astype(np.float32))
+    matches = Recogniser(recipe, training).recognise(vectors, space)
     return 100.0 * float(np.mean(np.array(matches.labels) == np.array(test.labels)))
 
 

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 import scipy
 
-from streamkit_wavelet_eigen.feature_space import learn_space
+from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, learn_space
 from streamkit_wavelet_eigen.gallery import (
     Gallery,
     Recogniser,
     distances,
     empty_gallery,
-    prepare_gallery,
     read_gallery,
 )
 from streamkit_wavelet_eigen.recipe import Metric, Mode, Preprocessing, Recipe, Views
@@ -25,14 +24,15 @@ def _windows(count: int, side: int = 16, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(20, 230, (count, side, side)).astype(np.float32)
 
 
-def _recogniser(recipe: Recipe, names: str = "abcabcabcabc") -> tuple[Recogniser, np.ndarray]:
+def _recogniser(
+    recipe: Recipe, names: str = "abcabcabcabc"
+) -> tuple[Recogniser, WaveletEigenSpace, np.ndarray]:
     base = dict(zip("abc", _windows(3, recipe.patch), strict=True))
     noise = np.random.default_rng(5).normal(0, 12, (len(names), recipe.patch, recipe.patch))
     patches = np.stack([base[name] for name in names]) + noise
     patches = np.clip(patches, 0, 255).astype(np.uint8)
     space = learn_space(patches.astype(np.float32), recipe, names)
-    known = prepare_gallery(Gallery(patches, tuple(names)), recipe)
-    return Recogniser(space, known), np.stack(list(base.values()))
+    return Recogniser(recipe, Gallery(patches, tuple(names))), space, np.stack(list(base.values()))
 
 
 @pytest.mark.parametrize(
@@ -47,8 +47,8 @@ def _recogniser(recipe: Recipe, names: str = "abcabcabcabc") -> tuple[Recogniser
 )
 def test_targets_get_their_own_label(recipe: Recipe) -> None:
     """Each clean window is nearest to the noisy ones of its own name."""
-    recogniser, probes = _recogniser(recipe)
-    matches = recogniser.recognise(recogniser.space.embed(probes))
+    recogniser, space, probes = _recogniser(recipe)
+    matches = recogniser.recognise(space.embed(probes), space)
     assert matches.labels == ("a", "b", "c")
     assert np.isfinite(matches.distances).all()
     assert (matches.margins > 0.3).all()
@@ -56,9 +56,9 @@ def test_targets_get_their_own_label(recipe: Recipe) -> None:
 
 def test_a_flat_window_has_no_label() -> None:
     """A zero vector is no target: no label, infinitely far, no margin."""
-    recogniser, probes = _recogniser(Recipe(16, RAW, components=6))
+    recogniser, space, probes = _recogniser(Recipe(16, RAW, components=6))
     probes[1] = 90.0
-    matches = recogniser.recognise(recogniser.space.embed(probes))
+    matches = recogniser.recognise(space.embed(probes), space)
     assert matches.labels == ("a", "", "c")
     assert matches.distances[1] == np.inf
     assert matches.margins[1] == 0.0
@@ -66,17 +66,17 @@ def test_a_flat_window_has_no_label() -> None:
 
 def test_margins_compare_with_the_next_label() -> None:
     """A window half way between two targets has a margin near zero; one label alone has none."""
-    recogniser, probes = _recogniser(Recipe(16, RAW, components=6))
-    between = recogniser.space.embed((probes[:1] + probes[1:2]) / 2)
-    assert recogniser.recognise(between).margins[0] < 0.1
-    alone, probes = _recogniser(Recipe(16, RAW, components=6), "aaaa")
-    assert alone.recognise(alone.space.embed(probes)).margins.tolist() == [0.0, 0.0, 0.0]
+    recogniser, space, probes = _recogniser(Recipe(16, RAW, components=6))
+    between = space.embed((probes[:1] + probes[1:2]) / 2)
+    assert recogniser.recognise(between, space).margins[0] < 0.1
+    alone, space, probes = _recogniser(Recipe(16, RAW, components=6), "aaaa")
+    assert alone.recognise(space.embed(probes), space).margins.tolist() == [0.0, 0.0, 0.0]
 
 
 def test_no_vector_has_no_match() -> None:
     """An empty frame is no error."""
-    recogniser, _ = _recogniser(Recipe(16, RAW, components=6))
-    assert recogniser.recognise(np.zeros((0, 6), np.float32)).labels == ()
+    recogniser, space, _ = _recogniser(Recipe(16, RAW, components=6))
+    assert recogniser.recognise(np.zeros((0, 6), np.float32), space).labels == ()
 
 
 @pytest.mark.parametrize(("metric", "name"), [(Metric.EUCLIDEAN, "euclidean"), (Metric.COSINE, "cosine")])
@@ -112,19 +112,19 @@ def test_a_grown_gallery_is_the_whole_one(views: Views) -> None:
     recipe = Recipe(16, Preprocessing(Mode.PAPER), components=4, views=views)
     first = empty_gallery(16).with_windows(_windows(3), "car", 9)
     more = first.with_windows(_windows(2, seed=4), "van", 9)
-    known = prepare_gallery(first, recipe)
-    grown, whole = prepare_gallery(more, recipe, known), prepare_gallery(more, recipe)
-    np.testing.assert_allclose(grown.prepared, whole.prepared, atol=1e-3)
+    grown, whole, from_empty = (Recogniser(recipe, known) for known in (first, more, empty_gallery(16)))
+    grown.extend(more)
+    from_empty.extend(more)
+    np.testing.assert_allclose(grown._prepared, whole._prepared, atol=1e-3)
     assert grown.gallery.labels == ("car", "car", "car", "van", "van")
-    from_empty = prepare_gallery(more, recipe, prepare_gallery(empty_gallery(16), recipe))
-    assert from_empty.prepared.shape == whole.prepared.shape
+    assert from_empty._prepared.shape == whole._prepared.shape
 
 
 def test_too_large_a_gallery_is_refused() -> None:
     """More values than fit the memory set aside are refused before they are made."""
     patches = np.broadcast_to(np.zeros((1, 64, 64), np.uint8), (4096, 64, 64))
     with pytest.raises(ValueError, match="fewer windows, views=none"):
-        prepare_gallery(Gallery(patches, ("car",) * 4096), Recipe(64, RAW, views=Views.MIRRORED))
+        Recogniser(Recipe(64, RAW, views=Views.MIRRORED), Gallery(patches, ("car",) * 4096))
 
 
 def test_a_folder_is_a_gallery(tmp_path: Path) -> None:
