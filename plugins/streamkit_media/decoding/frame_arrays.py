@@ -55,8 +55,9 @@ class FrameReader:
         if self.pixel_format == "GRAY8":
             if name not in LUMA_FIRST:
                 # To yuv420p where it is YUV: swscale would stretch the range on the way to gray.
-                frame = self._converted(frame, "yuv420p" if name.startswith(("yuv", "p0")) else "gray")
-            pixels = plane_rows(frame, 0)[:, : frame.width]
+                grey = "yuv420p" if name.startswith(("yuv", "p0")) else "gray"
+                frame = self._reformatter.reformat(frame, format=grey)
+            pixels = first_plane(frame)
         else:
             if self.pixel_format not in PACKED and (frame.width % 2 or frame.height % 2):
                 raise OddSize(
@@ -64,20 +65,18 @@ class FrameReader:
                     f"{frame.height}; ask for GRAY8, BGR or RGB instead"
                 )
             if wanted != "yuv420p" or name not in SAME_AS_I420:
-                frame = self._converted(frame, wanted)
+                frame = self._reformatter.reformat(frame, format=wanted)
             pixels = np.asarray(frame.to_ndarray(), np.uint8)
         pixels.flags.writeable = False
         return pixels
 
-    def _converted(self, frame: VideoFrame, name: str) -> VideoFrame:
-        return self._reformatter.reformat(frame, format=name)
 
-
-def plane_rows(frame: VideoFrame, index: int) -> Pixels:
-    """One plane as uint8[height of the plane, bytes per line], a view that keeps the frame alive."""
-    plane = frame.planes[index]
+def first_plane(frame: VideoFrame) -> Pixels:
+    """The first plane as uint8[height, width], a view that keeps the frame alive."""
+    plane = frame.planes[0]
     line = plane.line_size
-    rows: Pixels = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, abs(line))[: plane.height]
+    rows: Pixels = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, abs(line))
+    rows = rows[: plane.height, : frame.width]
     return rows[::-1] if line < 0 else rows
 
 

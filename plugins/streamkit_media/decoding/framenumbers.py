@@ -8,7 +8,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import NamedTuple
 
-from streamkit_media.nalunits import BadPacket, length_field, parameter_sets, typed_units
+from streamkit_media.nalunits import BadPacket, length_field, parameter_sets, units
 
 LOOK_BYTES = 4096
 HEADER_BYTES = 16
@@ -50,7 +50,8 @@ class FrameNumbers:
             data: the packet.
             is_keyframe: whether decoding can begin with it; then earlier frames do not matter.
         """
-        for kind, unit in typed_units("h264", bytes(data[:LOOK_BYTES]), self._length_bytes):
+        for unit in units(bytes(data[:LOOK_BYTES]), self._length_bytes):
+            kind = unit[0] & 31 if unit else 0
             if kind in (SEQUENCE_SET, PICTURE_SET):
                 self._take(unit)
             elif kind in (SLICE, KEY_SLICE):
