@@ -151,6 +151,6 @@ class AppearanceModel:
         if space is None:
             return None
         projection = space.project(prepared, windows.flat)
-        if not self.gallery.labels:
+        if not self._recogniser.gallery.labels:
             return projection, None
         return projection, self._recogniser.recognise(projection.vectors, space)

@@ -21,7 +21,6 @@ from streamkit import (
     PropertyError,
     ResourceError,
     SettingsOf,
-    Tracks,
     Transform,
     luma,
     write_remedy,
@@ -41,15 +40,6 @@ class TargetSource(StrEnum):
 
     DETECTIONS = "detections"
     TRACKS = "tracks"
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Targets:
-    """What windows are cut around in a frame; see `TargetFeatures`."""
-
-    kind: str
-    ids: NDArray[np.int64]
-    boxes: NDArray[np.float64]
 
 
 class Preset(StrEnum):
@@ -141,13 +131,20 @@ class WaveletEigen(Transform):
         appearance = self._appearance
         assert appearance is not None, "start() comes before frames"
         targets = self._targets_of(frame)
-        if targets is not None:
-            frame = self._with_features(frame, targets, appearance)
+        if len(targets[2]):
+            frame = self._with_features(frame, *targets, appearance)
         space = appearance.learner.space
         return frame if space is None else frame.attach_as(FeatureSpace, space)
 
-    def _with_features(self, frame: Frame, targets: Targets, appearance: AppearanceModel) -> Frame:
-        windows = cut_windows(luma(frame), targets.boxes, appearance.settings.recipe.patch, self.margin)
+    def _with_features(
+        self,
+        frame: Frame,
+        kind: str,
+        ids: NDArray[np.int64],
+        boxes: NDArray[np.float64],
+        appearance: AppearanceModel,
+    ) -> Frame:
+        windows = cut_windows(luma(frame), boxes, appearance.settings.recipe.patch, self.margin)
         self._counts.update(
             windows=len(windows.flat),
             flat=int(np.count_nonzero(windows.flat)),
@@ -165,12 +162,12 @@ class WaveletEigen(Transform):
             names = zip(matches.labels, margins >= self.min_margin, strict=True)
             labels = tuple(name if is_certain else "" for name, is_certain in names)
         details = TargetFeatures(
-            targets.kind, targets.ids, targets.boxes, appearance.learner.space.version,
+            kind, ids, boxes, appearance.learner.space.version,
             windows.flat, windows.clipped, windows.tiny,
             projection.errors, projection.energy, labels, distances, margins,
         )  # fmt: skip
         detections = frame.get(Detections)
-        if labels and targets.kind == TargetSource.DETECTIONS and detections is not None:
+        if labels and kind == TargetSource.DETECTIONS and detections is not None:
             frame = frame.attach(dataclasses.replace(detections, labels=labels))
         return frame.attach(Features(projection.vectors), details)
 
@@ -199,22 +196,19 @@ class WaveletEigen(Transform):
             settings = dataclasses.replace(settings, recipe=PRESETS[self.preset.value])
         return settings, None
 
-    def _targets_of(self, frame: Frame) -> Targets | None:
-        """The fixed window, or the frame's tracks or detections; None without any."""
+    def _targets_of(self, frame: Frame) -> tuple[str, NDArray[np.int64], NDArray[np.float64]]:
+        """The fixed window, or the frame's tracks or detections; as in `TargetFeatures`."""
         if self._window is not None:
-            return Targets("window", np.zeros(1, np.int64), self._window)
+            return "window", np.zeros(1, np.int64), self._window
         if self.targets is TargetSource.TRACKS:
-            tracks = frame.get(Tracks)
-            if tracks is None or not tracks.tracks:
-                return None
-            rows = [(one.x, one.y, one.length, one.width, one.angle) for one in tracks.tracks]
-            ids = np.array([one.id for one in tracks.tracks], np.int64)
-            return Targets(TargetSource.TRACKS.value, ids, np.array(rows, np.float64))
+            rows = [(one.x, one.y, one.length, one.width, one.angle) for one in frame.tracks]
+            ids = np.array([one.id for one in frame.tracks], np.int64)
+            return TargetSource.TRACKS.value, ids, np.array(rows, np.float64)
         detections = frame.get(Detections)
-        if detections is None or not len(detections):
-            return None
-        boxes = rotated_boxes(detections.centroids, detections.boxes)
-        return Targets(TargetSource.DETECTIONS.value, np.arange(len(boxes)), boxes)
+        boxes = np.zeros((0, 5))
+        if detections is not None:
+            boxes = rotated_boxes(detections.centroids, detections.boxes)
+        return TargetSource.DETECTIONS.value, np.arange(len(boxes)), boxes
 
     def _save(self) -> None:
         appearance = self._appearance
