@@ -17,8 +17,15 @@ import msgspec
 
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.errors import ProcessDied
-from streamkit.graph.processes.answers import Answers
-from streamkit.graph.processes.orders import ENCODER, REPORTS, Order, OrderResult, Report, Setup
+from streamkit.graph.processes.orders import (
+    ENCODER,
+    REPORTS,
+    Order,
+    OrderResult,
+    Report,
+    Setup,
+    decode_failure,
+)
 from streamkit.handoff.library_threads import thread_variables
 
 CHILD = "streamkit.graph.processes.child"
@@ -66,7 +73,10 @@ class ChildProcess(threading.Thread):
         self._home = home
         self._setup, self._marks, self._processes = setup, marks, processes
         self._reported, self._ended = reported, ended
-        self._answers = Answers()
+        self._lock = threading.Lock()  # guards the next three
+        self._orders = 0
+        self._waiting: dict[int, Future[Any]] = {}  # orders without an answer, by number
+        self._end: ProcessDied | None = None  # why no more answers arrive
         self._takes_orders = threading.Event()  # it is set up, or has ended
         self._process: subprocess.Popen[bytes] | None = None
         ours, self._theirs = Channel.pair()
@@ -86,17 +96,29 @@ class ChildProcess(threading.Thread):
         Returns:
             A future that gets the answer, or the exception that ended the order or the process.
         """
-        deadline = time.monotonic() + limit_s
-        number, answer = self._answers.expect()
-        is_sent = self._takes_orders.wait(limit_s)
+        deadline, answer = time.monotonic() + limit_s, Future[Any]()
+        with self._lock:
+            number = self._orders = self._orders + 1
+            self._waiting[number] = answer
+            end = self._end
+        is_sent = end is None and self._takes_orders.wait(limit_s)
         if is_sent and not answer.done():
             message = ENCODER.encode(Order(number, name, list(arguments)))
             with contextlib.suppress(ChannelClosed):  # the thread then ends the answer
                 is_sent = self._control.send(message, descriptors, lambda: time.monotonic() > deadline)
         if not is_sent:
             text = f"the process of {self._home} has not answered for {limit_s:g} s"
-            self._answers.fail(number, text)
+            self._answer(number, error=end or ProcessDied(text))
         return answer
+
+    def _answer(self, number: int, value: Any = None, error: Exception | None = None) -> None:
+        """Answers an order, unless it has an answer already."""
+        with self._lock:
+            answer = self._waiting.pop(number, None)
+        if answer is not None and error is not None:
+            answer.set_exception(error)
+        elif answer is not None:
+            answer.set_result(value)
 
     def kill(self, reason: str = "") -> None:
         """Ends the process at once."""
@@ -129,7 +151,10 @@ class ChildProcess(threading.Thread):
         finally:
             os.close(self._marks)
             self._reap()
-            self._answers.end(str(self.death()))
+            with self._lock:
+                self._end, waiting = self.death(), list(self._waiting)
+            for number in waiting:
+                self._answer(number, error=self._end)
             self._takes_orders.set()
             self._ended(self)
 
@@ -174,7 +199,8 @@ class ChildProcess(threading.Thread):
 
     def _take_report(self, report: Report) -> None:
         if isinstance(report, OrderResult):
-            self._answers.arrived(report)
+            error = None if report.failure is None else decode_failure(report.failure)
+            self._answer(report.number, report.value, error)
         else:
             self._reported(report)
 
