@@ -29,37 +29,6 @@ STATISTICS_LIMIT_S = 1.0
 FIRST_RESTART_S, MAX_RESTART_S = 0.1, 5.0  # delays
 
 
-class Restarts:
-    """The restarts of one process: so many within a window, each after a longer delay than the one before.
-
-    Args:
-        limit: within the window.
-        window_s: a restart counts for so long; with the first one in a window the delay begins anew.
-    """
-
-    def __init__(self, limit: int, window_s: float) -> None:
-        self._limit, self._window_s = limit, window_s
-        self._times_s: deque[float] = deque()
-        self._delay = RestartDelay(FIRST_RESTART_S, MAX_RESTART_S)
-
-    @property
-    def count(self) -> int:
-        """How many there were within the window."""
-        return len(self._times_s)
-
-    def next_delay_s(self) -> float | None:
-        """Counts a restart; the delay before it, or None if the limit is reached."""
-        now_s = time.monotonic()
-        while self._times_s and now_s - self._times_s[0] > self._window_s:
-            self._times_s.popleft()
-        if self.count >= self._limit:
-            return None
-        if not self._times_s:
-            self._delay.reset()
-        self._times_s.append(now_s)
-        return self._delay.after()
-
-
 class Part:
     """The elements of one process, as the main process sees them.
 
@@ -71,7 +40,7 @@ class Part:
         is_streaming: whether the process has been ordered to.
         child: its process; the newest if it was started again; None before the start and after the end.
         has_ended: whether everything in it has come to its end.
-        restarts: of its process in this run.
+        restarts_s: when its process was started again, within the window of the bin.
         ending: the thread that waits for what others have to say before.
     """
 
@@ -93,7 +62,8 @@ class Part:
         self.limit_s = self.home.watchdog_s or watchdog_s
         self.has_ended = False
         self.ending: threading.Thread | None = None
-        self.restarts = Restarts(self.home.restart, self.home.restart_window_s)
+        self.restarts_s: deque[float] = deque()
+        self._delay = RestartDelay(FIRST_RESTART_S, MAX_RESTART_S)
         self.is_streaming = False
         self._counters: Counters = ([], [])
 
@@ -119,6 +89,18 @@ class Part:
         self.is_streaming = False
         self.child.start()
         return self.child
+
+    def next_delay_s(self) -> float | None:
+        """Counts a restart; the delay before it, longer than the last in the window, or None at the limit."""
+        times_s, now_s = self.restarts_s, time.monotonic()
+        while times_s and now_s - times_s[0] > self.home.restart_window_s:
+            times_s.popleft()
+        if len(times_s) >= self.home.restart:
+            return None
+        if not times_s:
+            self._delay.reset()
+        times_s.append(now_s)
+        return self._delay.after()
 
     def failure(self, cause: StreamkitError, last_received: int) -> ElementFailure:
         """The error for the end of the process: of the element that was at work, at its frame, if known.

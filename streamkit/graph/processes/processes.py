@@ -245,15 +245,14 @@ class Processes:
         failure = part.failure(child.death(), last_received)
         if part.has_ended or part.ending is not None:
             self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
-        elif (delay_s := part.restarts.next_delay_s()) is None:
+        elif (delay_s := part.next_delay_s()) is None:
             self._fail(part, failure)
         else:
             self._restart(part, failure, delay_s)
 
     def _restart(self, part: Part, failure: ElementFailure, delay_s: float) -> None:
         """Starts a child in the place of one that has ended, in the old one's thread."""
-        count = part.restarts.count
-        text = f"{failure}; restart {count} of {part.home.restart} in {delay_s:g} s"
+        text = f"{failure}; restart {len(part.restarts_s)} of {part.home.restart} in {delay_s:g} s"
         self._post(Message(MessageKind.WARNING, failure.element, text, {"code": "process-restart"}))
         if self._stopping.wait(delay_s):
             return

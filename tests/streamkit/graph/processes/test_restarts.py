@@ -166,6 +166,6 @@ def test_the_delay_of_two_thousand_restarts_is_bounded() -> None:
     text = "fakesrc ! ( process=true restart=2000 restart-window-s=1e9 identity ) ! fakesink"
     graph = Pipeline.parse(text).graph
     part = Part(graph, graph.processes[0])
-    delays = [part.restarts.next_delay_s() or 0.0 for _ in range(2000)]
+    delays = [part.next_delay_s() or 0.0 for _ in range(2000)]
     assert delays[:7] == [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0]
-    assert (min(delays), max(delays), part.restarts.next_delay_s()) == (0.1, 5.0, None)
+    assert (min(delays), max(delays), part.next_delay_s()) == (0.1, 5.0, None)
