@@ -1,4 +1,4 @@
-"""MISB ST 0601 for writing: KLV elements, packets with their checksum, and the elements of a sample.
+"""MISB ST 0601 for writing: KLV elements, packets with their checksum, and the elements of a pose.
 
 Source: SMPTE ST 336 (BER length, BER-OID); MISB ST 0107 (numbers); MISB ST 0601, checksum and tags 2, 5 to 7,
 13 to 20, 23, 24, 65, 75, 82 to 91.
@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import chain
 
+from streamkit import Pose
 from streamkit.geometry.angles import wrap_bearing, wrap_turn
 from streamkit_telemetry_formats.klv import CHECKSUM_HEAD, UAS_LOCAL_SET, checksum
-from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.st0601 import TAGS, LinearMap
 
 VERSION = 17  # of ST 0601
@@ -32,28 +32,28 @@ def encode_version() -> bytes:
     return element(65, bytes([VERSION]))
 
 
-def encode_pose(sample: Sample) -> bytes:
+def encode_pose(pose: Pose) -> bytes:
     """The elements of a pose, without values out of their tag's range."""
     return b"".join(
         element(tag, data)
-        for tag, value in _values(sample).items()
+        for tag, value in _values(pose).items()
         if value is not None and (data := MAPS[tag].encode(WRAPS.get(tag, float)(value))) is not None
     )
 
 
-def _values(sample: Sample) -> dict[int, float | None]:
+def _values(pose: Pose) -> dict[int, float | None]:
     """The values of a pose by their tags, in the order of the packet; None where unknown."""
-    azimuth, elevation, roll = sample.sensor_angles or (None, None, None)
-    horizontal, vertical = sample.field_of_view or (None, None)
-    latitude, longitude, _ = sample.frame_centre or (None, None, None)
+    azimuth, elevation, roll = pose.sensor_angles or (None, None, None)
+    horizontal, vertical = pose.field_of_view or (None, None)
+    latitude, longitude, _ = pose.frame_centre or (None, None, None)
     return {
-        5: sample.heading, 6: sample.pitch, 7: sample.roll,
-        13: sample.latitude, 14: sample.longitude,
-        15: sample.altitude if sample.source.endswith("above sea level") else None,
+        5: pose.heading, 6: pose.pitch, 7: pose.roll,
+        13: pose.latitude, 14: pose.longitude,
+        15: pose.altitude if pose.source.endswith("above sea level") else None,
         16: horizontal, 17: vertical, 18: azimuth, 19: elevation, 20: roll, 23: latitude, 24: longitude,
-        75: sample.altitude if sample.source == "misb" else None,
-        **dict(zip(range(82, 90), chain.from_iterable(sample.corners), strict=False)),
-        90: sample.pitch, 91: sample.roll,  # 6 and 7 reach 20 and 50 deg only
+        75: pose.altitude if pose.source == "misb" else None,
+        **dict(zip(range(82, 90), chain.from_iterable(pose.corners), strict=False)),
+        90: pose.pitch, 91: pose.roll,  # 6 and 7 reach 20 and 50 deg only
     }  # fmt: skip
 
 
