@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,24 +29,6 @@ TOO_NEAR = 32.0
 HEAD_ON = 8.0
 EVASION = 3.0
 START_DISTANCE = 70.0
-
-
-class Encounters(NamedTuple):
-    """Pairs of cars: row i, column j is how car i meets car j; px of the frame, and frames.
-
-    Attributes:
-        apart: float64[n, n, 2], from i to j now.
-        closest: float64[n, n, 2], from i to j at their closest approach within `HORIZON`.
-        moments: float64[n, n], how soon that is.
-        is_near: bool[n, n], whether they are too near now.
-        is_danger: bool[n, n], whether they are, or will be.
-    """
-
-    apart: FloatArray
-    closest: FloatArray
-    moments: FloatArray
-    is_near: BoolArray
-    is_danger: BoolArray
 
 
 class Traffic:
@@ -144,19 +124,8 @@ class Traffic:
         wait for each other.
         """
         directions = np.stack([np.cos(self.headings), np.sin(self.headings)], axis=1)
-        pairs = self._encounters(directions)
-        side_now, side_then = _to_the_right(directions, pairs.apart), _to_the_right(directions, pairs.closest)
-        is_right = np.where(pairs.is_near, side_now > 0.0, side_then > HEAD_ON)
-        urgency = 1.0 - pairs.moments.clip(0.0, HORIZON) / HORIZON
-        evasion = (pairs.is_danger * np.where(is_right, -1.0, 1.0) * (0.5 + urgency)).sum(axis=1)
-        is_ahead = np.einsum("ijk,ik->ij", pairs.apart, directions) > 0.0
-        gives_way = pairs.is_near | (side_now > -HEAD_ON)
-        braking = (pairs.is_danger & is_ahead & gives_way).any(axis=1)
-        return EVASION * np.clip(evasion, -1.0, 1.0), braking
-
-    def _encounters(self, directions: FloatArray) -> Encounters:
-        """How each car meets each other one if both go straight on; `directions` are unit vectors."""
         velocities = self.speeds[:, None] * directions
+        # Row i, column j is how car j looks from car i, px and frames, if both go straight on.
         apart = (self.positions[None, :] - self.positions[:, None]) / self._scale
         approach = (velocities[None, :] - velocities[:, None]) / self._scale
         closing = -np.einsum("ijk,ijk->ij", apart, approach)
@@ -165,7 +134,14 @@ class Traffic:
         is_near = (np.hypot(apart[..., 0], apart[..., 1]) < TOO_NEAR) & ~np.eye(len(self), dtype=bool)
         is_approaching = (closing > 0.0) & (moments < HORIZON)
         is_danger = is_near | (is_approaching & (np.hypot(closest[..., 0], closest[..., 1]) < CLEARANCE))
-        return Encounters(apart, closest, moments, is_near, is_danger)
+        side_now, side_then = _to_the_right(directions, apart), _to_the_right(directions, closest)
+        is_right = np.where(is_near, side_now > 0.0, side_then > HEAD_ON)
+        urgency = 1.0 - moments.clip(0.0, HORIZON) / HORIZON
+        evasion = (is_danger * np.where(is_right, -1.0, 1.0) * (0.5 + urgency)).sum(axis=1)
+        is_ahead = np.einsum("ijk,ik->ij", apart, directions) > 0.0
+        gives_way = is_near | (side_now > -HEAD_ON)
+        braking = (is_danger & is_ahead & gives_way).any(axis=1)
+        return EVASION * np.clip(evasion, -1.0, 1.0), braking
 
     def _random_positions(self, count: int, ground_from_frame: FloatArray) -> FloatArray:
         """float64[count, 2] ground positions, uniform over the inner part of the frame."""
