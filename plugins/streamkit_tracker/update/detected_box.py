@@ -7,8 +7,9 @@ appearance. That search refines position and velocity of the filter, and leads w
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
-from streamkit_kernels import compiled
+from streamkit_kernels import compiled, kernel
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetRows, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -36,6 +37,9 @@ ASPECT_WEIGHT = 0.3
 MAX_ASPECT = 5.0
 UNKNOWN_STD = 1e3  # px, of a target between others that share its region
 MAX_DISAGREEMENT = 2.0  # standard deviations of a detection
+
+# fields of the table are strided
+_NUMBERS, _ROWS, _MATRICES = (types.Array(types.float64, axes, "A", readonly=True) for axes in (1, 2, 3))
 
 
 def follow_detections(
@@ -122,7 +126,7 @@ def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:
     return shapes
 
 
-@compiled
+@kernel(_ROWS, _ROWS, _NUMBERS)
 def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray) -> FloatArray:
     """Windows float64[n, 5] in upright boxes: turned into the motion, where that can be.
 
@@ -146,7 +150,7 @@ def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray)
     return windows
 
 
-@compiled
+@kernel(_ROWS, _MATRICES, _ROWS)
 def motion_headings(
     means: FloatArray, covariances: FloatArray, windows: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

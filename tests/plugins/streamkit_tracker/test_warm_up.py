@@ -27,7 +27,7 @@ def test_no_frame_waits_for_the_compiler(scenes: ModuleType):
     warm_up()
     before = compiled_kinds()
     tracker = MultiTargetTracker()
-    for index, (image, truth) in enumerate(scenes.TurningScene(seed=2, frames=8)):
+    for index, (image, truth) in enumerate(scenes.TurningScene(seed=2, frames=16)):
         image.flags.writeable = False
         if index == 0:
             tracker.start_target(image, truth, Observation(0.04))
