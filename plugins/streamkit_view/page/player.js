@@ -9,7 +9,7 @@ const SILENT_MS = 1500;
 const HELD_LIMIT = 240;
 const DECODING_LIMIT = 12;
 const READY_LIMIT = 8;
-const FAILURE_LIMIT = 3;
+const FAILURE_LIMIT = 3; // in a row, without a decoded frame between them
 const END_MS = 1000; // without a packet, after the end of the stream: nothing is on the way any more
 const Decoder = window.VideoDecoder ?? MediaSourceDecoder;
 
@@ -148,6 +148,7 @@ export class Player {
         const header = this.headers.get(frame.timestamp);
         this.headers.delete(frame.timestamp);
         if (!header || decoder !== this.decoder) return frame.close();
+        this.failures = 0;
         this.ready.push({ frame, header, at: performance.now() });
         return this.advance();
       },

@@ -586,6 +586,45 @@ def test_a_packet_waits_for_its_record_while_records_come(
     assert browser.execute_async_script(HELD, waited_ms, silent_ms) == is_held
 
 
+DAMAGED = """
+const [pattern, done] = [...arguments];
+window.VideoDecoder = class {
+  static isConfigSupported = async () => ({ supported: true });
+  constructor(calls) { Object.assign(this, calls, { state: "unconfigured", decodeQueueSize: 0 }); }
+  configure() { this.state = "configured"; }
+  close() { this.state = "closed"; }
+  decode({ timestamp }) {
+    if (pattern[timestamp / 1000] === "x") this.error(new Error("damaged"));
+    else this.output({ timestamp, close() {} });
+  }
+};
+import("./player.js?with-damage").then(async ({ Player }) => {
+  const shown = [];
+  const show = (frame, header) => shown.push(header.seq);
+  const player = new Player({ show, cannot: () => shown.push("stills") });
+  for (let number = 0; number < pattern.length; number += 1) {
+    const header = { epoch: 0, seq: number, pts_ns: number * 1e6, keyframe: true, codec: "avc1.640028" };
+    await player.push(header, { run: 1, number }, new Uint8Array(4));
+  }
+  done(shown);
+});
+"""
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(
+    ("pattern", "shown"),
+    [(".x" * 5 + ".", [0, 2, 4, 6, 8, 10]), (".xxx..", [0, "stills"])],
+    ids=["now and then", "three in a row"],
+)
+def test_damaged_packets_end_the_video_only_where_nothing_is_decoded_between_them(
+    browser: Chrome, serve_keys: Callable[..., str], key: str, pattern: str, shown: list[int | str]
+) -> None:
+    """A camera's network loses packets all day; a browser that decodes none of three shows stills."""
+    browser.get(serve_keys(key))
+    assert browser.execute_async_script(DAMAGED, pattern) == shown
+
+
 TRAIL = """
 const [records, done] = [...arguments];
 import("./trails.js").then(({ Trails }) => {
