@@ -9,12 +9,13 @@ from av.container import InputContainer
 from av.stream import Stream
 from av.video.stream import VideoStream
 
-from streamkit import Caps, Frame, StreamError
+from streamkit import SECOND_NS, Caps, Frame, StreamError
 from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
-from streamkit_media.streams import DECODE_ONLY, StreamKind, packet_frame, read_packets
+from streamkit_media.streams import DECODE_ONLY, StreamKind, nanoseconds, packet_frame, read_packets
 
 FIRST_BACK_S = 1.0  # doubled with each try
+WRAP_NS = 2**32 * SECOND_NS // 90_000  # half of the times that a transport stream can tell
 
 
 class FilePart:
@@ -29,6 +30,7 @@ class FilePart:
 
     Attributes:
         end_ns: end of the last frame so far.
+        joints: times at which the file's own went back, ns; they go on from there.
     """
 
     def __init__(
@@ -41,12 +43,15 @@ class FilePart:
         offset_ns: int,
     ) -> None:
         self.end_ns = self._offset_ns = offset_ns
+        self.joints: list[int] = []
         self._container, self._where = container, where
         self._start_s, self._stop_s = start_s, stop_s
         self._streams = [stream for stream, _ in streams.values()]
         self._carried = {stream.index: (kind, caps) for kind, (stream, caps) in streams.items()}
         video = next((stream for stream in self._streams if isinstance(stream, VideoStream)), None)
         self._video, self._awaits_keyframe = video, False
+        self._dts: int | None = None  # of the last packet of the video, ns
+        self._step_ns = 0
         self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
 
     def shortfall(self) -> str:
@@ -117,6 +122,8 @@ class FilePart:
                 continue  # of pictures from before the keyframe that was sought
             self._awaits_keyframe &= kind is not StreamKind.VIDEO
             frame = packet_frame(packet, caps)
+            if kind is StreamKind.VIDEO and packet.dts is not None:
+                self._follow(nanoseconds(packet.dts, packet.time_base), frame)
             if frame.pts is not None:
                 frame = frame.replace(pts=frame.pts + self._offset_ns) if self._offset_ns else frame
                 self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
@@ -132,6 +139,25 @@ class FilePart:
                 yield kind, frame
             elif kind is StreamKind.VIDEO:
                 yield kind, frame.attach(DECODE_ONLY)
+
+    def _follow(self, dts: int, frame: Frame) -> None:
+        """Moves the times from here on where the video's go back, as where recordings were joined.
+
+        FFmpeg takes a step back by more than a minute in a transport stream for a wrap of its 33 bits.
+
+        Args:
+            dts: decoding time of a packet of the video, ns.
+            frame: the packet, with the file's own time.
+        """
+        step = 0 if self._dts is None else dts - self._dts
+        self._dts = dts
+        has_wrapped = step > WRAP_NS and self._container.format.name == "mpegts"
+        if frame.pts is not None and (step < 0 or has_wrapped):
+            self.end_ns += 0 if frame.duration else self._step_ns
+            self._offset_ns = self.end_ns - frame.pts
+            self.joints.append(self.end_ns)
+        else:
+            self._step_ns = step
 
     def _limits(self, stream: Stream) -> tuple[float, float]:
         """The first tick of a stream that is shown, and the first that is not any more."""

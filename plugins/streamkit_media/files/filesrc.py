@@ -65,7 +65,8 @@ class FileSrc(Source):
     The video comes out of `src`, or of `video` with `klv` and `klv_1` (first and second stream of MISB
     telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Of several videos FFmpeg's
     best is read, and a warning names the others, unless `video-stream` chooses one. Times are the file's own,
-    exact to the nanosecond. A file of bare KLV packets has none: they come out of `klv` without times. Video
+    exact to the nanosecond; where they go back, as where recordings are joined, they continue, with a
+    warning. A file of bare KLV packets has none: they come out of `klv` without times. Video
     that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
 
     Example:
@@ -260,6 +261,12 @@ class FileSrc(Source):
             if not count:
                 raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
+        if part.joints and not begin_ns:
+            more = f", and {len(part.joints) - 1} more times" if len(part.joints) > 1 else ""
+            self.post_warning(
+                f"{where}: its times go back at {part.joints[0] / SECOND_NS:.3f} s{more}, as where "
+                "recordings are joined; from there on they continue, and are not the file's own"
+            )
         self._report_end("" if begin_ns else part.shortfall(), count, shown)
         return part.end_ns
 

@@ -8,7 +8,7 @@ from av.packet import Packet
 from av.stream import Stream
 
 from streamkit import Caps, Capture, Clock, Frame
-from streamkit_media.streams import packet_frame
+from streamkit_media.streams import nanoseconds, packet_frame
 
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000
@@ -23,17 +23,19 @@ class Timeline:
         self._offset: int | None = None
         self._highest = -STEP_NS
         self._before = (0, 0)
+        self._decoded: int | None = None
 
     def begin_connection(self) -> None:
         """The server's times restart."""
-        self._offset = None
+        self._offset = self._decoded = None
 
-    def place(self, pts: int | None, arrival_ns: int) -> int:
+    def place(self, pts: int | None, arrival_ns: int, dts: int | None = None) -> int:
         """The timestamp of a packet.
 
         Args:
             pts: the server's time, ns; where it is None, 0 for the first packet, by arrival for others.
             arrival_ns: monotonic clock, ns.
+            dts: the server's time of decoding, ns, which goes back only where its clock was set back.
 
         Returns:
             ns since the first packet arrived; higher than all of the connections before.
@@ -47,6 +49,9 @@ class Timeline:
         leaps = abs(step) > LEAP_NS and abs(step - elapsed_ns) > LEAP_NS
         if self._offset is None or leaps:
             self._offset = max(arrival_ns - self._zero, self._highest + STEP_NS) - pts
+        elif dts is not None and self._decoded is not None and dts < self._decoded:  # was set back a little
+            self._offset = max(arrival_ns - self._zero, self._decoded + self._offset + STEP_NS) - dts
+        self._decoded = dts
         self._before = (pts, arrival_ns)
         self._highest = max(self._highest, pts + self._offset)
         return pts + self._offset
@@ -69,7 +74,8 @@ class PacketStamps:
         now_ns, sent_ns = self.clock.monotonic_ns(), sender_time_ns(packet)
         capture = Capture(self.clock.utc_ns(), "arrival") if sent_ns is None else Capture(sent_ns, "rtcp")
         frame = packet_frame(packet, caps)
-        pts, seq = self.timeline.place(frame.pts, now_ns), self.next_seq
+        dts = None if packet.dts is None else nanoseconds(packet.dts, packet.time_base)
+        pts, seq = self.timeline.place(frame.pts, now_ns, dts), self.next_seq
         self.next_seq += 1
         return frame.replace(seq=seq, arrival_ns=now_ns, capture=capture, pts=pts)
 

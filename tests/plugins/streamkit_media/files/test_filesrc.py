@@ -1,3 +1,4 @@
+import itertools
 import json
 import random
 import re
@@ -428,3 +429,40 @@ def test_a_connection_that_is_being_opened_can_be_cancelled() -> None:
 def test_the_length_is_unknown_before_the_start(source: str) -> None:
     """The progress line asks for it also where an interrupt has ended a start."""
     assert Pipeline.parse(f"{source} ! fakesink").duration_ns() is None
+
+
+def _times(location: Path, pad: str) -> tuple[list[int], list[str]]:
+    """The times of one pad's packets, ms, sorted as they are shown; and the warnings of the run."""
+    warnings: list[str] = []
+    with Pipeline.parse(f'filesrc name=s location="{location}"  s.{pad} ! appsink name=out') as pipeline:
+        pipeline.bus.watch(
+            lambda message: message.kind is MessageKind.WARNING and warnings.append(message.text)
+        )
+        pipeline.play()
+        times = sorted(round((frame.pts or 0) / 1e6) for frame in pipeline["out"])
+    return times, warnings
+
+
+@pytest.mark.parametrize("first_s", [1, 100], ids=["back to the beginning", "back by more than a minute"])
+def test_times_go_on_where_recordings_are_joined(make_video: MakeVideo, tmp_path: Path, first_s: int) -> None:
+    """Two transport streams, one behind the other: FFmpeg takes a long step back for a wrap of 26.5 hours."""
+    parts = [
+        make_video(f"part{first_s}-{begin}.ts", container_options={"output_ts_offset": str(begin)})
+        for begin in (first_s, 1)
+    ]
+    joined = tmp_path / "joined.ts"
+    joined.write_bytes(b"".join(part.read_bytes() for part in parts))
+    times, warnings = _times(joined, "video")
+    assert len(times) == 24
+    assert {after - before for before, after in itertools.pairwise(times)} == {40}
+    assert "its times go back at " in warnings[0]
+    assert _times(parts[0], "video")[1] == []
+
+
+def test_telemetry_of_joined_recordings_stays_with_its_video(clip: Path, tmp_path: Path) -> None:
+    """Its times move with those of the video that it was recorded with."""
+    joined = tmp_path / "joined.ts"
+    joined.write_bytes(3 * clip.read_bytes())
+    video, telemetry = (_times(joined, pad)[0] for pad in ("video", "klv"))
+    assert len(video) == 300
+    assert sum(time not in video for time in telemetry) <= 2  # the first of a part comes before its picture

@@ -38,6 +38,19 @@ def test_a_jump_of_the_senders_clock_is_removed() -> None:
     assert line.place(3601 * SECOND, 2 * SECOND) == 2 * SECOND
 
 
+def test_a_clock_that_is_set_back_goes_on() -> None:
+    """A camera that sets its clock back by 3 s sends times that ascend all the same, reordered or not."""
+    line = Timeline()
+    sent = [(10_000, 9_960), (10_120, 10_000), (10_040, 10_040), (10_080, 10_080)]
+    arrivals = range(0, 480, 40)
+    set_back = [(7_240, 7_120), (7_160, 7_160), (7_200, 7_200)]
+    placed = [
+        line.place(pts * 10**6, arrival * 10**6, dts * 10**6)
+        for (pts, dts), arrival in zip([*sent, *set_back], arrivals, strict=False)
+    ]
+    assert [time // 10**6 for time in placed] == [0, 120, 40, 80, 280, 200, 240]
+
+
 def test_a_long_pause_is_kept() -> None:
     """A pause of sender and arrivals by a minute appears in the timestamps."""
     line = Timeline()
