@@ -24,9 +24,8 @@ TEXT_LIMIT = 4000
 END_LENGTH = 500  # what stands last in a long text is often its reason
 
 NAMES = r"passw|passphrase|pwd|secret|token|credential|user[-_]?pw|api[-_]?key|private[-_]?key"
-QUERY_NAMES = (
-    r"key|auth|pass|pw|sig|signature|sas"  # secret as the field of an address, plain words elsewhere
-)
+# Secret as the field of an address, plain words elsewhere; cameras have `loginpas`, clouds `X-Amz-Signature`.
+QUERY_NAMES = r"key|pw|sig|sas|jwt|[\w-]{0,40}(?:auth|pass?|signature)"
 SECRET_NAME = re.compile(NAMES, re.IGNORECASE)
 ASSIGNED = rf"(?:(?:{NAMES})[\w-]{{0,40}}|(?<=[?&;#_])(?:{QUERY_NAMES}))"
 # A value ends with its quote, at a blank, or where the next field begins: `..._password=VALUE_channel=1`.
