@@ -74,6 +74,14 @@ def test_a_moment_is_explained(tmp_path: Path) -> None:
         assert part in result.stdout
 
 
+@pytest.mark.parametrize(
+    ("moment", "reason"), [("7#11", "its detection is enough in this frame"), ("7#14", "it was not searched")]
+)
+def test_a_look_that_was_not_compared_has_a_reason(tmp_path: Path, moment: str, reason: str) -> None:
+    """A detected target is searched in every other frame, one that left the frame not at all."""
+    assert f"similarity   not compared: {reason}" in run(life(tmp_path / "t.jsonl"), moment).stdout
+
+
 def test_the_standard_input_is_read(tmp_path: Path) -> None:
     """As `tracks -` and `convert -` do, so that records come from a pipe."""
     command = [sys.executable, "-m", "streamkit", "explain", "-", "7@0.48"]
