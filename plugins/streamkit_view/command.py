@@ -19,6 +19,7 @@ from streamkit import exit_with_error
 
 if TYPE_CHECKING:
     from streamkit_view.server import ViewServer
+    from streamkit_zenoh.configuration import SessionSettings
 
 BACKLOG = 64
 USAGE_EXIT = 2
@@ -59,10 +60,11 @@ def view(
     from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.locations import is_source
     from streamkit_view.playback import PlayedPipeline
+    from streamkit_zenoh.configuration import SessionSettings
     from streamkit_zenoh.endpoints import is_loopback
 
     sources = [text for text in what if is_source(text)]
-    _check_arguments(what, sources, video, connect)
+    _check_arguments(what, sources, video, SessionSettings(connect=connect, config=config))
     _check_playable(sources, video)
     try:
         base = None if basemap is None else read_basemap(basemap)
@@ -90,10 +92,10 @@ def view(
             exit_with_error(str(error))
 
 
-def _check_arguments(what: list[str], sources: list[str], video: str, connect: str | None) -> None:
+def _check_arguments(what: list[str], sources: list[str], video: str, settings: SessionSettings) -> None:
     """Exits with code 2 where an argument is no file, URL, key or endpoint, before the page is announced."""
     from streamkit_view.locations import wrong_address
-    from streamkit_zenoh.endpoints import endpoints
+    from streamkit_zenoh.configuration import base_configuration
     from streamkit_zenoh.keys import publication_root
 
     if sources and len(what) > 1:
@@ -107,25 +109,25 @@ def _check_arguments(what: list[str], sources: list[str], video: str, connect: s
         if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_file():
             _refuse(f"{text}: there is no such file")
     try:
-        endpoints(connect)
+        base_configuration(settings)
         keys = [] if sources else [publication_root(text) for text in what]
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         _refuse(str(error))
     if twice := [key for key in keys if keys.count(key) > 1]:
         _refuse(f"{twice[0]} is given twice; give each publisher once")
 
 
 def _check_playable(sources: list[str], video: str) -> None:
-    """Exits where a file cannot be played, or where records and video are not of one run."""
+    """Exits with code 2 where a file cannot be played, or where records and video are not of one run."""
     from streamkit_view.locations import is_run, size_conflict, unplayable
 
     if any(map(is_run, sources)) != bool(video):
         _refuse("records and their video go together: streamkit view tracks.jsonl --video flight.mp4")
     for text in filter(None, [*sources, video]):
         if reason := unplayable(text, with_records=text == video):
-            exit_with_error(reason)
+            _refuse(reason)
     if video and (reason := size_conflict(sources[0], video)):
-        exit_with_error(reason)
+        _refuse(reason)
 
 
 def _stop_on_signals(server: ViewServer) -> None:

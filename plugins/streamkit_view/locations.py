@@ -3,8 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from urllib.parse import urlsplit
 
-from streamkit import ANY, Caps, ElementFailure, Pipeline, RecordFile, choose_source, is_turned_for_display
+from streamkit import (
+    ANY,
+    Caps,
+    ElementFailure,
+    Pipeline,
+    RecordFile,
+    choose_source,
+    is_turned_for_display,
+    mask_secrets,
+)
 
 PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decode; else they get images
 
@@ -59,7 +69,13 @@ def why_no_packets(caps: Caps | None) -> str:
 
 def wrong_address(url: str) -> str:
     """Why no element receives from a URL; "" where one does, though nothing may answer there."""
-    source = choose_source(url)
+    try:
+        source, host = choose_source(url), urlsplit(url).hostname
+    except ValueError as error:
+        return f"{mask_secrets(url)!r}: {error}"
+    scheme, mark, _ = url.partition("://")
+    if not source.is_live and mark and scheme.lower() != "file" and not host:
+        return f"{mask_secrets(url)!r} names no host; write for example {scheme}://camera/video.mjpg"
     if not source.is_live:
         return ""
     pipeline = Pipeline.parse(f"{source.element} name=camera ! fakesink")
