@@ -24,7 +24,7 @@ MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupErro
 
 
 class AccessRefused(ResourceError):
-    """The server wants other credentials; a retry does not help."""
+    """The server wants valid credentials; a retry does not help."""
 
 
 class UnsupportedTransport(ResourceError):
@@ -50,7 +50,7 @@ class InvalidMedia(ResourceError):
 def access_refused(where: str, reason: str) -> AccessRefused:
     """The error for a server that refuses the credentials, with its reason."""
     return AccessRefused(
-        f"{where}: the server asks for other credentials: {reason}; "
+        f"{where}: the server asks for valid credentials: {reason}; "
         "set user-id= and user-pw=, or write both in the location"
     )
 

@@ -52,7 +52,7 @@ class PushAnswer(msgspec.Struct, frozen=True):
     """What the push process says once it runs, after each message, and when the recording has ended."""
 
     failure: str = ""  # in FFmpeg's words; the process ends then. "" where all is well
-    is_refused: bool = False  # whether the server wants other credentials
+    is_refused: bool = False  # whether the server wants valid credentials
 
 
 def write_message(pipe: BinaryIO, content: msgspec.Struct) -> None:

@@ -23,7 +23,7 @@ class PushFailure(Exception):
 
     Attributes:
         reason: in FFmpeg's words.
-        is_refused: whether the server wants other credentials.
+        is_refused: whether the server wants valid credentials.
         is_silent: whether the server did not answer in time: the process then ends by an alarm.
     """
 
