@@ -13,7 +13,7 @@ from av.stream import Stream
 
 from streamkit import Caps, Frame, FrameFlags, ResourceError, StreamError, StreamkitError, mask_secrets
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.container import video_stream
+from streamkit_media.container import other_videos, video_stream
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.failures import ConnectionLost, silence
 from streamkit_media.live.liveinput import LiveInput
@@ -55,8 +55,9 @@ class LiveConnection:
         self._freshness = Freshness(latency_ns)
         self._catch_up = CatchUp(latency_ns, stamps.clock.monotonic_ns())
         self._ending = threading.Event()
-        # caps of the streams that are there, known before the first packet is queued
+        # caps of the streams that are there, and further videos, known before the first packet is queued
         self.found: dict[StreamKind, Caps] = {}
+        self.unread: list[int] = []
         self._received: Counter[StreamKind] = Counter()
         # The number of the next packet of each kind; a connection that follows another begins with a gap.
         self._expected = dict.fromkeys(kinds, -1 if stamps.next_seq else 0)
@@ -136,7 +137,7 @@ class LiveConnection:
 
     def _read_from(self, container: InputContainer) -> None:
         source = self._source
-        video_stream(container, source.location)
+        self.unread = other_videos(container, video_stream(container, source.location))
         streams = streams_of(container, self._kinds)
         carried = {stream.index: (stream_caps(stream, kind), kind) for stream, kind in streams}
         self.found = {kind: caps for caps, kind in carried.values()}

@@ -161,6 +161,11 @@ class LiveSource(Endpoint, Source):
                 self._epoch += 1
                 self._delay.reset()
                 self._add_pads(connection.found)
+                if connection.unread and self._epoch == 0:
+                    self.post_warning(
+                        f"{self._where}: one video is read, and not streams {connection.unread}; "
+                        "have the sender, or a relay, send another alone"
+                    )
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))
             own = frame.replace(epoch=self._epoch)

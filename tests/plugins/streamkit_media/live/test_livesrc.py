@@ -46,6 +46,23 @@ def test_gstreamers_streams_are_received(start_gstreamer: Start, port: int, muxe
     assert no_reader_is_left()
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_video_that_is_not_read_is_named(start_gstreamer: Start, port: int, count: int) -> None:
+    """A drone's second camera, in the same transport stream, would be missed in silence."""
+    second = "videotestsrc is-live=true ! x264enc tune=zerolatency key-int-max=15 ! m. " * (count - 1)
+    start_gstreamer("mpegtsmux name=m alignment=7", f"udpsink host=127.0.0.1 port={port} {second}")
+    warnings: list[str] = []
+    with Pipeline.parse(
+        f"livesrc uri=udp://127.0.0.1:{port} reconnect=always ! appsink name=out"
+    ) as pipeline:
+        pipeline.bus.watch(
+            lambda message: message.kind is MessageKind.WARNING and warnings.append(message.text)
+        )
+        pipeline.play()
+        assert len(list(islice(pipeline["out"], 3))) == 3
+    assert sum("one video is read, and not streams [" in text for text in warnings) == count - 1
+
+
 def test_telemetry_comes_with_the_video(start_ffmpeg: Start, port: int) -> None:
     """Both KLV streams of FFmpeg's own datagrams, which cut packets in two, have pads and positions."""
     start_ffmpeg(f"udp://127.0.0.1:{port}")
