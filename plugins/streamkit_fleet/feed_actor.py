@@ -17,7 +17,7 @@ from streamkit_fleet.admission import CostMeter
 from streamkit_fleet.feeds import FeedSpec
 
 LOG_LINES = 1000
-STOP_LIMIT_S = 15.0
+STOP_LIMIT_S = 35.0  # the end of the stream has 30 s, as by `--watchdog-s`, and the stop 5
 
 
 class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):

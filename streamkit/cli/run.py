@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from streamkit.graph.pipeline import Pipeline
 
 POLL_S = 0.2
-EOS_LIMIT_S = 10.0
 SAME_INTERRUPT_S = 0.1  # `timeout` signals the process, and then its whole group
 
 
@@ -147,7 +146,7 @@ class Run:
     def _watch(self) -> int:
         """Handles messages and interrupts until the end."""
         deadline: float | None = None
-        handled = 0
+        limit_s, handled = self.pipeline.watchdog_s, 0
         while True:
             message = self.pipeline.bus.pop(POLL_S)
             if message is not None:
@@ -167,9 +166,11 @@ class Run:
                     return 0
                 self._print_interrupt("ending the stream; Ctrl-C again stops at once")
                 self.pipeline.finish()
-                deadline = time.monotonic() + EOS_LIMIT_S
+                deadline = time.monotonic() + (limit_s or math.inf)
             if deadline is not None and time.monotonic() > deadline:
-                return self._fail(f"EOS did not arrive within {EOS_LIMIT_S:g} s of the interrupt")
+                return self._fail(
+                    f"EOS did not arrive within {limit_s:g} s of the interrupt; allow more by --watchdog-s"
+                )
 
     @contextlib.contextmanager
     def _signals(self, report: CrashReport) -> Iterator[None]:

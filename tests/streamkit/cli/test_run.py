@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import threading
 
 import pytest
 
@@ -75,3 +76,18 @@ def test_signals_at_once_count_as_one_interrupt(monkeypatch: pytest.MonkeyPatch)
         assert run.interrupts == 2
     finally:
         report.close()
+
+
+def test_the_end_of_the_stream_may_take_as_long_as_the_watchdog_allows(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """With -e a mosaic is finished after Ctrl-C: whoever allows it a minute per call gets it."""
+    pipeline = Pipeline.parse("fakesrc ! queue ! identity sleep-time=100000 ! fakesink", watchdog_s=1.0)
+    run = Run(pipeline, Display(pipeline), eos_on_shutdown=True, verbose=False, quiet=True)
+    timer = threading.Timer(0.5, run.interrupt)
+    timer.start()
+    assert run.run() == 1
+    timer.join()
+    assert "error: EOS did not arrive within 1 s of the interrupt; allow more by --watchdog-s" in (
+        capsys.readouterr().err
+    )
