@@ -29,7 +29,7 @@ class FilePart:
         offset_ns: added to all times, as this part follows others.
 
     Attributes:
-        end_ns: end of the last frame so far.
+        end_ns: end of the last frame shown so far.
         joints: times at which the file's own went back, ns; they go on from there.
     """
 
@@ -126,7 +126,6 @@ class FilePart:
                 self._follow(nanoseconds(packet.dts, packet.time_base), frame)
             if frame.pts is not None:
                 frame = frame.replace(pts=frame.pts + self._offset_ns) if self._offset_ns else frame
-                self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
             if kind is StreamKind.VIDEO:
                 video_pts = video_pts if frame.pts is None else frame.pts
             elif frame.pts is None and video_pts is not None:
@@ -136,6 +135,7 @@ class FilePart:
             shown = latest.get(packet.stream_index) if shown is None else shown
             latest[packet.stream_index] = shown
             if shown is None or begin <= shown < end:
+                self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
                 yield kind, frame
             elif kind is StreamKind.VIDEO:
                 yield kind, frame.attach(DECODE_ONLY)

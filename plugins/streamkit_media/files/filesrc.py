@@ -245,7 +245,8 @@ class FileSrc(Source):
         where, count, shown = self._where, 0, 0
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
-        part = FilePart(container, where, streams, self.start_s, self.stop_s, begin_ns)
+        first_ns = self._begin_ns + round(self.start_s * SECOND_NS) if begin_ns else 0
+        part = FilePart(container, where, streams, self.start_s, self.stop_s, begin_ns - first_ns)
         part.seek()
         try:
             for kind, frame in part.frames():

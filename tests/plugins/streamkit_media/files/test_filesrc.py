@@ -289,14 +289,22 @@ def test_a_pad_without_a_stream_in_the_file_is_reported(small_video: Path) -> No
     assert "klv" in warning.text
 
 
-def test_times_ascend_over_loops(small_video: Path) -> None:
+@pytest.mark.parametrize(
+    ("begin_s", "part", "count"),
+    [(0, "", 12), (0, "start-s=.08 stop-s=.32", 6), (500, "", 12)],
+    ids=["whole", "part", "recording that begins later"],
+)
+def test_times_ascend_over_loops(make_video: MakeVideo, begin_s: int, part: str, count: int) -> None:
     """With loop the video begins again at its end, and times ascend by the frame interval."""
-    text = f"filesrc location={small_video} loop=true ! decode ! appsink name=out"
-    with Pipeline.parse(text) as pipeline:
+    begin = {"output_ts_offset": str(begin_s)} if begin_s else None
+    path = make_video(f"loop{begin_s}.mkv", container_options=begin)
+    with Pipeline.parse(f"filesrc location={path} {part} loop=true ! decode ! appsink name=out") as pipeline:
         pipeline.play()
         frames = [pipeline["out"].pull(5) for _ in range(40)]
-    assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(40)]
-    np.testing.assert_array_equal(frames[0].data, frames[12].data)
+    first = frames[0].pts
+    assert first // 10**9 == begin_s
+    assert [frame.pts - first for frame in frames] == [n * 40_000_000 for n in range(40)]
+    np.testing.assert_array_equal(frames[0].data, frames[count].data)
 
 
 def test_a_variable_rate_keeps_its_times(tmp_path: Path) -> None:
