@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from fractions import Fraction
 
 from av.container import InputContainer
 from av.stream import Stream
@@ -50,6 +51,7 @@ class FilePart:
         self._carried = {stream.index: (kind, caps) for kind, (stream, caps) in streams.items()}
         video = next((stream for stream in self._streams if isinstance(stream, VideoStream)), None)
         self._video, self._awaits_keyframe = video, False
+        self._limits = {stream.index: self._limits_of(stream) for stream in self._streams}
         self._dts: int | None = None  # of the last packet of the video, ns
         self._step_ns = 0
         self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
@@ -104,13 +106,12 @@ class FilePart:
         Raises:
             StreamError: reading failed; the frames before were good.
         """
-        limits = {stream.index: self._limits(stream) for stream in self._streams}
-        playing, video_pts = set(limits), None
+        playing, video_pts = set(self._carried), None
         latest = dict[int, int | None]()  # time of each stream, ticks
         for packet in read_packets(self._container, *self._streams):
             if self._completeness is not None:
                 self._completeness.add(packet)
-            begin, end = limits[packet.stream_index]
+            begin, end = self._limits[packet.stream_index]
             decoded = packet.dts if packet.dts is not None else packet.pts
             if decoded is not None and decoded >= end:
                 playing.discard(packet.stream_index)
@@ -154,12 +155,16 @@ class FilePart:
         has_wrapped = step > WRAP_NS and self._container.format.name == "mpegts"
         if frame.pts is not None and (step < 0 or has_wrapped):
             self.end_ns += 0 if frame.duration else self._step_ns
-            self._offset_ns = self.end_ns - frame.pts
+            before_ns, self._offset_ns = self._offset_ns, self.end_ns - frame.pts
             self.joints.append(self.end_ns)
+            moved_s = Fraction(self._offset_ns - before_ns, SECOND_NS)
+            for stream in self._streams:
+                moved = round(moved_s / (stream.time_base or 1))
+                self._limits[stream.index] = tuple(limit - moved for limit in self._limits[stream.index])
         else:
             self._step_ns = step
 
-    def _limits(self, stream: Stream) -> tuple[float, float]:
+    def _limits_of(self, stream: Stream) -> tuple[float, ...]:
         """The first tick of a stream that is shown, and the first that is not any more."""
         begin = _tick(self._start_s, stream) if self._start_s else -math.inf
         return begin, math.inf if self._stop_s is None else _tick(self._stop_s, stream)

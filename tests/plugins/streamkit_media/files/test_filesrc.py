@@ -467,6 +467,15 @@ def test_times_go_on_where_recordings_are_joined(make_video: MakeVideo, tmp_path
     assert _times(parts[0], "video")[1] == []
 
 
+def test_the_end_of_a_part_may_lie_in_the_second_of_joined_recordings(
+    make_video: MakeVideo, tmp_path: Path
+) -> None:
+    """stop-s counts in the times that the frames have: 15 of 24 come before 0.6 s."""
+    joined = tmp_path / "joined.ts"
+    joined.write_bytes(2 * make_video("part.ts").read_bytes())
+    assert len(decoded(joined, "stop-s=0.6")) == 15
+
+
 def test_telemetry_of_joined_recordings_stays_with_its_video(clip: Path, tmp_path: Path) -> None:
     """Its times move with those of the video that it was recorded with."""
     joined = tmp_path / "joined.ts"
