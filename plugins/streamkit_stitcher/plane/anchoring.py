@@ -12,7 +12,7 @@ from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
-from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving
+from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving, is_outworn
 from streamkit_stitcher.plane.loop_closure import tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.settings import PlaneSettings
@@ -227,7 +227,9 @@ class KeyframeAnchor:
             return found
         self._unmatched = 0 if is_certain else self._unmatched + 1
         self._is_prediction_reliable = is_certain or (found.is_trusted and self._is_prediction_reliable)
-        leaving = is_leaving(self.keyframes.active, found.to_reference, self._settings.keyframe_overlap)
+        active = self.keyframes.active
+        leaving = is_leaving(active, found.to_reference, self._settings.keyframe_overlap)
+        leaving = leaving or (found.match is not None and is_outworn(active, found.match))
         if found.match is not None and not found.is_due and not leaving:
             return found
         if is_certain and not (found.is_due or found.is_recognised):
@@ -265,14 +267,15 @@ class KeyframeAnchor:
         return match.deviation <= self._limits.ransac_threshold
 
     def _revisit(self, images: Sequence[GreyArray], found: Placement) -> Placement | None:
-        """Switches to an earlier keyframe where the camera has returned to it."""
-        active, is_matched = self.keyframes.active, found.match is not None
-        least = self._settings.keyframe_overlap + _REVISIT_MARGIN if is_matched else _TIED_OVERLAP
+        """Switches to an earlier keyframe that the camera has returned to, and that fits better."""
+        active, least, most_std = self.keyframes.active, _TIED_OVERLAP, math.inf
+        if found.match is not None:
+            least, most_std = self._settings.keyframe_overlap + _REVISIT_MARGIN, found.match.corner_std
         near = self.keyframes.overlapping(found.to_reference, active.shape, min(least, 0.95))
         candidates = [keyframe for keyframe in near if keyframe.index != active.index]
         for keyframe in candidates[:_REVISIT_TRIES]:
             match = self._match_whole(keyframe, images, found.to_reference)
-            if match is not None:
+            if match is not None and match.corner_std < most_std:
                 self.keyframes.activate(keyframe)
                 self._unmatched = 0
                 revisited = placed(keyframe, match)

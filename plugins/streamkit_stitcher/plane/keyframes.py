@@ -12,6 +12,7 @@ from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     centre,
+    corner_shift,
     inverse,
     normalised,
     overlap,
@@ -19,6 +20,7 @@ from streamkit.geometry.homography import (
     scale_change,
     tilt,
 )
+from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.registration.descriptors import FrameFeatures
 from streamkit_stitcher.registration.motion_models import MotionFit
@@ -29,6 +31,11 @@ _FAR: Final = 1.5
 # A frame of another scale than its keyframe, or seen much more obliquely, becomes a keyframe.
 _KEPT_SCALES: Final = (0.8, 1.25)
 _MAX_TILT: Final = 0.5
+# A keyframe is replaced where a frame's error exceeds this, px: two in a row add up to less than `OK_STD`.
+# After less motion, by the width, it would not help; where fewer patches agree, the new one may show movers.
+_OUTWORN_STD: Final = 0.6
+_OUTWORN_SHIFT: Final = 0.05
+_OUTWORN_SHARE: Final = 0.85
 # Smallest deviation at a corner, px: lens, shutter and compression. Rendered flights without these are off by
 # 0.12 to 0.13 px (root mean square), of which the fit explains about half.
 MIN_CORNER_STD: Final = 0.1
@@ -152,3 +159,13 @@ def is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bo
     tilted = tilt(to_key, keyframe.shape) > _MAX_TILT
     scale = scale_change(to_key, keyframe.shape)
     return overlap(to_key, keyframe.shape) < least or tilted or not _KEPT_SCALES[0] < scale < _KEPT_SCALES[1]
+
+
+def is_outworn(keyframe: Keyframe, match: KeyframeMatch) -> bool:
+    """Whether a keyframe fits a frame so badly that a nearer one is needed, while the frame is still ok.
+
+    Relief moves patches off the plane long before they leave the frame, and a later frame would hand on its
+    larger error to all that follow.
+    """
+    is_doubtful = _OUTWORN_STD < match.corner_std <= OK_STD and match.share >= _OUTWORN_SHARE
+    return is_doubtful and corner_shift(match.fit.matrix, keyframe.shape) > _OUTWORN_SHIFT * keyframe.shape[1]

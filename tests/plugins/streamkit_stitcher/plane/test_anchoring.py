@@ -93,6 +93,40 @@ def test_coming_back_hands_over_to_the_earlier_keyframe(anchor, ground):
     assert placed.to_reference == pytest.approx(shift(90.0), abs=0.1)
 
 
+def matched(anchor, ground, left, share, error):
+    """A frame whose left edge is at `left`, and its match with such a share and predicted error."""
+    images = view(ground, left)
+    found = anchor.place(images, None, Placement(shift(left), 0.0), 0.0, is_photograph=False)
+    assert found.match is not None
+    return images, replace(found, match=replace(found.match, share=share, corner_std=error))
+
+
+@pytest.mark.parametrize(
+    ("left", "share", "error", "key"),
+    [
+        (60, 0.9, 0.7, True),
+        (60, 0.9, 0.5, False),  # fits well
+        (60, 0.9, 1.1, False),  # would hand on an error that is not ok
+        (60, 0.8, 0.7, False),  # the new one would show movers
+        (20, 0.9, 0.7, False),  # a keyframe from here would be no better
+    ],
+)
+def test_a_keyframe_that_fits_badly_is_replaced_while_the_frame_is_ok(
+    anchor, ground, left, share, error, key
+):
+    """Over relief patches leave the plane long before they leave the frame."""
+    assert anchor.keep(*matched(anchor, ground, left, share, error)).is_keyframe is key
+
+
+@pytest.mark.parametrize(("error", "key"), [(0.7, False), (0.05, True)])
+def test_an_earlier_keyframe_takes_over_only_where_it_fits_better(anchor, ground, error, key):
+    """Else two that fit about as badly would take turns."""
+    anchor.add(view(ground, 400), shift(400.0))
+    found = anchor.keep(*matched(anchor, ground, 140, 0.9, error))
+    assert found.is_keyframe is key
+    assert anchor.keyframes.active.index == (2 if key else 0)
+
+
 def test_an_untrusted_place_never_makes_a_keyframe(anchor, ground):
     """Ground that matches nothing, carried on by a guess, is passed on as it is."""
     for _ in range(5):
