@@ -1,7 +1,6 @@
 """Compiles or loads the stitcher's kernels before the first frame."""
 
-import streamkit_stitcher.registration.block_sums
-import streamkit_stitcher.registration.patch_steps  # noqa: F401
+import streamkit_stitcher.plane.registrar  # noqa: F401  its modules have all kernels
 from streamkit_kernels import prepare
 
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,24 @@ from numba import types
 
 from streamkit_kernels import UINT8, compiled, kernel, prepare
 from streamkit_kernels.compilation import on_compilation
+
+# Prints the kernels of a package that one of its modules imports, then those of all its modules.
+KERNELS = """
+import importlib, pkgutil, sys
+from streamkit_kernels.compilation import _kernels
+
+def show():
+    functions = {kernel.py_func for kernel, _ in _kernels}
+    names = {f"{each.__module__}.{each.__name__}" for each in functions}
+    print(*sorted(name for name in names if name.startswith(package + ".")))
+
+package = sys.argv[1].partition(".")[0]
+importlib.import_module(sys.argv[1])
+show()
+for module in pkgutil.walk_packages(importlib.import_module(package).__path__, package + "."):
+    importlib.import_module(module.name)
+show()
+"""
 
 
 @kernel(UINT8, types.int64)
@@ -179,3 +198,14 @@ def test_a_change_in_another_module_of_the_package_invalidates_the_machine_code(
         )  # fmt: skip
         said.append(done.stdout.split())
     assert said == [["compiles", "1"], ["1"], ["compiles", "2"]]
+
+
+@pytest.mark.parametrize("entry", entry_points(group="streamkit.preparations"), ids=lambda entry: entry.name)
+def test_a_preparation_knows_all_kernels_of_its_package(entry: EntryPoint) -> None:
+    """`streamkit prepare` imports no more than the module it is sent to: a kernel elsewhere would be left."""
+    found = subprocess.run(
+        [sys.executable, "-c", KERNELS, entry.module], capture_output=True, text=True, check=True, timeout=60
+    )
+    prepared, all_kernels = found.stdout.splitlines()
+    assert prepared == all_kernels
+    assert "." in prepared
