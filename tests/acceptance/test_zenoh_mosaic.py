@@ -37,7 +37,7 @@ def test_the_growing_mosaic_is_published() -> None:
     try:
         with Pipeline.parse(text) as pipeline:
             pipeline.ready()
-            assert wait_for(lambda: pipeline["out"]._publication.media["mosaic"].stream.has_subscriber)
+            assert wait_for(lambda: pipeline["out"]._publication.media["mosaic"].has_subscriber)
             pipeline.play()
             message = pipeline.wait(60)
             assert message is not None
