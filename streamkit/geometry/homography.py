@@ -119,7 +119,12 @@ def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
 def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Largest distance any of the four image corners moves under `matrix`, in px."""
     points = corners(shape)
-    return max(map(math.dist, project(matrix, points).tolist(), points.tolist()))
+    return _farthest(project(matrix, points), points)
+
+
+def _farthest(points: FloatArray, others: FloatArray) -> float:
+    """Largest distance of two points of the same row, float64[n, 2] each."""
+    return max(map(math.dist, points.tolist(), others.tolist()))
 
 
 def is_convex(quadrilateral: FloatArray) -> bool:
@@ -168,7 +173,7 @@ def is_plausible(
         return False
     frame = corners(shape)
     moved = project(matrix, frame)
-    return is_convex(moved) and max(map(math.dist, moved.tolist(), frame.tolist())) < max_step * width
+    return is_convex(moved) and _farthest(moved, frame) < max_step * width
 
 
 def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
