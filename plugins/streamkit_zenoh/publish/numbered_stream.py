@@ -129,11 +129,11 @@ class Outgoing:
 class Sender(NumberedStream):
     """Numbers frames, and makes and publishes their messages in a thread; a full queue drops the oldest.
 
-    A message that nobody wants is made only when a query asks for it. At most `capacity` frames wait, and a
-    further one `patience_s` for room; `periodic` is called in the thread once a second.
+    Without a subscriber a message is made only when a query asks for it. At most `capacity` frames wait,
+    and a further one `patience_s` for room; `periodic` is called in the thread once a second.
 
     Attributes:
-        last: the last frame whose message was sent, or wanted by nobody; all before it are settled.
+        last: the last frame whose message was sent, or had no subscriber; all before it are settled.
         executor: the thread; its owner's to close.
     """
 
@@ -180,7 +180,7 @@ class Sender(NumberedStream):
         return ()
 
     def settle(self, item: Outgoing) -> None:
-        """Notes that a message and all before it were sent or dropped, or wanted by nobody."""
+        """Notes that a message and all before it were sent or dropped, or had no subscriber."""
         # Without a subscriber a frame is settled at once, while frames before it may still be in the queue.
         if self.last is None or item.stamp.number > self.last.stamp.number:
             self.last = item

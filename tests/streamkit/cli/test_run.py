@@ -81,7 +81,7 @@ def test_signals_at_once_count_as_one_interrupt(monkeypatch: pytest.MonkeyPatch)
 def test_the_end_of_the_stream_may_take_as_long_as_the_watchdog_allows(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """With -e a mosaic is finished after Ctrl-C: whoever allows it a minute per call gets it."""
+    """With -e a mosaic is finished after Ctrl-C, within the limit that `--watchdog-s` allows."""
     pipeline = Pipeline.parse("fakesrc ! queue ! identity sleep-time=100000 ! fakesink", watchdog_s=1.0)
     run = Run(pipeline, Display(pipeline), eos_on_shutdown=True, verbose=False, quiet=True)
     timer = threading.Timer(0.5, run.interrupt)
