@@ -28,19 +28,13 @@ CORNERS = types.Array(types.int64, 2, "C")
 # First column of each row of a part of the canvas, and the one after the last, [rows, 2].
 Spans = NDArray[np.int64]
 SPANS = types.Array(types.int64, 2, "C")
-# Rows and columns of a part of the canvas.
+# Rows and columns of a part of an image.
 Slices = tuple[slice, slice]
 # The same for kernels: first row and the one after the last, first column and the one after the last.
 Bounds = tuple[int, int, int, int]
 BOUNDS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 # A line is searched for set pixels by so many columns at a time.
 BLOCK = 64
-
-
-def bounds_of(region: Slices) -> Bounds:
-    """A part of the canvas, as kernels take it."""
-    rows, columns = region
-    return rows.start, rows.stop, columns.start, columns.stop
 
 
 def overlaps(boxes: FloatArray, others: FloatArray) -> Flags:

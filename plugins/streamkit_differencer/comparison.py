@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import (
-    BOUNDS,
-    SPANS,
     Bounds,
     ByteImage,
     ByteLine,
-    FloatImage,
     FloatLine,
-    Spans,
     find_set,
     has_set,
 )
@@ -25,24 +23,50 @@ from streamkit_differencer.equations import (
     find_foreground_pixels,
     find_quiet,
 )
-from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL, UNKNOWN, UNSEEN
+from streamkit_differencer.ground import (
+    CANVAS_FRAME,
+    DEVIATION_STEPS,
+    GROUND,
+    PROVISIONAL,
+    UNKNOWN,
+    UNSEEN,
+    CanvasFrame,
+    Ground,
+)
 from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION, find_thresholds
-from streamkit_kernels import FLOAT32, UINT8, compiled, kernel
+from streamkit_kernels import UINT8, compiled, kernel, named_tuple
 
 # Threshold of pixels that are not compared: no difference exceeds it.
 UNCOMPARED = 255
 
 
-@kernel(UINT8, UINT8, UINT8, FLOAT32, UINT8, UINT8, BOUNDS, SPANS, *[types.float64] * 2, types.int64)
+class Comparison(NamedTuple):
+    """A frame compared with the background, on the part of the canvas that it covers; uint8[h, w] each.
+
+    Attributes:
+        background: B(t - 1), in whole grey levels.
+        thresholds: T_F of each pixel: a multiple of its deviation, within limits; `UNCOMPARED` where the
+            frame shows nothing or the background is unknown.
+        quiet: mask of the pixels that did not change within `quiet_frames`.
+        mask: foreground.
+        follows_exposure: whether the background was adapted to a change of brightness.
+    """
+
+    background: ByteImage
+    thresholds: ByteImage
+    quiet: ByteImage
+    mask: ByteImage
+    follows_exposure: bool
+
+
+COMPARISON = named_tuple(Comparison, *[UINT8] * 4, types.boolean)
+
+
+@kernel(CANVAS_FRAME, UINT8, GROUND, types.float64, types.float64, types.int64)
 def find_quiet_ground(
-    image: ByteImage,
+    frame: CanvasFrame,
     earlier: ByteImage,
-    waiting: ByteImage,
-    background: FloatImage,
-    deviation: ByteImage,
-    valid: ByteImage,
-    bounds: Bounds,
-    spans: Spans,
+    ground: Ground,
     threshold: float,
     gradient_gain: float,
     quiet_frames: int,
@@ -50,14 +74,9 @@ def find_quiet_ground(
     """Equations 1 and 2; ground that is new and did not change gets a provisional background.
 
     Args:
-        image: uint8, f(t) on the canvas, `UNSEEN` where it shows nothing.
-        earlier: uint8, f(t - tau), the same.
-        waiting: uint8, the counter D; updated in place, as the next three.
-        background: float32, B.
-        deviation: uint8, see `ground`.
-        valid: uint8, see `ground`.
-        bounds: the part of the canvas that the frame covers.
-        spans: int64[h, 2], the columns of each of its rows that show the frame.
+        frame: f(t).
+        earlier: uint8, f(t - tau) on the canvas, `UNSEEN` where it shows nothing.
+        ground: its counter D is updated in place; background, deviation and validity where it is new.
         threshold: T_s, grey levels.
         gradient_gain: share of the local range of `earlier` that is added to the threshold, so that a
             registration error at an edge is no change; 0 gives the paper's equation.
@@ -66,14 +85,14 @@ def find_quiet_ground(
     Returns:
         uint8[h, w], mask of D = 0.
     """
-    top, bottom, left, right = bounds
+    top, bottom, left, right = frame.bounds
     most, gain = np.uint8(min(threshold, 255.0)), np.float32(gradient_gain)
     quiet, changed = np.zeros((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
     columns = np.empty(right - left, np.int64)
     for row in range(top, bottom):
-        first, last = spans[row - top]
+        first, last = frame.spans[row - top]
         part, seen = slice(first, last), (top, bottom, first, last)
-        counters, values, before = waiting[row, part], image[row, part], earlier[row, part]
+        counters, values, before = ground.waiting[row, part], frame.image[row, part], earlier[row, part]
         changes = changed[: last - first]
         find_changes(values, before, most, changes)
         if gain > 0.0:
@@ -86,12 +105,15 @@ def find_quiet_ground(
         _mark_unseen(values, before, SET, changes)
         count_down(counters, changes)
         find_quiet(counters, quiet_frames, quiet[row - top, first - left : last - left])
-        if _has_new(valid[row, part], counters):
+        if _has_new(ground.valid[row, part], counters):
             for column in range(first, last):
-                if valid[row, column] == UNKNOWN and waiting[row, column] < MAX_WAIT:
-                    edge = EDGE_SHARE * np.float32(_range_around(earlier, row, column, seen))
-                    background[row, column], valid[row, column] = earlier[row, column], PROVISIONAL
-                    deviation[row, column] = np.uint8(np.rint(DEVIATION_STEPS * (FIRST_DEVIATION + edge)))
+                if ground.valid[row, column] == UNKNOWN and ground.waiting[row, column] < MAX_WAIT:
+                    deviation = FIRST_DEVIATION + EDGE_SHARE * np.float32(
+                        _range_around(earlier, row, column, seen)
+                    )
+                    ground.background[row, column] = earlier[row, column]
+                    ground.deviation[row, column] = np.uint8(np.rint(DEVIATION_STEPS * deviation))
+                    ground.valid[row, column] = PROVISIONAL
     return quiet
 
 
@@ -125,54 +147,41 @@ def _has_new(valid: ByteLine, waiting: ByteLine) -> bool:
     return bool(united > 0)
 
 
-@kernel(UINT8, FLOAT32, UINT8, UINT8, BOUNDS, SPANS, *[types.float64] * 2, types.int64)
+@kernel(CANVAS_FRAME, GROUND, types.float64, types.float64, types.int64)
 def compare_with_background(
-    image: ByteImage,
-    background: FloatImage,
-    deviation: ByteImage,
-    valid: ByteImage,
-    bounds: Bounds,
-    spans: Spans,
-    gain: float,
-    lowest: float,
-    tolerance: int,
+    frame: CanvasFrame, ground: Ground, gain: float, lowest: float, tolerance: int
 ) -> tuple[ByteImage, ByteImage, ByteImage]:
     """Equation 4, with a threshold for each pixel and a tolerance.
 
     Args:
-        image: uint8, f(t) on the canvas.
-        background: float32, B(t - 1).
-        deviation: uint8, see `ground`.
-        valid: uint8, see `ground`.
-        bounds: the part of the canvas that the frame covers.
-        spans: int64[h, 2], the columns of each of its rows that show the frame.
+        frame: f(t).
+        ground: at t - 1.
         gain: of the threshold, in mean absolute deviations.
         lowest: smallest threshold, grey levels.
         tolerance: registration error to tolerate, px: what lies between the least and the largest value of
             the background in a square that reaches so far does not differ.
 
     Returns:
-        uint8[h, w] each: B(t - 1) in whole grey levels; T_F of each pixel, `UNCOMPARED` where the frame shows
-        nothing or the background is unknown; mask of what differs.
+        Background, thresholds and foreground, see `Comparison`.
     """
-    top, bottom, left, right = bounds
+    top, bottom, left, right = frame.bounds
     rounded = np.zeros((bottom - top, right - left), np.uint8)
     mask, thresholds = np.zeros_like(rounded), np.full(rounded.shape, np.uint8(UNCOMPARED))
     times, least = np.float32(gain), np.float32(int(lowest))
     for row in range(top, bottom):
-        first, last = spans[row - top]
+        first, last = frame.spans[row - top]
         part, here = slice(first, last), slice(first - left, last - left)
-        values, known, limits = image[row, part], rounded[row - top, here], thresholds[row - top, here]
-        _round(background[row, part], known)
-        find_thresholds(deviation[row, part], times, least, limits)
-        _set_uncompared(values, valid[row, part], limits)
+        values, known, limits = frame.image[row, part], rounded[row - top, here], thresholds[row - top, here]
+        _round(ground.background[row, part], known)
+        find_thresholds(ground.deviation[row, part], times, least, limits)
+        _set_uncompared(values, ground.valid[row, part], limits)
         find_foreground_pixels(values, known, limits, mask[row - top, here])
     if tolerance > 0:
         columns = np.empty(right - left, np.int64)
         for line in range(bottom - top):
             # What differs from the range differs from the pixel, too.
             for column in columns[: find_set(mask[line], columns)]:
-                value, limit = image[top + line, left + column], thresholds[line, column]
+                value, limit = frame.image[top + line, left + column], thresholds[line, column]
                 if not _differs(value, rounded, line, column, tolerance, limit):
                     mask[line, column] = 0
     return rounded, thresholds, mask
@@ -206,13 +215,11 @@ def _differs(
     return bool(excess > np.int64(threshold))
 
 
-@kernel(UINT8, UINT8, UINT8, BOUNDS, SPANS, UINT8, UINT8, types.float64)
+@kernel(UINT8, UINT8, CANVAS_FRAME, UINT8, UINT8, types.float64)
 def add_weak(
     mask: ByteImage,
     near: ByteImage,
-    image: ByteImage,
-    bounds: Bounds,
-    spans: Spans,
+    frame: CanvasFrame,
     background: ByteImage,
     thresholds: ByteImage,
     ratio: float,
@@ -222,19 +229,17 @@ def add_weak(
     Args:
         mask: uint8[h, w], foreground; updated in place.
         near: uint8[h, w], mask of what is near it.
-        image: uint8, f(t) on the canvas.
-        bounds: the part of the canvas that the frame covers.
-        spans: int64[h, 2], the columns of each of its rows that show the frame.
+        frame: f(t).
         background: uint8[h, w], B(t - 1) in whole grey levels.
         thresholds: uint8[h, w], see `compare_with_background`.
         ratio: lower threshold over the upper one.
     """
-    top, bottom, left, _ = bounds
+    top, bottom, left, _ = frame.bounds
     for line in range(bottom - top):
-        first, last = spans[line]
+        first, last = frame.spans[line]
         here = slice(first - left, last - left)
         if has_set(near[line, here]):
-            images = image[top + line, first:last], background[line, here], thresholds[line, here]
+            images = frame.image[top + line, first:last], background[line, here], thresholds[line, here]
             _add_weak(*images, near[line, here], np.float32(ratio), mask[line, here])
 
 

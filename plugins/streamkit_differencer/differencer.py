@@ -13,14 +13,15 @@ from streamkit.geometry.homography import inverse, translation
 from streamkit_differencer.arrays import ByteImage, FloatArray
 from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.canvas import FIXED, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
+from streamkit_differencer.comparison import Comparison
 from streamkit_differencer.confidence import Persistence, confidence, contrasts
 from streamkit_differencer.cuts import Cut, CutDetector
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.filters.view_motion import ViewMotionEstimator
 from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
-from streamkit_differencer.ground import UNSEEN
-from streamkit_differencer.model import BackgroundModel, Comparison
+from streamkit_differencer.ground import UNSEEN, CanvasFrame
+from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
 from streamkit_differencer.refinement import refine_objects
 from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_hidden
@@ -135,14 +136,14 @@ class Differencer:
             interval, height = self.settings.background.frame_interval, self.settings.objects.parallax
             view = self._view.update(position.working_to_canvas, shape, interval, height)
         found = self._model.update(frame, view)
-        rows, columns = frame.region
-        to_region = translation(np.array([-columns.start, -rows.start])) @ position.working_to_canvas
+        top, _, left, _ = frame.bounds
+        to_region = translation(np.array([-left, -top])) @ position.working_to_canvas
         mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
         if self.settings.background.shadow:
-            mask[shadow_mask(found.image, found.background, found.mask) > 0] = SHADOW
+            mask[shadow_mask(frame.covered, found.background, found.mask) > 0] = SHADOW
         if frame.is_resampled:
             mask = fetch(mask, to_region, *working.shape)
-        objects, mask = self._objects(image, working, mask, found, position, to_region, motion)
+        objects, mask = self._objects(image, working, mask, frame, found, position, to_region, motion)
         event = ModelChange.GAIN if found.follows_exposure else ModelChange.NONE
         if cut is Cut.CONFIRMED:
             event = ModelChange.RESET
@@ -186,6 +187,7 @@ class Differencer:
         image: ByteImage,
         working: ByteImage,
         mask: ByteImage,
+        frame: CanvasFrame,
         found: Comparison,
         position: FramePosition,
         to_region: FloatArray,
@@ -209,7 +211,7 @@ class Differencer:
         if scale > 1 and settings.merge_gap < 0:
             objects = split_objects(objects, image, found.background, to_background, mask, scale)
         ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
-        clearness = contrasts(objects.boxes, to_background, found.image, found.background, found.thresholds)
+        clearness = contrasts(objects.boxes, to_background, frame.covered, found.background, found.thresholds)
         quality = motion.quality if motion else 1.0
         objects = replace(objects, confidences=confidence(clearness, ages, quality))
         if len(objects) > settings.max_objects:

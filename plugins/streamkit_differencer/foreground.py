@@ -13,7 +13,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, bounds_of
+from streamkit_differencer.arrays import ByteImage
 from streamkit_differencer.comparison import add_weak, compare_with_background
 from streamkit_differencer.ground import CanvasFrame, Ground
 from streamkit_differencer.noise import DEVIATION_RATIO
@@ -40,19 +40,14 @@ def find_foreground(
         settings: of the thresholds.
 
     Returns:
-        uint8[h, w] each, of the part that the frame covers: B(t - 1), rounded, and T_F of each pixel, see
-        `comparison.compare_with_background`; the mask of the foreground.
+        Background, thresholds and foreground, see `comparison.Comparison`.
     """
-    covered, gain = (bounds_of(frame.region), frame.spans), settings.noise_gain * DEVIATION_RATIO
-    known = ground.background, ground.deviation, ground.valid
-    background, thresholds, mask = compare_with_background(
-        frame.image, *known, *covered, gain, settings.foreground_threshold, tolerance
-    )
+    gain, lowest = settings.noise_gain * DEVIATION_RATIO, settings.foreground_threshold
+    background, thresholds, mask = compare_with_background(frame, ground, gain, lowest, tolerance)
     if tolerance > 0 and settings.hysteresis_ratio < 1.0:
         mask = cast("ByteImage", cv2.medianBlur(mask, 3))
         near = cast("ByteImage", cv2.dilate(mask, _GROWTH))
-        compared = *covered, background, thresholds
-        add_weak(mask, near, frame.image, *compared, settings.hysteresis_ratio)
+        add_weak(mask, near, frame, background, thresholds, settings.hysteresis_ratio)
     return background, thresholds, mask
 
 

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import cv2
 import numpy as np
+from numba import types
 
-from streamkit_differencer.arrays import ByteImage, CountImage, FloatArray, FloatImage, Slices, Spans
+from streamkit_differencer.arrays import (
+    BOUNDS,
+    SPANS,
+    Bounds,
+    ByteImage,
+    CountImage,
+    FloatArray,
+    FloatImage,
+    Slices,
+    Spans,
+)
 from streamkit_differencer.equations import MAX_WAIT
+from streamkit_kernels import FLOAT32, UINT8, UINT16, named_tuple
 
 Image = TypeVar("Image", ByteImage, CountImage, FloatImage)
 # Values of `Ground.valid`.
@@ -35,21 +46,34 @@ class CanvasFrame(NamedTuple):
 
     Attributes:
         image: uint8, of the whole canvas, `UNSEEN` around the frame.
-        region: rows and columns that the frame covers.
+        bounds: the part of the canvas that the frame covers.
         spans: int64[h, 2], of each of these rows the first column that shows the frame, and the one after the
             last, counted on the canvas.
         is_resampled: whether the frame was resampled, so that edges may be misplaced.
     """
 
     image: ByteImage
-    region: Slices
+    bounds: Bounds
     spans: Spans
     is_resampled: bool
 
+    @property
+    def region(self) -> Slices:
+        """The rows and columns within the bounds."""
+        top, bottom, left, right = self.bounds
+        return slice(top, bottom), slice(left, right)
 
-@dataclass(slots=True)
-class Ground:
-    """The state of every pixel of a canvas.
+    @property
+    def covered(self) -> ByteImage:
+        """uint8[h, w], the part of the image within the bounds; a view."""
+        return self.image[self.region]
+
+
+CANVAS_FRAME = named_tuple(CanvasFrame, UINT8, BOUNDS, SPANS, types.boolean)
+
+
+class Ground(NamedTuple):
+    """The state of every pixel of a canvas; kernels update its images in place.
 
     Attributes:
         background: float32[h, w], B; undefined where it is not valid.
@@ -73,24 +97,28 @@ class Ground:
     def unknown(cls, size: tuple[int, int]) -> Ground:
         """Ground of which nothing is known, for a canvas of this width and height."""
         images = {
-            name: np.full(size[::-1], FILLS.get(name, 0), TYPES.get(name, np.uint8)) for name in cls.__slots__
+            name: np.full(size[::-1], FILLS.get(name, 0), TYPES.get(name, np.uint8)) for name in cls._fields
         }
         return cls(**images)
 
-    def move(self, change: FloatArray, is_scroll: bool) -> None:
-        """Moves everything onto another canvas of the same size.
+    def moved(self, change: FloatArray, is_scroll: bool) -> Ground:
+        """The same on another canvas of the same size.
 
         Args:
             change: float64[3, 3], maps this canvas to that one.
             is_scroll: whether that is a shift by whole pixels, which changes no value.
         """
-        for name in self.__slots__:
+        images: dict[str, Any] = {}
+        for name, image in self._asdict().items():
             interpolation = cv2.INTER_CUBIC if name == "background" else cv2.INTER_NEAREST
-            image = moved(getattr(self, name), change, is_scroll, FILLS.get(name, 0), interpolation)
-            setattr(self, name, image)
+            images[name] = moved(image, change, is_scroll, FILLS.get(name, 0), interpolation)
         if not is_scroll:
             # Cubic resampling of the background mixes pixels across the border of what is known.
-            self.valid = cast("ByteImage", cv2.erode(self.valid, np.ones((3, 3), np.uint8)))
+            images["valid"] = cv2.erode(images["valid"], np.ones((3, 3), np.uint8))
+        return Ground(**images)
+
+
+GROUND = named_tuple(Ground, FLOAT32, UINT8, UINT8, UINT8, UINT16, UINT8, UINT16)
 
 
 def moved(

@@ -14,96 +14,103 @@ Source: the candidate and apparent background of Yi et al., "Detection of Moving
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import (
-    BOUNDS,
-    SPANS,
-    Bounds,
-    ByteImage,
-    ByteLine,
-    CountImage,
-    CountLine,
-    FloatImage,
-    FloatLine,
-    Indices,
-    Spans,
-    find_set,
-)
+from streamkit_differencer.arrays import ByteLine, CountLine, FloatLine, Indices, find_set
+from streamkit_differencer.comparison import COMPARISON, Comparison
 from streamkit_differencer.equations import SET, update_background
-from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN, UNSEEN
+from streamkit_differencer.ground import (
+    CANVAS_FRAME,
+    GROUND,
+    KNOWN,
+    PROVISIONAL,
+    UNKNOWN,
+    UNSEEN,
+    CanvasFrame,
+    Ground,
+)
 from streamkit_differencer.noise import learn_noise
-from streamkit_kernels import FLOAT32, UINT8, UINT16, compiled, kernel
+from streamkit_kernels import compiled, kernel, named_tuple
 
 # Frames are counted up to this, or up to `absorb_frames` if that is more.
 MAX_FRAMES = 255
 # Of a line of the frame: foreground, D = 0, B(t - 1) in whole grey levels, and T_F.
 Marks = tuple[ByteLine, ByteLine, ByteLine, ByteLine]
-RATES = types.UniTuple(types.float64, 3)  # type: ignore[no-untyped-call]
-LIMITS = types.UniTuple(types.int64, 4)  # type: ignore[no-untyped-call]
 
 
-@kernel(*[UINT8] * 5, FLOAT32, UINT8, UINT8, UINT16, UINT8, UINT16, BOUNDS, SPANS, RATES, LIMITS)
-def learn(
-    image: ByteImage,
-    mask: ByteImage,
-    quiet: ByteImage,
-    rounded: ByteImage,
-    thresholds: ByteImage,
-    background: FloatImage,
-    deviation: ByteImage,
-    valid: ByteImage,
-    known_frames: CountImage,
-    other: ByteImage,
-    other_frames: CountImage,
-    bounds: Bounds,
-    spans: Spans,
-    rates: tuple[float, float, float],
-    limits: tuple[int, int, int, int],
-) -> None:
+class Rates(NamedTuple):
+    """Weights of a frame.
+
+    Attributes:
+        background: alpha.
+        noise: in the noise of known background.
+        restless: in the noise of ground that was never quiet.
+    """
+
+    background: float
+    noise: float
+    restless: float
+
+
+class Limits(NamedTuple):
+    """When a value is background.
+
+    Attributes:
+        quiet_frames: lambda, the frames that quiet pixels were seen at rest.
+        absorb_frames: frames after which a stationary object becomes background at the latest.
+        same: largest difference of values that are the same to a provisional background, grey levels.
+        min_frames: frames in which the value that replaces such a background was seen.
+    """
+
+    quiet_frames: int
+    absorb_frames: int
+    same: int
+    min_frames: int
+
+
+RATES = named_tuple(Rates, *[types.float64] * 3)
+LIMITS = named_tuple(Limits, *[types.int64] * 4)
+
+
+@kernel(CANVAS_FRAME, COMPARISON, GROUND, RATES, LIMITS)
+def learn(frame: CanvasFrame, found: Comparison, ground: Ground, rates: Rates, limits: Limits) -> None:
     """Learns a frame: equation 3, noise, and the values of pixels that are foreground or not yet known.
 
     Args:
-        image: uint8, f(t) on the canvas, `UNSEEN` where it shows nothing.
-        mask: uint8[h, w], foreground, of the part of the canvas within the bounds, as the next three.
-        quiet: uint8[h, w], mask of D = 0.
-        rounded: uint8[h, w], B(t - 1) in whole grey levels.
-        thresholds: uint8[h, w], T_F of each pixel: values that differ by no more are the same.
-        background: float32, B, of the canvas; updated in place, as all that follow.
-        deviation: uint8, see `ground`.
-        valid: uint8, `UNKNOWN`, `PROVISIONAL` or `KNOWN`; quiet pixels become known.
-        known_frames: uint16, frames that the background was seen.
-        other: uint8, the other value of each pixel.
-        other_frames: uint16, frames that it was seen.
-        bounds: the part of the canvas that the frame covers.
-        spans: int64[h, 2], the columns of each of its rows that show the frame.
-        rates: weight of the frame in the background, alpha; in the noise; and in the noise of ground that was
-            never quiet.
-        limits: lambda, the frames that quiet pixels were seen at rest; frames after which a stationary object
-            becomes background at the latest; largest difference of values that are the same to a provisional
-            background, grey levels; frames in which the value that replaces such a background was seen.
+        frame: f(t).
+        found: the frame compared with the ground; values that differ by no more than T_F are the same.
+        ground: updated in place, all but its counter D; quiet pixels become known.
+        rates: weights of the frame.
+        limits: when a value is background.
     """
-    top, bottom, left, right = bounds
-    alpha, noise_rates = np.float32(rates[0]), (np.float32(rates[1]), np.float32(rates[2]))
+    top, bottom, left, right = frame.bounds
+    alpha, noise_rates = np.float32(rates.background), (np.float32(rates.noise), np.float32(rates.restless))
     averaged, columns = np.empty(right - left, np.uint8), np.empty(right - left, np.int64)
     is_open = np.empty_like(averaged)
     for row in range(top, bottom):
-        line, (first, last) = row - top, spans[row - top]
+        line, (first, last) = row - top, frame.spans[row - top]
         part, here, size = slice(first, last), slice(first - left, last - left), slice(0, last - first)
-        values, ground = image[row, part], background[row, part]
-        marks = mask[line, here], quiet[line, here], rounded[line, here], thresholds[line, here]
-        states, frames = valid[row, part], known_frames[row, part]
+        values, background, rounded = (
+            frame.image[row, part],
+            ground.background[row, part],
+            found.background[line, here],
+        )
+        marks = found.mask[line, here], found.quiet[line, here], rounded, found.thresholds[line, here]
+        states, frames = ground.valid[row, part], ground.known_frames[row, part]
         known, candidates = averaged[size], is_open[size]
         _find_averaged(marks[0], marks[1], states, known)
-        update_background(ground, values, known, alpha)
-        learn_noise(values, marks[2], known, marks[0], states, noise_rates, deviation[row, part])
-        _find_others(values, marks[2], np.uint8(limits[2]), candidates)
+        update_background(background, values, known, alpha)
+        learn_noise(values, rounded, known, marks[0], states, noise_rates, ground.deviation[row, part])
+        _find_others(values, rounded, np.uint8(limits.same), candidates)
         _add_provisional(values, states, candidates, known)
         _find_open(values, marks[0], marks[1], states, candidates)
         _count(known, frames)
-        found, others = columns[: find_set(candidates, columns)], (other[row, part], other_frames[row, part])
-        _choose(found, values, marks, ground, states, frames, *others, limits)
+        chosen, other = columns[: find_set(candidates, columns)], ground.other[row, part]
+        others = other, ground.other_frames[row, part]
+        _choose(chosen, values, marks, background, states, frames, *others, limits)
 
 
 @compiled
@@ -164,7 +171,7 @@ def _choose(
     known_frames: CountLine,
     other: ByteLine,
     other_frames: CountLine,
-    limits: tuple[int, int, int, int],
+    limits: Limits,
 ) -> None:
     """Chooses between the two values of some pixels of a line; see `learn`."""
     mask, quiet, rounded, thresholds = marks

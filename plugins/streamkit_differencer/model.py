@@ -13,42 +13,20 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, Slices, bounds_of
-from streamkit_differencer.comparison import find_quiet_ground
+from streamkit_differencer.arrays import ByteImage, FloatArray
+from streamkit_differencer.comparison import Comparison, find_quiet_ground
 from streamkit_differencer.filters.components import components_of, remove_blocks
 from streamkit_differencer.filters.parallax import find_parallax
 from streamkit_differencer.filters.view_motion import ViewMotion
 from streamkit_differencer.foreground import find_foreground
 from streamkit_differencer.ground import BLACK, PROVISIONAL, UNSEEN, CanvasFrame, Ground, moved
 from streamkit_differencer.illumination import exposure_change
-from streamkit_differencer.learning import learn
+from streamkit_differencer.learning import Limits, Rates, learn
 from streamkit_differencer.noise import LEARNING_RATE, MAX_FOREGROUND, RESTLESS_RATE
 from streamkit_differencer.settings import BackgroundSettings
 
 # Frames in which a value must be seen to replace a provisional background.
 MIN_FRAMES = 3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
-    """A frame and the background, on the part of the canvas that the frame covers; uint8[h, w] each.
-
-    Attributes:
-        image: f(t).
-        background: B(t - 1), rounded.
-        thresholds: T_F of each pixel: a multiple of its deviation, within limits; 255 where the frame shows
-            nothing or the background is unknown.
-        quiet: mask of the pixels that did not change within `quiet_frames`.
-        mask: foreground.
-        follows_exposure: whether the background was adapted to a change of brightness.
-    """
-
-    image: ByteImage
-    background: ByteImage
-    thresholds: ByteImage
-    quiet: ByteImage
-    mask: ByteImage
-    follows_exposure: bool
 
 
 @dataclass(slots=True)
@@ -82,8 +60,8 @@ class BackgroundModel:
         return self.settings.tolerance if self.settings.tolerance >= 0 else int(self.scale > 1)
 
     def move(self, change: FloatArray, is_scroll: bool) -> None:
-        """Moves everything onto another canvas, see `Ground.move`."""
-        self.ground.move(change, is_scroll)
+        """Moves everything onto another canvas, see `Ground.moved`."""
+        self.ground = self.ground.moved(change, is_scroll)
         history = (moved(frame, change, is_scroll) for frame in self._history)
         self._history = deque(history, self._history.maxlen)
 
@@ -99,12 +77,11 @@ class BackgroundModel:
         self._frames += 1
         quiet = self._find_quiet(frame)
         background, thresholds, mask = find_foreground(frame, ground, self.tolerance, settings)
-        image = frame.image[region]
-        found = Comparison(image, background, thresholds, quiet, mask, follows_exposure)
+        found = Comparison(background, thresholds, quiet, mask, follows_exposure)
         if view is not None and self._history:
             self.flies |= view.is_flight
             if view.height > 0.0:
-                self._remove_parallax(region, found, view)
+                self._remove_parallax(frame, found, view)
         self._learn(frame, found)
         self._history.append(frame.image)
         if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
@@ -114,51 +91,38 @@ class BackgroundModel:
 
     def _find_quiet(self, frame: CanvasFrame) -> ByteImage:
         """Equations 1 and 2; ground that was never quiet yet gets a provisional background."""
-        settings, ground = self.settings, self.ground
+        settings = self.settings
         # Without an earlier frame no pixel counts as quiet.
         earlier = self._history[0] if self._history else np.full_like(frame.image, UNSEEN)
         gradient_gain = settings.gradient_gain if self.flies else 0.0
-        return find_quiet_ground(
-            frame.image,
-            earlier,
-            ground.waiting,
-            ground.background,
-            ground.deviation,
-            ground.valid,
-            bounds_of(frame.region),
-            frame.spans,
-            settings.change_threshold,
-            gradient_gain,
-            settings.quiet_frames,
-        )
+        threshold, quiet_frames = settings.change_threshold, settings.quiet_frames
+        return find_quiet_ground(frame, earlier, self.ground, threshold, gradient_gain, quiet_frames)
 
-    def _remove_parallax(self, region: Slices, found: Comparison, view: ViewMotion) -> None:
+    def _remove_parallax(self, frame: CanvasFrame, found: Comparison, view: ViewMotion) -> None:
         """Removes the parallax of tall objects from the foreground, and learns it as background."""
         blocks, count = components_of(found.mask)
         if not count:
             return
-        ground, earlier = self.ground, self._history[0][region]
-        frames = found.image, found.background, ground.valid[region], earlier, found.thresholds
-        rows, columns = region
-        places = np.asarray(blocks[:, 1::-1] + (columns.start, rows.start), np.float64)
+        ground, region, image = self.ground, frame.region, frame.covered
+        earlier = self._history[0][region]
+        frames = image, found.background, ground.valid[region], earlier, found.thresholds
+        top, _, left, _ = frame.bounds
+        places = np.asarray(blocks[:, 1::-1] + (left, top), np.float64)
         shifts = view.shifts(places)
         shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), shifts)
         if shifted.any():
-            remove_blocks(blocks[shifted], found.mask, found.quiet, found.image, ground.background[region])
+            remove_blocks(blocks[shifted], found.mask, found.quiet, image, ground.background[region])
 
     def _learn(self, frame: CanvasFrame, found: Comparison) -> None:
         """Equation 3, stationary objects, new pixels, and the noise."""
-        settings, ground = self.settings, self.ground
+        settings = self.settings
         # On new ground there are vehicles that are as even as ground.
         min_frames = settings.quiet_frames if self.flies else MIN_FRAMES
         same = int(settings.foreground_threshold)
-        limits = settings.quiet_frames, settings.absorb_frames, same, min_frames
+        limits = Limits(settings.quiet_frames, settings.absorb_frames, same, min_frames)
         is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
-        rates = settings.learning_rate, LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0
-        compared = frame.image, found.mask, found.quiet, found.background, found.thresholds
-        learnt = ground.background, ground.deviation, ground.valid, ground.known_frames
-        others = ground.other, ground.other_frames
-        learn(*compared, *learnt, *others, bounds_of(frame.region), frame.spans, rates, limits)
+        rates = Rates(settings.learning_rate, LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0)
+        learn(frame, found, self.ground, rates, limits)
 
     def _follow_exposure(self, frame: CanvasFrame) -> bool:
         """Adapts the brightness of the model and of the last frames to the frame's."""

@@ -55,12 +55,12 @@ def draw_on_canvas(working: ByteImage, to_canvas: FloatArray, size: tuple[int, i
     low, high = placed.min(axis=0) + WHOLE_PIXEL_PX, placed.max(axis=0) - WHOLE_PIXEL_PX
     left, top = np.clip(np.floor(low), 0, size).astype(int).tolist()
     right, bottom = np.clip(np.ceil(high) + 1, 0, size).astype(int).tolist()
-    region = np.s_[top:bottom, left:right]
     is_whole = np.abs(placed - [left, top] - outline).max() <= WHOLE_PIXEL_PX
     if is_whole and (bottom - top, right - left) == shape:
-        np.maximum(working, BLACK, out=image[region])
-        return CanvasFrame(image, region, np.full((bottom - top, 2), (left, right)), is_resampled=False)
+        np.maximum(working, BLACK, out=image[top:bottom, left:right])
+        whole = np.full((bottom - top, 2), (left, right))
+        return CanvasFrame(image, (top, bottom, left, right), whole, is_resampled=False)
     # A wider border than the one that interpolation mixes with.
     spans = spans_within(project(to_canvas, outline + _INWARDS * BORDER_PX), *image.shape)
     draw(working, inverse(to_canvas), spans, image)
-    return CanvasFrame(image, region, spans[top:bottom], is_resampled=True)
+    return CanvasFrame(image, (top, bottom, left, right), spans[top:bottom], is_resampled=True)

@@ -25,5 +25,6 @@ from streamkit_kernels.compilation import UINT8_STRIDED as UINT8_STRIDED
 from streamkit_kernels.compilation import UINT16 as UINT16
 from streamkit_kernels.compilation import compiled as compiled
 from streamkit_kernels.compilation import kernel as kernel
+from streamkit_kernels.compilation import named_tuple as named_tuple
 from streamkit_kernels.compilation import prepare as prepare
 from streamkit_kernels.compilation import start_kernels as start_kernels

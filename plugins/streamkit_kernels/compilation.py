@@ -137,6 +137,11 @@ def kernel(
     return decorate
 
 
+def named_tuple(cls: type[tuple[Any, ...]], *fields: types.Type) -> types.Type:
+    """The argument type of a `NamedTuple` with fields of these types."""
+    return types.BaseTuple.from_types(fields, cls)  # type: ignore[no-any-return, no-untyped-call]
+
+
 def _load(dispatcher: Any, arguments: tuple[types.Type, ...]) -> None:
     """Loads or compiles a kernel; from then on it refuses other types of arguments."""
     with _preparing:

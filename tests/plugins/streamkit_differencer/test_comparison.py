@@ -4,29 +4,27 @@ import numpy as np
 import pytest
 
 from streamkit_differencer.comparison import compare_with_background, find_quiet_ground
-from streamkit_differencer.ground import KNOWN, Ground
+from streamkit_differencer.ground import KNOWN, CanvasFrame, Ground
 
 
-def covered(shape):
-    """The whole canvas."""
-    height, width = shape
-    return (0, height, 0, width), np.full((height, 2), (0, width))
+def whole_canvas(image):
+    """A frame that covers its canvas."""
+    height, width = image.shape
+    return CanvasFrame(image, (0, height, 0, width), np.full((height, 2), (0, width)), is_resampled=True)
 
 
 def foreground(image, background, threshold, tolerance):
     """Equation 4 with one threshold and a tolerance."""
     ground = Ground.unknown(image.shape[::-1])
     ground.background[:], ground.valid[:] = background, KNOWN
-    known = ground.background, ground.deviation, ground.valid
-    return compare_with_background(image, *known, *covered(image.shape), 0.0, threshold, tolerance)[-1]
+    return compare_with_background(whole_canvas(image), ground, 0.0, float(threshold), tolerance)[-1]
 
 
 def is_quiet(image, earlier, gain):
     """The pixels without a change, with lambda of one frame."""
     ground = Ground.unknown(image.shape[::-1])
     ground.waiting[:] -= 1
-    known = ground.waiting, ground.background, ground.deviation, ground.valid
-    return find_quiet_ground(image, earlier, *known, *covered(image.shape), 18.0, gain, 1) > 0
+    return find_quiet_ground(whole_canvas(image), earlier, ground, 18.0, gain, 1) > 0
 
 
 def test_gradient_gain_raises_the_threshold_at_edges_only():

@@ -16,7 +16,7 @@ def found(image, tolerance=0, ratio=0.5, known=255):
     ground = Ground.unknown(SHAPE[::-1])
     ground.valid[:] = known
     settings = BackgroundSettings(foreground_threshold=20.0, noise_gain=0.0, hysteresis_ratio=ratio)
-    frame = CanvasFrame(image, np.s_[0 : SHAPE[0], 0 : SHAPE[1]], np.full((SHAPE[0], 2), (0, SHAPE[1])), True)
+    frame = CanvasFrame(image, (0, SHAPE[0], 0, SHAPE[1]), np.full((SHAPE[0], 2), (0, SHAPE[1])), True)
     return find_foreground(frame, ground, tolerance, settings)[-1]
 
 

@@ -25,7 +25,7 @@ def test_what_enters_is_unknown():
     for is_scroll in (True, False):
         ground = Ground.unknown((50, 30))
         ground.valid[:], ground.deviation[:] = KNOWN, 1
-        ground.move(translation((10, 0)), is_scroll)
+        ground = ground.moved(translation((10, 0)), is_scroll)
         assert not ground.valid[:, :10].any()
         assert (ground.deviation[:, :10] == UNKNOWN_DEVIATION * DEVIATION_STEPS).all()
         assert (ground.valid[2:-2, 12:-2] == KNOWN).all()

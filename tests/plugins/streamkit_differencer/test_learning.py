@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN
-from streamkit_differencer.learning import learn
+from streamkit_differencer.comparison import Comparison
+from streamkit_differencer.ground import KNOWN, PROVISIONAL, UNKNOWN, CanvasFrame, Ground
+from streamkit_differencer.learning import Limits, Rates, learn
 
 # Wider than the parts of a row that are skipped as a whole.
 SHAPE = (17, 150)
@@ -13,13 +14,13 @@ SAME = 7
 def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min_frames=3):
     """Learns from a frame; updates `state`."""
     rounded = np.rint(state["background"]).astype(np.uint8)
-    names = "background", "deviation", "valid", "known_frames", "other", "other_frames"
-    state = {"deviation": np.zeros(SHAPE, np.uint8), **state}
-    states, bounds = (state[name] for name in names), (0, SHAPE[0], 0, SHAPE[1])
+    known = {name: values for name, values in state.items() if name != "thresholds"}
+    ground = Ground.unknown(SHAPE[::-1])._replace(**known)
     spans = np.full((SHAPE[0], 2), (0, SHAPE[1]))
-    images = image, mask, quiet, rounded, state["thresholds"]
-    limits = quiet_frames, absorb_frames, SAME, min_frames
-    learn(*images, *states, bounds, spans, (0.0, 0.0, 0.0), limits)
+    frame = CanvasFrame(image, (0, SHAPE[0], 0, SHAPE[1]), spans, is_resampled=True)
+    found = Comparison(rounded, state["thresholds"], quiet, mask, follows_exposure=False)
+    limits = Limits(quiet_frames, absorb_frames, SAME, min_frames)
+    learn(frame, found, ground, Rates(0.0, 0.0, 0.0), limits)
 
 
 def a_state(seed, valid):

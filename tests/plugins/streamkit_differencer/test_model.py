@@ -37,9 +37,10 @@ def with_thing(image, x, y=20, size=10, tone=250):
 def show(model, image, seen=SEEN, region=WHOLE):
     """Gives a model a frame: its foreground, 128 where that is quiet, and if it follows the exposure."""
     canvas, (rows, columns) = np.zeros(SHAPE, np.uint8), region
+    bounds = rows.start, rows.stop, columns.start, columns.stop
     canvas[region] = np.minimum(image, seen)
     spans = np.full((rows.stop - rows.start, 2), (columns.start, columns.stop))
-    found = model.update(CanvasFrame(canvas, region, spans, is_resampled=True))
+    found = model.update(CanvasFrame(canvas, bounds, spans, is_resampled=True))
     return cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)), found.follows_exposure
 
 
