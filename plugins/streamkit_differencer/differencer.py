@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field, replace
-from typing import cast
+from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
 from streamkit_differencer.ground import UNSEEN, CanvasFrame
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
-from streamkit_differencer.refinement import refine_objects
+from streamkit_differencer.refinement import FrameImages, refine_objects
 from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_hidden
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.splitting import split_objects
@@ -45,6 +45,26 @@ class ModelChange(enum.StrEnum):
     NONE = "none"
     GAIN = "gain"
     RESET = "reset"
+
+
+class PlacedFrame(NamedTuple):
+    """A frame at both resolutions, and on the canvas.
+
+    Attributes:
+        image: uint8[h, w], luma at full resolution.
+        working: uint8[h, w], at working resolution.
+        on_canvas: the same on the canvas.
+        to_canvas: float64[3, 3], working pixels to the canvas.
+        to_region: float64[3, 3], working pixels to the part of the canvas that the frame covers.
+        quality: of its registration, 0 to 1.
+    """
+
+    image: ByteImage
+    working: ByteImage
+    on_canvas: CanvasFrame
+    to_canvas: FloatArray
+    to_region: FloatArray
+    quality: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,12 +131,7 @@ class Differencer:
         Returns:
             None if the frame could not be placed; the model then stays as it is.
         """
-        if image.shape != self._shape:
-            self.reset()
-            self._shape = cast("tuple[int, int]", image.shape)
-            wanted = self.settings.working_scale or automatic_scale(image.shape[1])
-            self._scale = wanted if min(image.shape) >= MIN_WORKING_PX * wanted else 1
-        working = downsampled(image, self._scale)
+        working = self._downsampled(image)
         scene = working if motion or self.hidden is None else without_hidden(working, self.hidden)
         # An element that registers frames reports cuts, too.
         cut = Cut.NONE if motion else self._cuts.update(scene, self.settings.background.frame_threshold)
@@ -125,29 +140,27 @@ class Differencer:
         position = None if cut is Cut.SUSPECTED else self._place(working, motion or self._measured(scene))
         if position is None:
             return None
-        frame = draw_on_canvas(working, position.working_to_canvas, self._model.size)
-        if self.hidden is not None:
-            frame_to_canvas = position.working_to_canvas @ inverse(working_to_frame(self._scale))
-            frame.image[cv2.warpPerspective(self.hidden, frame_to_canvas, self._model.size) > 0] = UNSEEN
-        self._model.settings = self.settings.background
-        view, shape = None, (working.shape[0], working.shape[1])
+        frame = self._drawn(image, working, position, motion.quality if motion else 1.0)
+        self._model.settings, view = self.settings.background, None
         if motion:
             # A camera that is fixed, shakes or turns has no parallax; one that flies has a registration.
             interval, height = self.settings.background.frame_interval, self.settings.objects.parallax
-            view = self._view.update(position.working_to_canvas, shape, interval, height)
-        found = self._model.update(frame, view)
-        top, _, left, _ = frame.bounds
-        to_region = translation(np.array([-left, -top])) @ position.working_to_canvas
-        mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
-        if self.settings.background.shadow:
-            mask[shadow_mask(frame.covered, found.background, found.mask) > 0] = SHADOW
-        if frame.is_resampled:
-            mask = fetch(mask, to_region, *working.shape)
-        objects, mask = self._objects(image, working, mask, frame, found, position, to_region, motion)
+            view = self._view.update(frame.to_canvas, (working.shape[0], working.shape[1]), interval, height)
+        found = self._model.update(frame.on_canvas, view)
+        objects, mask = self._objects(frame, found)
         event = ModelChange.GAIN if found.follows_exposure else ModelChange.NONE
         if cut is Cut.CONFIRMED:
             event = ModelChange.RESET
         return Result(objects, mask, position.change, event)
+
+    def _downsampled(self, image: ByteImage) -> ByteImage:
+        """The frame at working resolution; one of another size begins a new model."""
+        if image.shape != self._shape:
+            self.reset()
+            self._shape = image.shape[0], image.shape[1]
+            wanted = self.settings.working_scale or automatic_scale(image.shape[1])
+            self._scale = wanted if min(image.shape) >= MIN_WORKING_PX * wanted else 1
+        return downsampled(image, self._scale)
 
     def _measured(self, working: ByteImage) -> Motion | None:
         """The motion of a frame without registration; None if it is unknown."""
@@ -182,46 +195,58 @@ class Differencer:
         self._view.move(change)
         return position
 
-    def _objects(
-        self,
-        image: ByteImage,
-        working: ByteImage,
-        mask: ByteImage,
-        frame: CanvasFrame,
-        found: Comparison,
-        position: FramePosition,
-        to_region: FloatArray,
-        motion: Motion | None,
-    ) -> tuple[Objects, ByteImage]:
-        """The objects of a frame with confidences, refined at full resolution, and the finished mask.
+    def _drawn(
+        self, image: ByteImage, working: ByteImage, position: FramePosition, quality: float
+    ) -> PlacedFrame:
+        """The frame with its drawing on the canvas, where what is hidden is not seen."""
+        to_canvas, size = position.working_to_canvas, self._model.size
+        on_canvas = draw_on_canvas(working, to_canvas, size)
+        if self.hidden is not None:
+            frame_to_canvas = to_canvas @ inverse(working_to_frame(self._scale))
+            on_canvas.image[cv2.warpPerspective(self.hidden, frame_to_canvas, size) > 0] = UNSEEN
+        top, _, left, _ = on_canvas.bounds
+        to_region = translation(np.array([-left, -top])) @ to_canvas
+        return PlacedFrame(image, working, on_canvas, to_canvas, to_region, quality)
 
-        `to_region`, float64[3, 3], maps working pixels to the frame's part of the canvas.
-        """
+    def _objects(self, frame: PlacedFrame, found: Comparison) -> tuple[Objects, ByteImage]:
+        """The objects of a frame with confidences, refined at full resolution, and the finished mask."""
         settings, scale = self.settings.objects, self._scale
-        mask = cleaned(mask, settings.median // scale, settings.fill_holes)
+        mask = self._mask(frame, found)
+        blocks, count = components_of(mask)
+        contrast = object_contrasts(mask, frame.working, found.background, frame.to_region, blocks, count)
+        trim(mask, frame.working, blocks, *contrast, 0.0, SHADOW_SHARE)
+        objects = find_objects(mask, scale, settings, max(settings.max_objects, MAX_SCORED))
+        from_frame = inverse(working_to_frame(scale))
+        to_canvas, to_background = frame.to_canvas @ from_frame, frame.to_region @ from_frame
+        images = FrameImages(frame.image, found.background, to_background, mask, scale)
+        if scale > 1 and settings.merge_gap < 0:
+            objects = split_objects(objects, images)
+        ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
+        compared = frame.on_canvas.covered, found.background, found.thresholds
+        clearness = contrasts(objects.boxes, to_background, *compared)
+        objects = replace(objects, confidences=confidence(clearness, ages, frame.quality))
+        if len(objects) > settings.max_objects:
+            objects = most_confident(objects, settings.max_objects)
+        refined = refine_objects(objects, images)
+        if self._model.tolerance > 0:
+            # Small objects are found with their halo.
+            trim(mask, frame.working, blocks, *contrast, HALO_SHARE, 0.0)
+        mark_moving(mask, objects, scale)
+        return refined, mask
+
+    def _mask(self, frame: PlacedFrame, found: Comparison) -> ByteImage:
+        """The foreground in the frame's own grid, cleaned, with shadows, within the region of interest."""
+        mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
+        if self.settings.background.shadow:
+            mask[shadow_mask(frame.on_canvas.covered, found.background, found.mask) > 0] = SHADOW
+        if frame.on_canvas.is_resampled:
+            mask = fetch(mask, frame.to_region, *frame.working.shape)
+        settings = self.settings.objects
+        mask = cleaned(mask, settings.median // self._scale, settings.fill_holes)
         if self.region is not None:
             size = mask.shape[1], mask.shape[0]
             mask &= cast("ByteImage", cv2.resize(self.region, size, interpolation=cv2.INTER_NEAREST))
-        blocks, count = components_of(mask)
-        contrast = object_contrasts(mask, working, found.background, to_region, blocks, count)
-        trim(mask, working, blocks, *contrast, 0.0, SHADOW_SHARE)
-        objects = find_objects(mask, scale, settings, max(settings.max_objects, MAX_SCORED))
-        from_frame = inverse(working_to_frame(scale))
-        to_canvas, to_background = position.working_to_canvas @ from_frame, to_region @ from_frame
-        if scale > 1 and settings.merge_gap < 0:
-            objects = split_objects(objects, image, found.background, to_background, mask, scale)
-        ages = self._persistence.update(mapped_boxes(to_canvas, objects.boxes))
-        clearness = contrasts(objects.boxes, to_background, frame.covered, found.background, found.thresholds)
-        quality = motion.quality if motion else 1.0
-        objects = replace(objects, confidences=confidence(clearness, ages, quality))
-        if len(objects) > settings.max_objects:
-            objects = most_confident(objects, settings.max_objects)
-        refined = refine_objects(objects, image, found.background, to_background, mask, scale)
-        if self._model.tolerance > 0:
-            # Small objects are found with their halo.
-            trim(mask, working, blocks, *contrast, HALO_SHARE, 0.0)
-        mark_moving(mask, objects, scale)
-        return refined, mask
+        return mask
 
 
 def automatic_scale(width: int) -> int:

@@ -75,7 +75,11 @@ class BackgroundModel:
         settings, ground, region = self.settings, self.ground, frame.region
         follows_exposure = self._follow_exposure(frame)
         self._frames += 1
-        quiet = self._find_quiet(frame)
+        # Without an earlier frame no pixel counts as quiet.
+        earlier = self._history[0] if self._history else np.full_like(frame.image, UNSEEN)
+        gradient_gain = settings.gradient_gain if self.flies else 0.0
+        threshold, quiet_frames = settings.change_threshold, settings.quiet_frames
+        quiet = find_quiet_ground(frame, earlier, ground, threshold, gradient_gain, quiet_frames)
         background, thresholds, mask = find_foreground(frame, ground, self.tolerance, settings)
         found = Comparison(background, thresholds, quiet, mask, follows_exposure)
         if view is not None and self._history:
@@ -88,15 +92,6 @@ class BackgroundModel:
             # A flight comes to new ground all the time: its first second is not worth the ghosts.
             mask[ground.valid[region] == PROVISIONAL] = 0
         return found
-
-    def _find_quiet(self, frame: CanvasFrame) -> ByteImage:
-        """Equations 1 and 2; ground that was never quiet yet gets a provisional background."""
-        settings = self.settings
-        # Without an earlier frame no pixel counts as quiet.
-        earlier = self._history[0] if self._history else np.full_like(frame.image, UNSEEN)
-        gradient_gain = settings.gradient_gain if self.flies else 0.0
-        threshold, quiet_frames = settings.change_threshold, settings.quiet_frames
-        return find_quiet_ground(frame, earlier, self.ground, threshold, gradient_gain, quiet_frames)
 
     def _remove_parallax(self, frame: CanvasFrame, found: Comparison, view: ViewMotion) -> None:
         """Removes the parallax of tall objects from the foreground, and learns it as background."""

@@ -15,7 +15,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import CORNERS, ByteImage, Corners, FloatArray, Indices, LabelImage, above
+from streamkit_differencer.arrays import ByteImage, FloatArray, Indices, LabelImage, above
 from streamkit_differencer.clusters import clustered
 from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
@@ -28,7 +28,6 @@ from streamkit_differencer.measurement import (
     measure_objects,
 )
 from streamkit_differencer.settings import ObjectSettings
-from streamkit_kernels import UINT8, kernel
 
 CELL_SIZE = 4
 _SQUARE = np.ones((3, 3), np.uint8)
@@ -172,15 +171,7 @@ def mark_moving(mask: ByteImage, objects: Objects, scale: int) -> None:
         objects: found in it.
         scale: frame pixels per pixel of `mask`.
     """
-    corners = np.rint((objects.boxes[objects.changes >= MOVES] + 0.5) / scale).astype(np.int64)
-    _mark(mask, corners)
-
-
-@kernel(UINT8, CORNERS)
-def _mark(mask: ByteImage, corners: Corners) -> None:
-    for number in range(len(corners)):
-        left, top, right, bottom = corners[number]
-        for row in range(max(top, 0), min(bottom, mask.shape[0])):
-            for column in range(max(left, 0), min(right, mask.shape[1])):
-                if mask[row, column] > MAX_BACKGROUND:
-                    mask[row, column] = MOVING
+    corners = np.rint((objects.boxes[objects.changes >= MOVES] + 0.5) / scale).astype(int)
+    for left, top, right, bottom in np.maximum(corners, 0).tolist():
+        inside = mask[top:bottom, left:right]
+        inside[inside > MAX_BACKGROUND] = MOVING

@@ -7,6 +7,7 @@ those that an object covers by a tenth. An object's edge lies where about half o
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -35,31 +36,34 @@ MAX_PX = 256
 BOX, CENTROID, AREA = slice(0, 4), slice(4, 6), 6
 
 
-def refine_objects(
-    objects: Objects,
-    image: ByteImage,
-    background: ByteImage,
-    to_background: FloatArray,
-    mask: ByteImage,
-    scale: int,
-) -> Objects:
+class FrameImages(NamedTuple):
+    """A frame with its background and foreground, in which objects are measured.
+
+    Attributes:
+        image: uint8[h, w], the frame at full resolution.
+        background: uint8, its border is replicated.
+        to_background: float64[3, 3], frame pixels to those of `background`.
+        mask: uint8, the frame's foreground at the working scale.
+        scale: frame pixels per working pixel.
+    """
+
+    image: ByteImage
+    background: ByteImage
+    to_background: FloatArray
+    mask: ByteImage
+    scale: int
+
+
+def refine_objects(objects: Objects, images: FrameImages) -> Objects:
     """The objects with boxes, centroids and areas measured at full resolution.
 
     Objects with overlapping boxes, and those that hardly differ from the background, stay as they are.
-
-    Args:
-        objects: as measured on the foreground.
-        image: uint8[h, w], the frame at full resolution.
-        background: uint8[h, w].
-        to_background: float64[3, 3], frame pixels to those of `background`.
-        mask: uint8[h, w], the frame's foreground at the working scale.
-        scale: frame pixels per working pixel.
     """
     if not len(objects):
         return objects
     corners = np.rint(objects.boxes + 0.5).astype(np.int64)
     is_alone = overlaps(objects.boxes, objects.boxes).sum(axis=1) == 1
-    found = measured_at_full_resolution(image, background, to_background, mask, scale, corners, is_alone)
+    found = measured_at_full_resolution(*images, corners, is_alone)
     better = found[:, AREA] > 0.0
     return replace(
         objects,
@@ -82,11 +86,11 @@ def measured_at_full_resolution(
     """Measures the objects in some boxes.
 
     Args:
-        image: uint8[h, w], the frame at full resolution.
-        background: uint8, its border is replicated.
-        to_background: float64[3, 3], frame pixels to those of `background`.
-        mask: uint8, the frame's foreground at the working scale.
-        scale: frame pixels per working pixel.
+        image: see `FrameImages`, as the next four.
+        background: the same.
+        to_background: the same.
+        mask: the same.
+        scale: the same.
         corners: int64[n, 4], first column and row, and those after the last.
         chosen: bool[n], mask of the boxes.
 
@@ -121,11 +125,11 @@ def clear_foreground(
     """The foreground in a part of the frame at full resolution, as far as its contrast is that of an object.
 
     Args:
-        image: uint8[h, w], the frame at full resolution.
-        background: uint8, its border is replicated.
-        to_background: float64[3, 3], frame pixels to those of `background`.
-        mask: uint8, the frame's foreground at the working scale.
-        scale: frame pixels per working pixel.
+        image: see `FrameImages`, as the next four.
+        background: the same.
+        to_background: the same.
+        mask: the same.
+        scale: the same.
         bounds: first row and the one after the last, first column and the one after the last, in the frame.
 
     Returns:

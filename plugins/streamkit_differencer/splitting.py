@@ -14,13 +14,11 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, Flags, FloatArray, LabelImage, above
+from streamkit_differencer.arrays import Flags, FloatArray, LabelImage, above
 from streamkit_differencer.measurement import PIXELS, measure_objects
 from streamkit_differencer.objects import COLUMNS, NO_OBJECTS, Objects, chosen, measured
-from streamkit_differencer.refinement import MAX_PX, clear_foreground
+from streamkit_differencer.refinement import MAX_PX, FrameImages, clear_foreground
 
-# Image, background, to_background, mask and scale, see `split_objects`.
-Images = tuple[ByteImage, ByteImage, FloatArray, ByteImage, int]
 # With fewer objects in view none is typical: a rider near by and some specks are no traffic.
 MIN_OBJECTS = 12
 # A piece has at least this share of the typical area.
@@ -30,29 +28,13 @@ PIECE_SHARE = 0.25
 GAP_SHARE, MIN_GAP_PX = 0.1, 2
 
 
-def split_objects(
-    objects: Objects,
-    image: ByteImage,
-    background: ByteImage,
-    to_background: FloatArray,
-    mask: ByteImage,
-    scale: int,
-) -> Objects:
-    """The objects of a frame, with those taken apart between whose parts the ground shows.
-
-    Args:
-        objects: as measured on the foreground.
-        image: uint8[h, w], the frame at full resolution.
-        background: uint8[h, w].
-        to_background: float64[3, 3], frame pixels to those of `background`.
-        mask: uint8[h, w], the frame's foreground at the working scale.
-        scale: frame pixels per working pixel.
-    """
+def split_objects(objects: Objects, images: FrameImages) -> Objects:
+    """The objects of a frame, with those taken apart between whose parts the ground shows."""
     if len(objects) < MIN_OBJECTS:
         return objects
-    images, typical = (image, background, to_background, mask, scale), typical_area(objects.areas)
+    typical = typical_area(objects.areas)
     sizes = np.prod(objects.boxes[:, 2:] - objects.boxes[:, :2], axis=1)
-    height, width = image.shape
+    height, width = images.image.shape
     corners = np.clip(np.rint(objects.boxes + 0.5).astype(int), 0, (width, height, width, height))
     is_whole, found = np.ones(len(objects), np.bool_), []
     for number in np.flatnonzero(objects.areas > typical).tolist():
@@ -83,11 +65,11 @@ def typical_area(areas: FloatArray) -> float:
     return float(ordered[np.searchsorted(sums, 0.5 * sums[-1])])
 
 
-def _pieces(images: Images, box: list[int], gap: int, min_area: int) -> Objects:
+def _pieces(images: FrameImages, box: list[int], gap: int, min_area: int) -> Objects:
     """The parts of the foreground in a box, with `gap` px of ground between them; none of one that is whole.
 
     Args:
-        images: image, background, to_background, mask and scale, see `split_objects`.
+        images: the frame.
         box: first column and row, and those after the last; none has parts that is larger than `MAX_PX`.
         gap: px.
         min_area: of a part, px.

@@ -7,7 +7,7 @@ import pytest
 from streamkit.geometry.homography import translation
 from streamkit_differencer.canvas import working_to_frame
 from streamkit_differencer.objects import Objects, find_objects
-from streamkit_differencer.refinement import refine_objects
+from streamkit_differencer.refinement import FrameImages, refine_objects
 from streamkit_differencer.settings import ObjectSettings
 
 SHAPE = (120, 160)
@@ -47,7 +47,7 @@ def test_box_and_centroid_are_those_of_the_thing(thing):
     """To three quarters of a pixel and a quarter of one, where the foreground is a working pixel too wide."""
     frame, ground = scene(thing, noise=2.0)
     coarse, mask = found(frame, ground)
-    fine = refine_objects(coarse, frame, ground, TO_WORKING, mask, SCALE)
+    fine = refine_objects(coarse, FrameImages(frame, ground, TO_WORKING, mask, SCALE))
     assert len(fine) == 1
     middle = (outer(thing)[:2] + outer(thing)[2:]) / 2
     np.testing.assert_allclose(fine.centroids[0], middle, atol=0.25)
@@ -67,7 +67,7 @@ def test_ground_on_a_canvas_is_placed():
     working = cv2.resize(frame, (80, 60), interpolation=cv2.INTER_AREA)
     mask = np.where(cv2.absdiff(working, canvas[7:67, 10:90]) > 7, 255, 0).astype(np.uint8)
     coarse = find_objects(mask, SCALE, ObjectSettings())
-    fine = refine_objects(coarse, frame, canvas, translation((10, 7)) @ TO_WORKING, mask, SCALE)
+    fine = refine_objects(coarse, FrameImages(frame, canvas, translation((10, 7)) @ TO_WORKING, mask, SCALE))
     np.testing.assert_allclose(fine.boxes[0], outer(thing), atol=0.01)
 
 
@@ -80,7 +80,9 @@ def test_boxes_that_overlap_are_left_as_they_are():
         np.ones(2),
     )
     frame, ground = scene((10, 10, 28, 28), (22, 22, 38, 30))
-    fine = refine_objects(objects, frame, ground, TO_WORKING, np.full(ground.shape, 255, np.uint8), SCALE)
+    fine = refine_objects(
+        objects, FrameImages(frame, ground, TO_WORKING, np.full(ground.shape, 255, np.uint8), SCALE)
+    )
     np.testing.assert_array_equal(fine.boxes, objects.boxes)
     np.testing.assert_array_equal(fine.centroids, objects.centroids)
 
@@ -92,7 +94,9 @@ def test_a_thing_without_contrast_is_left_as_it_is():
     )
     ground = np.full((60, 80), GROUND, np.uint8)
     frame = np.full(SHAPE, GROUND, np.uint8)
-    fine = refine_objects(objects, frame, ground, TO_WORKING, np.full(ground.shape, 255, np.uint8), SCALE)
+    fine = refine_objects(
+        objects, FrameImages(frame, ground, TO_WORKING, np.full(ground.shape, 255, np.uint8), SCALE)
+    )
     np.testing.assert_array_equal(fine.boxes, objects.boxes)
 
 
@@ -100,4 +104,4 @@ def test_nothing_gives_nothing():
     """A frame without objects."""
     frame, ground = scene()
     coarse, mask = found(frame, ground)
-    assert len(refine_objects(coarse, frame, ground, TO_WORKING, mask, SCALE)) == 0
+    assert len(refine_objects(coarse, FrameImages(frame, ground, TO_WORKING, mask, SCALE))) == 0

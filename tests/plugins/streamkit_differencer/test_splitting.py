@@ -7,6 +7,7 @@ import pytest
 from streamkit_differencer.canvas import FIXED, working_to_frame
 from streamkit_differencer.differencer import Differencer
 from streamkit_differencer.objects import chosen, find_objects
+from streamkit_differencer.refinement import FrameImages
 from streamkit_differencer.settings import DifferencerSettings, ObjectSettings
 from streamkit_differencer.splitting import split_objects, typical_area
 
@@ -49,7 +50,7 @@ def parts(*things, lone=(LENGTH, WIDTH)):
     frame = painted(*things, *others)
     objects, mask = coarse(frame)
     ground = np.full_like(mask, GROUND)
-    split = split_objects(objects, frame, ground, TO_WORKING, mask, SCALE)
+    split = split_objects(objects, FrameImages(frame, ground, TO_WORKING, mask, SCALE))
     return tuple(chosen(found, np.flatnonzero(found.centroids[:, 1] < 140)) for found in (objects, split))
 
 
@@ -103,7 +104,7 @@ def test_few_objects_have_no_usual_size():
     """Parts of the only object in view are not taken apart."""
     frame = painted(car(40, 40), car(46, 40 + WIDTH + 5), car(200, 40))
     objects, mask = coarse(frame)
-    found = split_objects(objects, frame, np.full_like(mask, GROUND), TO_WORKING, mask, SCALE)
+    found = split_objects(objects, FrameImages(frame, np.full_like(mask, GROUND), TO_WORKING, mask, SCALE))
     assert len(objects) == len(found) == 2
 
 
@@ -113,7 +114,7 @@ def test_the_largest_object_stays_the_first():
         *(car(10 + 100 * (n % 3), 120 + 50 * (n // 3)) for n in range(12)), car(40, 40), car(46, 54)
     )
     objects, mask = coarse(frame)
-    found = split_objects(objects, frame, np.full_like(mask, GROUND), TO_WORKING, mask, SCALE)
+    found = split_objects(objects, FrameImages(frame, np.full_like(mask, GROUND), TO_WORKING, mask, SCALE))
     assert (len(objects), len(found)) == (13, 14)
     assert (np.diff(found.areas) <= 0).all()
 
