@@ -112,6 +112,7 @@ class Canvas:
     size: tuple[int, int] = field(init=False)
     # An anchor's working pixels to the canvas.
     _margin: FloatArray = field(init=False)
+    _working_to_frame: FloatArray = field(init=False)
     _outline: FloatArray = field(init=False)
     _plane_to_canvas: FloatArray | None = None
     _reference: int = 0
@@ -122,6 +123,7 @@ class Canvas:
         margin = math.ceil(max(width, height) * MARGIN_RATIO)
         self._margin = translation(np.array([margin, margin]))
         self.size = width + 2 * margin, height + 2 * margin
+        self._working_to_frame = working_to_frame(self.scale)
 
     def place(self, motion: Motion) -> FramePosition | None:
         """Places a frame; scrolls or re-anchors the canvas where needed.
@@ -132,7 +134,7 @@ class Canvas:
         matrices = motion.to_reference, motion.reference_change
         if not all(matrix is None or is_homography(matrix) for matrix in matrices):
             return None
-        on_plane, known = motion.to_reference @ working_to_frame(self.scale), self._plane_to_canvas
+        on_plane, known = motion.to_reference @ self._working_to_frame, self._plane_to_canvas
         if motion.reference_change is not None and known is not None:
             known = known @ inverse(motion.reference_change)
         elif motion.reference != self._reference:

@@ -104,6 +104,7 @@ class Differencer:
     hidden: ByteImage | None = None
     _shape: tuple[int, int] | None = None
     _scale: int = 1
+    _frame_to_working: FloatArray = field(init=False)
     _canvas: Canvas | None = None
     _model: BackgroundModel = field(init=False)
     _camera: CameraMotion = field(default_factory=CameraMotion)
@@ -160,6 +161,7 @@ class Differencer:
             self._shape = image.shape[0], image.shape[1]
             wanted = self.settings.working_scale or automatic_scale(image.shape[1])
             self._scale = wanted if min(image.shape) >= MIN_WORKING_PX * wanted else 1
+            self._frame_to_working = inverse(working_to_frame(self._scale))
         return downsampled(image, self._scale)
 
     def _measured(self, working: ByteImage) -> Motion | None:
@@ -169,9 +171,9 @@ class Differencer:
         placed = self._camera.place(working)
         if placed is None:
             return None
-        grid = working_to_frame(self._scale)
+        to_reference = working_to_frame(self._scale) @ placed @ self._frame_to_working
         # Negative numbers keep these planes apart from those of a registration.
-        return Motion(grid @ placed @ inverse(grid), reference=-1 - self._camera.plane)
+        return Motion(to_reference, reference=-1 - self._camera.plane)
 
     def _place(self, working: ByteImage, motion: Motion | None) -> FramePosition | None:
         """Places a frame on the canvas, and moves what is kept there along with it."""
@@ -202,8 +204,8 @@ class Differencer:
         to_canvas, size = position.working_to_canvas, self._model.size
         on_canvas = draw_on_canvas(working, to_canvas, size)
         if self.hidden is not None:
-            frame_to_canvas = to_canvas @ inverse(working_to_frame(self._scale))
-            on_canvas.image[cv2.warpPerspective(self.hidden, frame_to_canvas, size) > 0] = UNSEEN
+            hidden = cv2.warpPerspective(self.hidden, to_canvas @ self._frame_to_working, size)
+            on_canvas.image[hidden > 0] = UNSEEN
         top, _, left, _ = on_canvas.bounds
         to_region = translation(np.array([-left, -top])) @ to_canvas
         return PlacedFrame(image, working, on_canvas, to_canvas, to_region, quality)
@@ -216,8 +218,9 @@ class Differencer:
         contrast = object_contrasts(mask, frame.working, found.background, frame.to_region, blocks, count)
         trim(mask, frame.working, blocks, *contrast, 0.0, SHADOW_SHARE)
         objects = find_objects(mask, scale, settings, max(settings.max_objects, MAX_SCORED))
-        from_frame = inverse(working_to_frame(scale))
-        to_canvas, to_background = frame.to_canvas @ from_frame, frame.to_region @ from_frame
+        to_canvas, to_background = (
+            matrix @ self._frame_to_working for matrix in (frame.to_canvas, frame.to_region)
+        )
         images = FrameImages(frame.image, found.background, to_background, mask, scale)
         if scale > 1 and settings.merge_gap < 0:
             objects = split_objects(objects, images)
