@@ -67,8 +67,8 @@ class RtspSrc(LiveSource):
 
     @override
     def after_nothing(self, failure: ResourceError) -> ResourceError | None:
-        is_unanswered = isinstance(failure, TimedOut | UnsupportedTransport)
-        may_help = is_unanswered and self._carrier is SourceTransport.UDP
+        is_refused = isinstance(failure, UnsupportedTransport)
+        may_help = self._carrier is SourceTransport.UDP and (is_refused or isinstance(failure, TimedOut))
         if self.transport is SourceTransport.AUTO and may_help:
             self._carrier = SourceTransport.TCP
             self.post_warning(f"{self._where}: nothing came over UDP; continuing over TCP")
@@ -77,4 +77,6 @@ class RtspSrc(LiveSource):
             self._carrier = SourceTransport.UDP  # neither has worked: the next try begins with UDP again
         elif may_help:
             return type(failure)(f"{failure}; if it does over TCP, set transport=tcp or transport=auto")
+        elif is_refused and self.transport is SourceTransport.TCP:
+            return type(failure)(f"{failure}; if it does over UDP, set transport=udp or transport=auto")
         return failure

@@ -44,6 +44,7 @@ class Behaviour(enum.StrEnum):
     NO_MEDIA = "answer PLAY, then send nothing"
     HALF_FRAME = "send ten frames and half of another, then nothing"
     GARBAGE = "answer with random bytes"
+    NO_TCP = "refuse to send over TCP"
     REDIRECT = "redirect to itself for ever"
     CLOSE = "accept, then close"
     CLOSE_AFTER = "send ten frames, then close"
@@ -233,6 +234,8 @@ class Client:
             self.reply(request, "401 Unauthorized", 'WWW-Authenticate: Basic realm="drone"\r\n')
         elif method == "DESCRIBE":
             self.reply(request, "200 OK", "Content-Type: application/sdp\r\n", self.description())
+        elif method == "SETUP" and self.behaviour is Behaviour.NO_TCP and "interleaved" in request:
+            self.reply(request, "461 Unsupported Transport", "")
         elif method == "SETUP":
             self.reply(request, "200 OK", f"Transport: {self.transport(request)}\r\n")
         else:

@@ -45,6 +45,20 @@ def test_another_transport_is_advised_only_where_it_was_not_tried(serve: Serve) 
         assert (advice in error) is is_advised
 
 
+def test_a_server_without_tcp_gets_the_advice_of_udp(fake: ModuleType) -> None:
+    """TCP is the default, so that its user may not know of the other; with the advice the video plays."""
+    advice = (
+        "does not send over the transport asked for; if it does over UDP, set transport=udp or transport=auto"
+    )
+    with fake.FakeServer(fake.access_units(), behaviour=fake.Behaviour.NO_TCP) as server:
+        error, _ = fails(f"rtspsrc location={server.url}")
+        assert advice in error
+        text = f"rtspsrc location={server.url} transport=auto ! decode ! appsink name=out"
+        with Pipeline.parse(text) as pipeline:
+            pipeline.play()
+            assert next(iter(pipeline["out"])).epoch == 0
+
+
 def test_a_closed_port_is_reported() -> None:
     """A refused connection gives its reason at once."""
     error, elapsed = fails("rtspsrc location=rtsp://me:secret@127.0.0.1:1/live")
