@@ -189,6 +189,8 @@ def _fault(expanded: ExpandedText, machine: InteractiveParser, token: Token) -> 
         hint = "a property must follow its element"
     elif token.type == "ILLEGAL" and not token.isascii():
         hint = "names are ASCII; put other characters into quoted values"
+    elif token.startswith("#"):
+        hint = "comments stand in texts of several lines, as in a file (-f FILE)"
     elif token in ("'", '"'):
         hint = "write a caps filter without quotes, which only a shell needs"
     elif token == "\\":

@@ -121,6 +121,13 @@ def test_pads_references_addresses_and_bins() -> None:
             "              ^",
         ),
         (
+            "fakesrc ! fakesink # no file",
+            "description:1:20: unexpected '#'; expected '!', a property, an element, the end; "
+            "comments stand in texts of several lines, as in a file (-f FILE)\n"
+            "    fakesrc ! fakesink # no file\n"
+            "                       ^",
+        ),
+        (
             "fakesrc ! kü",
             "description:1:12: unexpected 'ü'; expected '!', a property, an element, the end; "
             "names are ASCII; put other characters into quoted values\n"
