@@ -1,5 +1,8 @@
 """`streamkit new`: names, existing files, nothing overwritten."""
 
+import subprocess
+import sys
+import tarfile
 import tomllib
 from pathlib import Path
 
@@ -40,6 +43,20 @@ def test_the_package_is_complete(folder: Path, kind: str) -> None:
     assert f"class RollingAverage({kind.capitalize()}):" in source
     assert "$" not in source
     assert 'pip install -e ".[test]"' in done.stdout
+
+
+def test_what_runs_have_written_is_not_published(folder: Path, tmp_path: Path) -> None:
+    """A video that was made beside the sources is not in the source distribution; README and tests are."""
+    assert new("rolling-average").exit_code == 0
+    project = folder / "rolling-average"
+    (project / "out.mp4").write_bytes(b"video")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path / "dist")]
+    subprocess.run(command, cwd=project, check=True, capture_output=True, timeout=60)
+    with tarfile.open(next((tmp_path / "dist").iterdir())) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert "out.mp4" not in names
+    assert {"README.md", "pyproject.toml", "src/rolling_average/element.py"} <= names
+    assert "tests/test_rolling_average.py" in names
 
 
 @pytest.mark.parametrize(
