@@ -63,7 +63,12 @@ def main() -> None:
     arguments = sys.argv[1:]
     try:
         make_app()()
-    except KeyboardInterrupt:  # before the command handles it itself
+    except (
+        KeyboardInterrupt,
+        SystemExit,
+    ) as ended:  # before the command handles it itself; typer's is an exit
+        if isinstance(ended, SystemExit) and ended.code != INTERRUPTED:
+            raise
         sys.exit(0 if arguments[:1] == ["launch"] else INTERRUPTED)
     except OSError as error:
         if error.errno not in NO_OUTPUT:

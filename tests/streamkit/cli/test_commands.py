@@ -179,14 +179,23 @@ def test_a_command_after_a_double_dash_runs() -> None:
         assert (done.returncode, found in done.stdout) == (0, True), done.stderr
 
 
-@pytest.mark.parametrize(("first", "exit_code"), [("launch", 0), ("inspect", 130), ("--help", 130)])
-def test_an_interrupt_during_imports_prints_nothing(first: str, exit_code: int) -> None:
+@pytest.mark.parametrize(
+    ("first", "module", "exit_code"),
+    [
+        ("launch", "typer", 0),
+        ("launch", "streamkit.cli.launch", 0),  # typer makes it an exit with 130
+        ("inspect", "typer", 130),
+        ("inspect", "streamkit.cli.inspect", 130),
+        ("--help", "typer", 130),
+    ],
+)
+def test_an_interrupt_during_imports_prints_nothing(first: str, module: str, exit_code: int) -> None:
     """Ctrl-C while the command line is being imported ends it without a traceback."""
     code = (
         "import sys\n"
         "class Interrupts:\n"
         "    def find_spec(self, name, *_):\n"
-        "        if name == 'typer':\n"
+        f"        if name == {module!r}:\n"
         "            raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Interrupts())\n"
         "from streamkit.cli.main import main\n"

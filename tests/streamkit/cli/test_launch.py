@@ -105,6 +105,15 @@ def test_errors_as_json(launch: Callable[..., Result], text: str, error: dict[st
             "error: cannot read the description no/such.pipe: No such file or directory\n",
         ),
         (["--set", "X", "fakesrc"], "error: --set takes NAME=VALUE, got 'X'\n"),
+        (
+            ["--gst-debug=3", "fakesrc ! fakesink"],
+            "error: No such option: --gst-debug; here: -v, which prints more, and --stats, which counts\n",
+        ),
+        (
+            ["fakesrc ! fakesink", "-m"],
+            "error: No such option: -m; here: -v, which prints every message\n",
+        ),
+        (["--version"], "error: No such option: --version; here: `streamkit --version`\n"),
     ],
 )
 def test_wrong_usage_is_code_2(launch: Callable[..., Result], arguments: list[str], message: str) -> None:
