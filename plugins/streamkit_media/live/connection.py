@@ -13,7 +13,7 @@ from av.stream import Stream
 
 from streamkit import Caps, Frame, FrameFlags, ResourceError, StreamError, StreamkitError, mask_secrets
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.container import other_videos, video_stream
+from streamkit_media.container import other_videos
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.failures import ConnectionLost, silence
 from streamkit_media.live.liveinput import LiveInput
@@ -137,8 +137,12 @@ class LiveConnection:
 
     def _read_from(self, container: InputContainer) -> None:
         source = self._source
-        self.unread = other_videos(container, video_stream(container, source.location))
-        streams = streams_of(container, self._kinds)
+        video = source.video_of(container)
+        self.unread = other_videos(container, video) if source.video_index is None else []
+        streams = [
+            (video if kind is StreamKind.VIDEO else stream, kind)
+            for stream, kind in streams_of(container, self._kinds)
+        ]
         carried = {stream.index: (stream_caps(stream, kind), kind) for stream, kind in streams}
         self.found = {kind: caps for caps, kind in carried.values()}
         due = time.monotonic() + source.timeout_s

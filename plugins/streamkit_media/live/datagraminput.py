@@ -18,7 +18,7 @@ from av.video.stream import VideoStream
 from typing_extensions import override
 
 from streamkit import ResourceError
-from streamkit_media.container import open_container, video_stream
+from streamkit_media.container import open_container
 from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import LIVE_OPTIONS, LiveInput
@@ -153,7 +153,7 @@ class DatagramInput(LiveInput):
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         """The packets until `cut`; raises `ConnectionLost` where the sender restarts."""
-        video = video_stream(container, self.location)
+        video = self.video_of(container)
         packets = self._until_restart(read_packets(container, *streams), video)
         return whole_frames(container, packets, video) if self._low_latency else packets
 

@@ -11,10 +11,11 @@ from urllib.parse import urlsplit
 from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
+from av.video.stream import VideoStream
 from typing_extensions import override
 
 from streamkit import ResourceError, mask_secrets
-from streamkit_media.container import open_container
+from streamkit_media.container import open_container, video_stream
 from streamkit_media.failures import AccessRefused, ConnectionLost
 from streamkit_media.live.addresses import port_of
 from streamkit_media.live.reachability import unreachable
@@ -36,6 +37,8 @@ class LiveInput:
         timeout_s: limit for opening and for each read.
     """
 
+    video_index: int | None = None  # of the stream whose video is read; none is FFmpeg's best
+
     def __init__(self, location: str, timeout_s: float) -> None:
         self.location, self.timeout_s = location, timeout_s
         self.where = mask_secrets(location)  # the location as it may be shown
@@ -44,6 +47,10 @@ class LiveInput:
     def open(self) -> InputContainer:
         """Connects; raises `ResourceError` where that fails."""
         raise NotImplementedError
+
+    def video_of(self, container: InputContainer) -> VideoStream:
+        """The video that is read; raises `StreamError` where there is none."""
+        return video_stream(container, self.location, self.video_index)
 
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         """The packets of streams, the video first, until the end.

@@ -55,6 +55,10 @@ class LiveSource(Endpoint, Source):
         256, min=2, doc="Packets queued for a slow consumer before the oldest are dropped."
     )
 
+    video_stream: int | None = Property(
+        None, min=0, doc="Number of the stream whose video is read, from 0; none is FFmpeg's best."
+    )
+
     low_latency: bool = Property(
         True,
         doc="Take a frame's end from RTP (RTSP over TCP) or MPEG-TS (over UDP); off, FFmpeg's parser adds "
@@ -151,8 +155,10 @@ class LiveSource(Endpoint, Source):
     def _one_connection(self) -> Iterator[Frame | tuple[str, Frame]]:
         """Its packets; the first makes it a new epoch."""
         self._stamps.timeline.begin_connection()
+        source = self.make_input()
+        source.video_index = self.video_stream
         connection = self._connection = LiveConnection(
-            self.make_input(), self._kinds, self.max_packets, self.latency_ms, self._stamps, self.count_drop
+            source, self._kinds, self.max_packets, self.latency_ms, self._stamps, self.count_drop
         )
         is_connected = False
         for kind, frame in connection.frames(self.over):
@@ -163,8 +169,8 @@ class LiveSource(Endpoint, Source):
                 self._add_pads(connection.found)
                 if connection.unread and self._epoch == 0:
                     self.post_warning(
-                        f"{self._where}: one video is read, and not streams {connection.unread}; "
-                        "have the sender, or a relay, send another alone"
+                        f"{self._where}: one video is read, and not {connection.unread}; "
+                        f"write video-stream={connection.unread[0]} to read another"
                     )
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))

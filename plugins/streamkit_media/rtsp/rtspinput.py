@@ -21,7 +21,6 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
-from streamkit_media.container import video_stream
 from streamkit_media.failures import InvalidMedia
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import UrlInput
@@ -66,7 +65,7 @@ class RtspInput(UrlInput):
             with suppress(InvalidMedia):
                 container = super().opened({**options, **UNPARSED})
                 try:
-                    self._is_in_pieces = can_be_joined(video_stream(container, self.location))
+                    self._is_in_pieces = can_be_joined(self.video_of(container))
                 finally:
                     if not self._is_in_pieces:
                         container.close()
@@ -79,7 +78,7 @@ class RtspInput(UrlInput):
         if not self._is_in_pieces:
             yield from super().packets(container, streams)
             return
-        video = video_stream(container, self.location)
+        video = self.video_of(container)
         units = AccessUnits(video)
         for piece, is_last in self._marked(read_packets(container, *streams)):
             if piece.stream_index == video.index:

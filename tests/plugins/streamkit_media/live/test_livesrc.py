@@ -60,7 +60,27 @@ def test_a_video_that_is_not_read_is_named(start_gstreamer: Start, port: int, co
         )
         pipeline.play()
         assert len(list(islice(pipeline["out"], 3))) == 3
-    assert sum("one video is read, and not streams [" in text for text in warnings) == count - 1
+    assert sum("one video is read, and not [" in text for text in warnings) == count - 1
+
+
+def test_a_further_video_is_read_where_it_is_chosen(start_gstreamer: Start, port: int) -> None:
+    """The second camera of a transport stream, of another size; no warning then, and an error for none."""
+    size = "video/x-raw, width=160, height=120"
+    second = f"videotestsrc is-live=true ! {size} ! x264enc tune=zerolatency key-int-max=15 ! m. "
+    start_gstreamer("mpegtsmux name=m alignment=7", f"udpsink host=127.0.0.1 port={port} {second}")
+    uri = f"livesrc uri=udp://127.0.0.1:{port} reconnect=always"
+    sizes, warnings = set(), list[str]()
+    for index in (0, 1):
+        with Pipeline.parse(f"{uri} video-stream={index} ! decode ! appsink name=out") as pipeline:
+            pipeline.bus.watch(
+                lambda message: message.kind is MessageKind.WARNING and warnings.append(message.text)
+            )
+            pipeline.play()
+            sizes.add(next(iter(pipeline["out"])).data.shape)
+    assert sizes == {(240, 320), (120, 160)}
+    assert not [text for text in warnings if "is read" in text]
+    with pytest.raises(ElementFailure, match="stream 7 is no video; videos are 0, 1"):
+        Pipeline.parse(f"{uri[:-6]}never video-stream=7 ! fakesink").run(timeout_s=20)
 
 
 def test_telemetry_comes_with_the_video(start_ffmpeg: Start, port: int) -> None:
