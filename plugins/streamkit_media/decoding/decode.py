@@ -42,6 +42,10 @@ INTERLACED = (
     "the video is interlaced, and what moves has combed edges; deinterlace it for better detections, as "
     "ffmpeg -i IN -vf bwdif OUT does"
 )
+NOT_SQUARE = (
+    "the pixels of the video are not square ({shape}), and angles, sizes and places on the ground are those "
+    "of square ones; make them so, as ffmpeg -i IN -vf scale=iw*sar:ih,setsar=1 OUT does"
+)
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -282,6 +286,8 @@ class Decode(Transform):
             raise StreamError(str(error)) from None
         if video_frame.interlaced_frame:
             self.warn_once(INTERLACED)
+        if video_frame.key_frame and (shape := stream.decoder.pixel_shape):
+            self.warn_once(NOT_SQUARE.format(shape=shape))
         size = video_frame.width, video_frame.height
         if stream.rotation or stream.is_flipped:
             pixels = oriented(pixels, stream.rotation, is_flipped=stream.is_flipped)

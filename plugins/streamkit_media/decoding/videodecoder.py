@@ -25,6 +25,7 @@ Data: TypeAlias = "Packet[VideoStream] | bytes | bytearray | memoryview"
 # Frame threads of these can wait for each other without end where damaged frames come out too; where these do
 # not, a third of all frames of a damaged stream is lost.
 SLICE_THREADS_ONLY = frozenset({"hevc"})
+SQUARE_TOLERANCE = 0.01  # a pixel of 400:401 is square to any purpose
 # In this order; each only where the machine has the device, because asking a driver for one may take seconds.
 DEVICES = {
     "cuda": ("/dev", "nvidia[0-9]*"),
@@ -86,6 +87,13 @@ class VideoDecoder(Generic[Origin]):
             context.bits_per_coded_sample = int(str(bits))
         if pixel_format := caps.get("pixel_format"):
             context.pix_fmt = str(pixel_format)
+
+    @property
+    def pixel_shape(self) -> str:
+        """Width to height of a pixel, such as 16:15; "" where it is square, or no frame has come."""
+        ratio = self._context.sample_aspect_ratio
+        is_square = not ratio or abs(ratio - 1) <= SQUARE_TOLERANCE
+        return "" if ratio is None or is_square else f"{ratio.numerator}:{ratio.denominator}"
 
     @property
     def is_on_device(self) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 
 from streamkit import mask_secrets
 from streamkit_media.codecs import OTHER
-from streamkit_media.decoding.decode import INTERLACED
+from streamkit_media.decoding.decode import INTERLACED, NOT_SQUARE
 from streamkit_media.doctor.measure import Decoded, Measured, measure, try_decoding
 from streamkit_media.doctor.watch import Seen
 
@@ -104,6 +104,8 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     checks = [_format_check(seen, transport, decoded.size), speed]
     if decoded.interlaced:
         checks.append(note("fields", INTERLACED))
+    if decoded.pixel_shape:
+        checks.append(note("pixels", NOT_SQUARE.format(shape=decoded.pixel_shape)))
     if found.packets == 1 and not is_live:
         return [*checks, note("length", "one frame"), _telemetry_check(seen, is_live=False)]
     if seen.shortfall:

@@ -91,6 +91,7 @@ class Decoded:
     hidden: int = 0  # frames that are decoded for others and not shown, as the file says
     # frames a second on this machine as busy as it is; None where that took no time
     rate: float | None = None
+    pixel_shape: str = ""  # width to height of a pixel; "" where it is square
     error: str = ""  # of the first packet that did not decode, or ""
     size: tuple[int, int] | None = None  # width and height of the first frame, px; None where there was none
 
@@ -122,6 +123,7 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         found.interlaced += sum(image.interlaced_frame for image in shown)
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
+    found.pixel_shape = decoder.pixel_shape
     elapsed_s = time.monotonic() - began
     found.rate = found.frames / elapsed_s if found.frames and elapsed_s else None
     return found

@@ -15,6 +15,7 @@ from streamkit.testing import Harness, ManualClock
 from streamkit_media.codecs import coded_caps
 from streamkit_media.decoding.decode import Decode
 from streamkit_media.decoding.marks import Freshness
+from streamkit_media.doctor.examine import examine
 from streamkit_media.streams import DECODE_ONLY
 
 MakeVideo = Callable[..., Path]
@@ -199,6 +200,23 @@ def test_interlaced_video_is_warned_of_once(make_video: MakeVideo, flags: str, w
         assert len(decoded(harness, packets_of(path))) == 5
     warned = [message.text for message in harness.messages if message.kind == "warning"]
     assert [text.partition(",")[0] for text in warned] == ["the video is interlaced"] * warnings
+
+
+@pytest.mark.parametrize(("ratio", "warnings"), [("16/15", 1), ("1/1", 0), ("400/401", 0)])
+def test_pixels_that_are_not_square_are_warned_of_once(
+    make_video: MakeVideo, ratio: str, warnings: int
+) -> None:
+    """The rest of the pipeline takes them for square: a position on the ground would be off in silence."""
+    name, options = f"pixels{ratio.replace('/', '-')}.mp4", {"x264-params": f"sar={ratio}"}
+    path = make_video(name, options=options, count=5)
+    with Harness("decode") as harness:
+        assert len(decoded(harness, packets_of(path))) == 5
+    warned = [message.text for message in harness.messages if message.kind == "warning"]
+    assert [text.partition(",")[0] for text in warned] == (
+        ["the pixels of the video are not square (16:15)"] * warnings
+    )
+    notes = [check.text for check in examine(str(path), 1.0, 5.0, "tcp", lambda _: None).checks]
+    assert sum("not square (16:15)" in text for text in notes) == warnings
 
 
 def test_a_stream_joined_between_keyframes_says_what_it_waits_for(make_video: MakeVideo) -> None:
