@@ -24,15 +24,16 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import ray
 from msgspec import structs
 from ray.cluster_utils import Cluster
 
 from streamkit import Pipeline, RecordFile
+from streamkit.geometry.boxes import box_iou
 from streamkit_fleet import control
 from streamkit_fleet.batch.driver import BatchDriver
 from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan, keyframes_s, split
-from streamkit_fleet.batch.seam import iou
 from streamkit_fleet.batch.work import finish, run_part
 from streamkit_fleet.cluster import connected
 from streamkit_fleet.feeds import FeedSpec
@@ -257,7 +258,7 @@ def _same(one: dict[int, tuple[float, ...]], other: dict[int, tuple[float, ...]]
     """Ids of the second by those of the first, where the boxes overlap by half."""
     if not one or not other:
         return {}
-    shares = iou(list(one.values()), list(other.values()))
+    shares = box_iou(np.array(list(one.values())), np.array(list(other.values())))
     return {
         key: list(other)[int(row.argmax())] for key, row in zip(one, shares, strict=True) if row.max() >= 0.5
     }

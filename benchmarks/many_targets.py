@@ -24,6 +24,7 @@ import numpy as np
 from tracking_sequences import FloatArray, shared_data
 
 from streamkit import SHOWN_STATES, Detections, Frame, Pipeline, Tracks
+from streamkit.geometry.boxes import upright_sides
 from streamkit_tracker.evaluation.readers import read_truth
 from streamkit_tracker.evaluation.scores import Labelled, overlaps, score_identities
 from streamkit_video.dronetestsrc.truth import TrueTargets
@@ -169,10 +170,8 @@ def _labelled(tracks: Tracks | None) -> Labelled:
 
 def _upright(windows: FloatArray) -> FloatArray:
     """Upright boxes around windows float64[n, 5]: float64[n, 4], left, top, width, height, px."""
-    x, y, length, width, angle = windows.T
-    cosine, sine = np.abs(np.cos(angle)), np.abs(np.sin(angle))
-    across, down = length * cosine + width * sine, length * sine + width * cosine
-    return np.column_stack([x - across / 2, y - down / 2, across, down])
+    sides = np.array([upright_sides(*window[2:]) for window in windows]).reshape(-1, 2)
+    return np.hstack([windows[:, :2] - sides / 2, sides])
 
 
 def compare(name: str, sequence: Sequence, frames: int, python: str) -> None:

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.geometry.boxes import upright_sides
+
 FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 LevelArray = NDArray[np.float32]
@@ -141,8 +143,7 @@ def rendered(kind: str, seed: int) -> Iterator[Step]:
 
 def upright(window: FloatArray) -> FloatArray:
     """float64[4] x0 y0 width height around a turned window."""
-    cosine, sine = abs(np.cos(window[4])), abs(np.sin(window[4]))
-    width, height = window[2] * cosine + window[3] * sine, window[2] * sine + window[3] * cosine
+    width, height = upright_sides(*window[2:])
     return np.array([window[0] - (width - 1) / 2, window[1] - (height - 1) / 2, width, height])
 
 

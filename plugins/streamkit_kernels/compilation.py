@@ -15,6 +15,8 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 from typing_extensions import override
 
+from streamkit.geometry import boxes
+
 # Argument types of kernels, by dtype: arrays [rows, columns], C-contiguous, in their own memory.
 UINT8 = types.Array(types.uint8, 2, "C")
 UINT16 = types.Array(types.uint16, 2, "C")
@@ -47,16 +49,18 @@ _preparing = Lock()
 
 
 class _PackageCache(FunctionCache):
-    """numba's cache of machine code, invalidated by a change of any module of the function's package.
+    """numba's cache of machine code, invalidated by a change of any module that the function may use.
 
-    numba itself checks the function's own module only, and misses changes of imported kernels and constants.
+    These are those of its own package, this one, and `streamkit.geometry`. numba itself checks the function's
+    own module only, and misses changes of imported kernels and constants.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]
         path = Path(function.__code__.co_filename)
         if path.is_file():  # not within a zip archive
-            stamp = _sources_stamp(_package_folder(path) or path), _sources_stamp(Path(__file__).parent)
+            shared = (_sources_stamp(Path(module).parent) for module in (__file__, boxes.__file__))
+            stamp = _sources_stamp(_package_folder(path) or path), *shared
             name = self._impl.filename_base
             self._cache_file = IndexDataCacheFile(self._cache_path, name, stamp)  # type: ignore[no-untyped-call]
 
@@ -94,8 +98,8 @@ def _sources_stamp(path: Path) -> str:
 def compiled(function: Callable[_Parameters, _Result]) -> Callable[_Parameters, _Result]:
     """A function of arrays and numbers, compiled by numba when it is first called.
 
-    The machine code is cached next to the module, or in the user's cache folder, until a source of the
-    function's package changes. Results are the same on every machine: no fast-math. The function runs without
+    The machine code is cached next to the module, or in the user's cache folder, until a source that the
+    function may use changes. Results are the same on every machine: no fast-math. The function runs without
     the interpreter's lock.
 
     Args:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from typing_extensions import override
 
 from streamkit import Caps, Frame, Pose, Property, Track, Tracks, TrackState, Transform
+from streamkit.geometry.boxes import upright_sides
 from streamkit_telemetry.st0601writer import (
     ber_length,
     ber_oid,
@@ -117,10 +118,8 @@ def _best(tracks: Sequence[Track]) -> Sequence[Track]:
 
 def _vtarget(track: Track, utc_us: int | None, width: int, height: int) -> bytes | None:
     """A VTarget pack, with an upright box; None where the target is outside the frame."""
-    cosine, sine = abs(math.cos(track.angle)), abs(math.sin(track.angle))
-    across = (track.length * cosine + track.width * sine) / 2
-    down = (track.length * sine + track.width * cosine) / 2
-    box = track.x - across, track.x + across, track.y - down, track.y + down
+    across, down = upright_sides(track.length, track.width, track.angle)
+    box = track.x - across / 2, track.x + across / 2, track.y - down / 2, track.y + down / 2
     if not all(map(math.isfinite, (track.x, track.y, *box))):
         return None
     (left, right), (top, bottom) = _pixels(*box[:2], width), _pixels(*box[2:], height)

@@ -14,6 +14,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from streamkit.geometry import boxes
 from streamkit_kernels import compiled
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +29,8 @@ NO_SCALE = 1e-9
 IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
 ADJUGATE: FloatArray = 2 * IDENTITY - 1  # signs
+
+upright_sides = register_jitable(boxes.upright_sides)
 
 
 @register_jitable
@@ -79,13 +82,6 @@ def is_inside(x: float, y: float, window: FloatArray, scale: float) -> bool:
     cosine, sine = np.cos(window[ANGLE]), np.sin(window[ANGLE])
     along, across = abs(right * cosine + down * sine), abs(down * cosine - right * sine)
     return bool(along < 0.5 * scale * window[LENGTH] and across < 0.5 * scale * window[WIDTH])
-
-
-@register_jitable
-def upright_sides(length: float, width: float, angle: float) -> tuple[float, float]:
-    """Width and height of the upright box around a window, px."""
-    cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
-    return length * cosine + width * sine, length * sine + width * cosine
 
 
 def widened(windows: FloatArray, factor: float | FloatArray) -> FloatArray:

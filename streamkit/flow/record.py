@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, isfinite, sin
+from math import isfinite
 from typing import Annotated, Literal, cast
 
 import msgspec
@@ -12,6 +12,7 @@ from streamkit.flow.caps import Caps
 from streamkit.flow.frame import Capture, Frame
 from streamkit.flow.ground import GroundPosition, ground_positions
 from streamkit.flow.metadata import Detections, Registration, Track, TrackState
+from streamkit.geometry.boxes import upright_sides
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.masking import mask_secrets
 
@@ -279,12 +280,10 @@ def _target_record(
     x, y, length, width, angle, score = known
     vx, vy = _finite(*track.velocity) or (None, None)
     spread = _finite(*track.covariance.ravel())
-    cosine, sine = abs(cos(angle)), abs(sin(angle))
-    half_x = (length * cosine + width * sine) / 2
-    half_y = (length * sine + width * cosine) / 2
+    across, down = upright_sides(length, width, angle)
     return TargetRecord(
         id=int(track.id), state=track.state, x=x, y=y, length=length, width=width, angle=angle,
-        bbox=(x - half_x, y - half_y, x + half_x, y + half_y),
+        bbox=(x - across / 2, y - down / 2, x + across / 2, y + down / 2),
         vx=vx, vy=vy,
         position_covariance=None if spread is None else ((spread[0], spread[1]), (spread[2], spread[3])),
         score=score,

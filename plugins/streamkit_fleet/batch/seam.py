@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import product
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+
+from streamkit.geometry.boxes import box_iou
 
 SAME_IOU = 0.5  # the criterion of the MOT and PASCAL benchmarks
 
@@ -31,7 +32,7 @@ def match_ids(frames: Iterable[tuple[Boxes, Boxes]]) -> dict[int, int]:
     common: Counter[tuple[int, int]] = Counter()
     for before, after in frames:
         if before and after:
-            overlaps = iou(list(before.values()), list(after.values()))
+            overlaps = box_iou(np.array(list(before.values())), np.array(list(after.values())))
             pairs = list(product(before, after))
             common.update(pairs)
             agreed.update(dict(zip(pairs, (overlaps.ravel() >= SAME_IOU).tolist(), strict=True)))
@@ -45,14 +46,3 @@ def match_ids(frames: Iterable[tuple[Boxes, Boxes]]) -> dict[int, int]:
     return {
         later: earlier for earlier, later in matched if 2 * agreed[earlier, later] > common[earlier, later]
     }
-
-
-def iou(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> NDArray[np.float64]:
-    """Intersection over union of boxes x0 y0 x1 y1: float64[len(first), len(second)]."""
-    a, b = np.asarray(first, float)[:, None], np.asarray(second, float)[None]
-    sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
-    both = np.prod(np.clip(sides, 0.0, None), axis=-1)
-    areas = [np.prod(boxes[..., 2:] - boxes[..., :2], axis=-1) for boxes in (a, b)]
-    either: NDArray[np.float64] = areas[0] + areas[1] - both
-    shares: NDArray[np.float64] = np.divide(both, either, out=np.zeros_like(either), where=either > 0)
-    return shares

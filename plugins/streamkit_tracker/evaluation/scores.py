@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from streamkit.geometry.boxes import box_iou
 from streamkit_tracker.window_geometry import FloatArray
 
 IdArray = NDArray[np.int64]
@@ -42,12 +43,7 @@ def overlaps(first: FloatArray, second: FloatArray) -> FloatArray:
 
     Boxes are left, top, width, height, px; those without area overlap nothing.
     """
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, :2] + first[:, None, 2:], second[None, :, :2] + second[None, :, 2:])
-    common = np.prod(np.maximum(high - low, 0.0), axis=2)
-    areas = [np.prod(np.maximum(boxes[:, 2:], 0.0), axis=1) for boxes in (first, second)]
-    union = areas[0][:, None] + areas[1][None] - common
-    return np.asarray(np.where(union > 0, common / np.maximum(union, EPSILON), 0.0))
+    return box_iou(*(np.hstack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]]) for boxes in (first, second)))
 
 
 def best_pairs(scores: FloatArray) -> list[tuple[int, int]]:

@@ -1,9 +1,8 @@
 """Matching of targets over common frames."""
 
-import numpy as np
 import pytest
 
-from streamkit_fleet.batch.seam import iou, match_ids
+from streamkit_fleet.batch.seam import match_ids
 
 Box = tuple[float, float, float, float]
 
@@ -11,12 +10,6 @@ Box = tuple[float, float, float, float]
 def box(x: float, y: float = 0.0) -> Box:
     """A square of 10 px."""
     return x, y, x + 10, y + 10
-
-
-def test_overlap_of_boxes() -> None:
-    """Same, half and nothing; a box without area overlaps nothing."""
-    found = iou([box(0), (3, 3, 3, 3)], [box(0), box(5), box(30)])
-    np.testing.assert_allclose(found, [[1, 1 / 3, 0], [0, 0, 0]])
 
 
 def test_targets_are_matched_by_most_of_their_frames() -> None:

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from streamkit.geometry.boxes import upright_sides
 from streamkit_tracker.targets import CONFIRMED, TARGET, TENTATIVE, TargetRows
 from streamkit_tracker.update.detected_box import follow_boxes, follow_detections
-from streamkit_tracker.window_geometry import LENGTH, FloatArray, upright_sides
+from streamkit_tracker.window_geometry import LENGTH, FloatArray
 
 STEP_S = 0.04
 
