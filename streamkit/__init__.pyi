@@ -40,6 +40,7 @@ from streamkit.flow.caps import Structure as Structure
 from streamkit.flow.caps_values import FractionRange as FractionRange
 from streamkit.flow.caps_values import IntRange as IntRange
 from streamkit.flow.caps_values import ValueList as ValueList
+from streamkit.flow.clock import CONTAINER_ROUNDING_NS as CONTAINER_ROUNDING_NS
 from streamkit.flow.clock import SECOND_NS as SECOND_NS
 from streamkit.flow.clock import Clock as Clock
 from streamkit.flow.events import CapsEvent as CapsEvent

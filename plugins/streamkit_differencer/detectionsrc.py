@@ -16,12 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from streamkit import Detections, Frame, Property, ResourceError, StreamError, Transform
+from streamkit import (
+    CONTAINER_ROUNDING_NS,
+    Detections,
+    Frame,
+    Property,
+    ResourceError,
+    StreamError,
+    Transform,
+)
 from streamkit_differencer.arrays import FloatArray, overlaps
 
 MOT_CORNER = 1.5  # from the centre of the first pixel to the corner of MOT's pixel 1
 MAX_FRAME = 1e7
-ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
 MAX_OUTSIDE = 0.1  # of the boxes; those of tracked objects that leave may lie beyond the frame
 NOT_IN_TEXT = frozenset("\0\N{REPLACEMENT CHARACTER}")
 
@@ -204,9 +211,9 @@ class FileFit:
     def _wrong_time(self, number: int) -> str:
         """That another frame of the file has the time of the first, as with start-s of filesrc, or ""."""
         first_ns, row_ns = self._first_ns, self._table.times.get(number)
-        if first_ns is None or row_ns is None or abs(row_ns - first_ns) <= ROUNDING_NS:
+        if first_ns is None or row_ns is None or abs(row_ns - first_ns) <= CONTAINER_ROUNDING_NS:
             return ""
-        others = [at for at, ns in self._table.times.items() if abs(ns - first_ns) <= ROUNDING_NS]
+        others = [at for at, ns in self._table.times.items() if abs(ns - first_ns) <= CONTAINER_ROUNDING_NS]
         if not others:
             return ""  # the file may be of the same frames in another container
         return (

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing_extensions import override
 
 from streamkit import (
+    CONTAINER_ROUNDING_NS,
     Frame,
     Property,
     RecordFile,
@@ -16,8 +17,6 @@ from streamkit import (
     tracks_of,
 )
 from streamkit_tracks.tracksrc import check_records
-
-ROUNDING_NS = 600_000  # half of Matroska's millisecond, and the ticks of other containers
 
 
 class TrackAttach(Transform):
@@ -104,4 +103,4 @@ def _side_of(frame: Frame, record: TrackRecord) -> int:
         place, wanted = (record.epoch, record.seq), (frame.epoch, frame.seq)
         return (place > wanted) - (place < wanted)
     later_ns = record.pts_ns - frame.pts
-    return 0 if abs(later_ns) <= ROUNDING_NS else later_ns
+    return 0 if abs(later_ns) <= CONTAINER_ROUNDING_NS else later_ns

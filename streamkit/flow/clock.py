@@ -7,6 +7,8 @@ import time
 from typing import Protocol
 
 SECOND_NS = 1_000_000_000
+# Times of one frame in two files differ by less: half of Matroska's millisecond, and the ticks of others.
+CONTAINER_ROUNDING_NS = 600_000
 
 
 class Clock(Protocol):

@@ -10,12 +10,19 @@ from typing import Annotated
 
 import typer
 
-from streamkit import Pipeline, RecordFile, StreamError, StreamkitError, exit_with_error, read_statistics
+from streamkit import (
+    CONTAINER_ROUNDING_NS,
+    Pipeline,
+    RecordFile,
+    StreamError,
+    StreamkitError,
+    exit_with_error,
+    read_statistics,
+)
 from streamkit.masking import presentable
 from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason, write_output
 from streamkit_tracks.report.page import build_page, cost_table
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
-from streamkit_tracks.trackattach import ROUNDING_NS
 
 MAX_CROPS = 60
 PAGE_SUFFIXES = (".html", ".htm")
@@ -129,8 +136,8 @@ def take_pictures(run: RecordedRun, video: Path) -> tuple[bytes, dict[int, bytes
 
 
 def index_at(times: Sequence[tuple[int, int]], pts: int | None) -> int | None:
-    """The index beside the time within `ROUNDING_NS` of pts, of ascending times (ns) with indices."""
+    """The index beside the time that equals `pts` to rounding, of ascending times (ns) with indices."""
     if pts is None:
         return None
-    at = bisect_left(times, (pts - ROUNDING_NS, 0))
-    return times[at][1] if at < len(times) and times[at][0] <= pts + ROUNDING_NS else None
+    at = bisect_left(times, (pts - CONTAINER_ROUNDING_NS, 0))
+    return times[at][1] if at < len(times) and times[at][0] <= pts + CONTAINER_ROUNDING_NS else None
