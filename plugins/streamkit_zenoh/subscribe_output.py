@@ -25,9 +25,13 @@ TOTALS = ("received", "lost", "overwritten", "bad", "restarts", "interleaved", "
 
 
 class Printer:
-    """Prints records as lines, and to stderr warnings, with `gaps` losses, with `age` the ages on arrival.
+    """Prints records as lines to stdout, and warnings to stderr.
 
-    `line` makes the line of a record and its age on arrival, ms or None.
+    Args:
+        subscriber: whose records they are.
+        line: makes the line of a record and its age on arrival, ms or None.
+        gaps: whether losses are reported to stderr.
+        age: whether the age of each record on arrival is printed, and at the end their median.
     """
 
     def __init__(
@@ -142,9 +146,11 @@ class TablePrinter(Printer):
         self._report_totals()
 
 
-def printer_for(form: str, subscriber: TrackSubscriber, gaps: bool, age: bool, each: bool) -> Printer:
+def printer_for(
+    output_format: str, subscriber: TrackSubscriber, gaps: bool, age: bool, each: bool
+) -> Printer:
     """The printer of a format: `jsonl`, or `text`, which on a terminal is a table, see `TablePrinter`."""
-    if form == "jsonl":
+    if output_format == "jsonl":
         return Printer(subscriber, as_json, gaps, age)
     if sys.stdout.isatty():
         return TablePrinter(subscriber, gaps, age, each)

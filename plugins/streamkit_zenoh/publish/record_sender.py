@@ -10,9 +10,13 @@ from streamkit import (
     SHOWN_STATES,
     TRACKS_CAPS,
     TRACKS_SCHEMA,
+    Detections,
     Frame,
+    Pose,
+    Registration,
     StreamError,
     TrackRecord,
+    Tracks,
     record_line,
     track_record,
 )
@@ -20,7 +24,6 @@ from streamkit_zenoh.keys import TRACK, TRACKS
 from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.publish.numbered_stream import Outgoing, Publisher, Reply, Sender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
-from streamkit_zenoh.wire.records import without_pixels
 
 
 class RecordSender(Sender):
@@ -70,7 +73,7 @@ class RecordSender(Sender):
         """
         if self._fault is not None:
             self.raise_fault()
-        self.last_frame = without_pixels(frame)
+        self.last_frame = _without_pixels(frame)
         super().submit(self.last_frame)
 
     def end_with(self, fault: Exception) -> None:
@@ -165,3 +168,14 @@ class RecordSender(Sender):
         if frame.caps.name == TRACKS_CAPS.name and self._codec.encoding is Encoding.JSON:
             return record_line(frame)
         return self._codec.encode(record)
+
+
+def _without_pixels(frame: Frame) -> Frame:
+    """The frame with only what its record needs, so that a queue of frames holds no pixels."""
+    if frame.caps.name == TRACKS_CAPS.name:
+        return frame
+    wanted: tuple[type, ...] = (Tracks, Registration, Pose, Detections)
+    kept = {kind: item for kind, item in frame.metadata.items() if kind in wanted}
+    return Frame(
+        b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
+    )

@@ -2,29 +2,7 @@
 
 from functools import lru_cache
 
-from streamkit import (
-    TRACKS_CAPS,
-    Caps,
-    Detections,
-    Frame,
-    Pose,
-    Registration,
-    TrackRecord,
-    Tracks,
-    registration_of,
-    tracks_of,
-)
-
-
-def without_pixels(frame: Frame) -> Frame:
-    """The frame with only what its record needs, so that a queue of frames holds no pixels."""
-    if frame.caps.name == TRACKS_CAPS.name:
-        return frame
-    wanted: tuple[type, ...] = (Tracks, Registration, Pose, Detections)
-    kept = {kind: item for kind, item in frame.metadata.items() if kind in wanted}
-    return Frame(
-        b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
-    )
+from streamkit import TRACKS_CAPS, Caps, Frame, TrackRecord, registration_of, tracks_of
 
 
 def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
