@@ -82,10 +82,10 @@ class VideoFileSink(MediaOutput):
         """
         self.check_pace(frame.pts)
         if frame.caps is not self._caps:
-            self._follow(frame.caps)
+            self._adapt_to(frame.caps)
         assert self._encoder is not None
-        place = self._encoder.ticks(self._place(frame.pts))
-        for packet in self._encoder.encode(frame.data, place):
+        pts = self._encoder.ticks(self._file_time_ns(frame.pts))
+        for packet in self._encoder.encode(frame.data, pts):
             self._write_packet(packet)
 
     def _write_packet(self, packet: Packet[Stream]) -> None:
@@ -93,7 +93,7 @@ class VideoFileSink(MediaOutput):
         pts, dts = (nanoseconds(time or 0, packet.time_base) for time in (packet.pts, packet.dts))
         self._writer.write_video(bytes(packet), pts, dts, None, packet.is_keyframe)
 
-    def _follow(self, caps: Caps) -> None:
+    def _adapt_to(self, caps: Caps) -> None:
         """Begins a file with the first frame, and the next where another size or format comes."""
         pixel_format, size = str(caps["format"]), (caps.integer("width"), caps.integer("height"))
         encoder = self._encoder
@@ -113,9 +113,9 @@ class VideoFileSink(MediaOutput):
         self._caps = caps
 
     def _begin_file(self, pixel_format: str, size: tuple[int, int], rate: Fraction) -> None:
-        self._offset: int | None = None
+        self._offset_ns: int | None = None
         self._frame_ns = round(SECOND_NS / rate)
-        self._last = -self._frame_ns
+        self._last_ns = -self._frame_ns
         gop = KEYFRAME_INTERVAL
         if self.is_sent or self.is_playlist:
             gop = max(1, round(rate * (1 if self.is_sent else SEGMENT_NS // SECOND_NS)))
@@ -128,16 +128,16 @@ class VideoFileSink(MediaOutput):
         coded = coded_caps(self._encoder.codec, even(size[0]), even(size[1]))
         self._writer = PacketWriter(output, self.container(), coded, rate=rate)
 
-    def _place(self, pts: int | None) -> int:
+    def _file_time_ns(self, pts: int | None) -> int:
         """The frame's time in the file, ns; without one of its own that ascends, at the frame rate."""
-        place = following = self._last + self._frame_ns
+        time_ns = following_ns = self._last_ns + self._frame_ns
         if pts is not None and self._writer is not None:
-            if self._offset is None or pts + self._offset <= self._last:
-                self._offset = following - pts
-            place = pts + self._offset
-            self._writer.check_pause(ticks(place - self._last))
-        self._last = place
-        return place
+            if self._offset_ns is None or pts + self._offset_ns <= self._last_ns:
+                self._offset_ns = following_ns - pts
+            time_ns = pts + self._offset_ns
+            self._writer.check_pause(ticks(time_ns - self._last_ns))
+        self._last_ns = time_ns
+        return time_ns
 
     def end(self) -> None:
         """Completes the file; at a stop, frames that the encoder takes too long for are left out."""
@@ -145,7 +145,7 @@ class VideoFileSink(MediaOutput):
         if self._writer is None or encoder is None:
             return
         try:
-            if self._last >= 0:  # a frame was encoded
+            if self._last_ns >= 0:  # a frame was encoded
                 self._flush(encoder)
         finally:
             self._writer.close()
