@@ -1,4 +1,7 @@
-"""Principal components of window vectors, in one batch or updated, and the Fisher step on them."""
+"""Principal components of window vectors, in one batch or updated, and the Fisher step on them.
+
+Equations are those of Zhang, Liu and Qu, whose method docs/wavelet-eigen.md describes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -75,7 +78,7 @@ def learn_eigenspace(vectors: FloatArray, components: int, energy: float = 1.0) 
     Raises:
         ValueError: there is no vector, or one is not finite.
 
-    Source: Zhang, Liu and Qu, equations 5 and 6; Sirovich and Kirby, 1987; Turk and Pentland, 1991.
+    Source: equations 5 and 6; Sirovich and Kirby, 1987; Turk and Pentland, 1991.
     """
     vectors = _validated(vectors)
     mean = vectors.mean(axis=0)

@@ -53,7 +53,8 @@ class CapsReader:
 
     Args:
         text: caps, or one structure.
-        make_caps: makes nested caps from whether they are ANY, and their structures.
+        make_caps: makes nested caps from whether they are ANY, and their structures; `Caps` itself stands on
+            this parser.
         depth: nesting depth of the text in other caps.
         members: list members read so far, in the texts around this one.
     """
