@@ -1,6 +1,6 @@
-"""Loops over pixels as machine code, and matrix products on the calling thread.
+"""What the algorithms of several plugins share, independent of the engine.
 
-A library for plugins, independent of the engine.
+Loops compiled to machine code, matrix products on the calling thread, masks of what hides the scene.
 
 @kernel(UINT8, UINT8)
 def darken(image, darker):

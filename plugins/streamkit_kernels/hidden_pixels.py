@@ -1,4 +1,4 @@
-"""Frames without what hides the scene, for measuring motion."""
+"""Fills in what hides the scene, such as a head-up display, so that motion is that of the scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ import numpy as np
 
 from streamkit.geometry.homography import GreyArray
 
-_CELL: Final = 8  # px
-_REACH: Final = 3.0  # cells
-_MIN_WEIGHT: Final = 1e-3
+_CELL: Final = 8  # side of the squares that are averaged, px
+_REACH: Final = 3.0  # standard deviation of the weights of the surroundings, cells
+_MIN_WEIGHT: Final = 1e-3  # share of shown pixels below which the mean of the whole frame takes over
 
 
 def without_hidden(grey: GreyArray, hidden: GreyArray) -> GreyArray:
-    """The frame, uint8[h, w], with the mean of the surroundings where `hidden`, uint8[h, w], is 255.
+    """Fills in the hidden pixels of a frame by the mean of what is shown around them.
 
-    So even a surface has no corner and no gradient that stands still while the ground moves.
+    A display stands still while the ground moves. The filling is smooth: it has no corner to be tracked.
+
+    Args:
+        grey: uint8[h, w], the frame.
+        hidden: uint8[h, w], 255 where the scene is hidden, else 0.
+
+    Returns:
+        A copy, uint8[h, w].
 
     Source: Knutsson and Westin, Normalized and differential convolution, CVPR 1993.
     """
