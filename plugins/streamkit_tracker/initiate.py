@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Memory
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, FilterHistory
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
 from streamkit_tracker.appearance.window_sampling import WindowSampler
@@ -64,6 +64,6 @@ def start_appearance(table: TargetTable, index: int, space: Space | None, sample
         EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
     )
     if target["manual"]:
-        model.memory = Memory(CorrelationFilter(sampler, window))
+        model.filters = FilterHistory(CorrelationFilter(sampler, window))
         model.return_search = ReturnSearch(sampler, window)
     target["score"], target["recognised"] = 1.0, True

@@ -41,7 +41,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
     rows, homography = table.rows, invertible(to_previous)
     if homography is not None:
         # the trail of a target that its detections have confirmed is not used any more
-        trailed = [model for model in table.models if model.template is None or model.memory is not None]
+        trailed = [model for model in table.models if model.template is None or model.filters is not None]
         clouds = [model.particles for model in table.models if model.particles is not None]
         points = [rows["mean"][:, :2], rows["window"][:, :2]]
         points += [model.trail for model in trailed] + [particles.positions for particles in clouds]

@@ -27,7 +27,7 @@ REPORTED = (
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
 MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
-CREEP = 0.35  # sides per unit of usual distance: drift of a template on a soft target
+CREEP = 0.35  # sides per unit of usual distance: drift of a template on a target that changes shape
 
 
 @dataclass

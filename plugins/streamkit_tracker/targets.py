@@ -10,7 +10,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from streamkit_tracker.appearance.correlation_filter import Memory, Response
+from streamkit_tracker.appearance.correlation_filter import FilterHistory, Response
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.look import Look
@@ -93,7 +93,7 @@ class TargetModel:
         template: windows are compared with it; None before the target is confirmed.
         particles: of the layered filter; None while they are one, at the window.
         patch: samples of a compared patch (rows, columns).
-        memory: correlation filter against the background, for targets drawn by hand, else None.
+        filters: correlation filters against the background, for targets drawn by hand, else None.
         return_search: finds such a target again, else None.
         response: of that filter in this frame, or None.
         look: what the vectors of its detections have shown, or None.
@@ -105,7 +105,7 @@ class TargetModel:
     template: EigenTemplate | FeatureTemplate | None = None
     particles: Particles | None = None
     patch: tuple[int, int] = (0, 0)
-    memory: Memory | None = None
+    filters: FilterHistory | None = None
     return_search: ReturnSearch | None = None
     response: Response | None = None
     look: Look | None = None

@@ -105,7 +105,7 @@ class CorrelationFilter:
         self.sizes.learn(sampler, region.window, share)
 
 
-class Memory:
+class FilterHistory:
     """A target's filter, and copies of it, made every few frames while the target is sure.
 
     A filter that follows its own errors responds well to whatever it has learnt by them. The oldest copy has
@@ -132,20 +132,20 @@ class Memory:
         """Whether the last responses were sharp enough to claim that they are the target's."""
         return self.sharpness >= (CERTAIN_SHARPNESS if self.is_doubted else SURE_SHARPNESS)
 
-    def judge(self, sampler: WindowSampler, window: FloatArray) -> float:
+    def oldest_sharpness(self, sampler: WindowSampler, window: FloatArray) -> float:
         """Peak to sidelobe ratio of the oldest copy near a window, float64[5]; 1 at least."""
         return max(self._copies[0].respond(sampler, window).sharpness, 1.0)
 
-    def begin_again(self) -> None:
-        """Goes on with the oldest copy: the target was found again where the latest filter did not follow."""
+    def restore_oldest(self) -> None:
+        """Replaces the latest filter, which has lost the target, by the oldest copy."""
         self.latest = self._copies[0].copy()
         self._copies.clear()
         self._copies.append(self.latest.copy())
         self.sharpness = math.inf
         self.is_doubted = False
 
-    def compare(self, region: Region | None) -> None:
-        """Takes account of a frame by the region around the window, or None where the target was not seen."""
+    def update_sharpness(self, region: Region | None) -> None:
+        """Updates the mean by the region around the window; None where the target was not seen."""
         sharpness = MIN_SHARPNESS if region is None else max(self._copies[0].sharpness(region), 1.0)
         known = sharpness if math.isinf(self.sharpness) else self.sharpness
         self.sharpness = known * (sharpness / known) ** SHARPNESS_RATE

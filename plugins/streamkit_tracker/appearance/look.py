@@ -1,4 +1,4 @@
-"""How a target looks to the vectors that come with its detections."""
+"""A target's look: the mean of the feature vectors that came with its detections."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import Memory
+from streamkit_tracker.appearance.correlation_filter import FilterHistory
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.region_features import PADDING
 from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
@@ -60,11 +60,10 @@ def measure(
     # no detection leads a target drawn by hand
     is_led = (rows["detection"][searched] >= 0) & ~rows["manual"][searched]
     layers = [usual[led] for led in is_led.tolist()]
-    shorter = searches["window"][:, LENGTH : WIDTH + 1].min(axis=1)
-    factors = np.clip(shorter // [max(model.patch) for model in models], 1, min(sampler.shape))
     groups: dict[Kind, list[int]] = {}
-    for place, (model, factor) in enumerate(zip(models, factors.astype(int).tolist(), strict=True)):
+    for place, (model, window) in enumerate(zip(models, searches["window"], strict=True)):
         assert model.template is not None
+        factor = shrink_factor(window, model.patch, sampler.shape)
         kind = Kind(type(model.template), model.patch, layers[place], factor)
         groups.setdefault(kind, []).append(place)
     for kind, members in groups.items():
@@ -132,8 +131,8 @@ def _expectations(
     for row, model in enumerate(models):
         if isinstance(model.template, FeatureTemplate) and observation.space is not None:
             model.template.follow(observation.space)
-        if model.memory is not None:
-            _expect_manual(rows[row], model, model.memory, observation.step_s, sampler, searches[row])
+        if model.filters is not None:
+            _expect_manual(rows[row], model, model.filters, observation.step_s, sampler, searches[row])
     wide = table.settings.std_position * searches["window"][:, LENGTH : WIDTH + 1].mean(axis=1)
     searches["wide_spread"] = wide = np.maximum(wide, 1.0)
     spread = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
@@ -145,7 +144,7 @@ def _expectations(
 def _expect_manual(
     target: TargetRows,
     model: TargetModel,
-    memory: Memory,
+    filters: FilterHistory,
     step_s: float,
     sampler: WindowSampler,
     search: SearchRows,
@@ -158,7 +157,7 @@ def _expect_manual(
         predicted[:2] += target["mean"][2:] * step_s
     unmoved = predicted.copy()
     unmoved[:2] = target["last_place"]
-    response = find_response(memory.latest, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
+    response = find_response(filters.latest, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
     model.response = response
     if response is None:
         search["sides_precision"] = search["heading_precision"] = 0.0
@@ -201,31 +200,33 @@ def follow_drawn(table: TargetTable, sampler: WindowSampler) -> None:
     rows = table.rows
     for index in np.flatnonzero(table.followed & rows["manual"]).tolist():
         target, model = rows[index], table.models[index]
-        memory, search = model.memory, model.return_search
-        assert memory is not None
+        filters, search = model.filters, model.return_search
+        assert filters is not None
         assert search is not None
         is_seen = bool(target["recognised"])
-        _learn_drawn(target, model, memory, sampler)
-        found = search.look(sampler, target["window"], memory, is_seen=is_seen)
-        target["sure"] = memory.is_sure
+        _learn_drawn(target, model, filters, sampler)
+        found = search.look(sampler, target["window"], filters, is_seen=is_seen)
+        target["sure"] = filters.is_sure
         if found is None:
             continue
         apart = math.dist(found[:2], target["window"][:2]) / math.sqrt(found[LENGTH] * found[WIDTH])
         if not is_seen or (not target["sure"] and apart > PADDING / 2):  # nearer ones the filter has compared
-            memory.begin_again()
+            filters.restore_oldest()
             target["window"], target["mean"][:2], target["mean"][2:] = found, found[:2], 0.0
             target["recognised"] = target["sure"] = True
             model.particles, model.trail = None, found[None, :2].copy()
 
 
-def _learn_drawn(target: TargetRows, model: TargetModel, memory: Memory, sampler: WindowSampler) -> None:
+def _learn_drawn(
+    target: TargetRows, model: TargetModel, filters: FilterHistory, sampler: WindowSampler
+) -> None:
     """Lets trail and filter of a recognised target learn it, and compares the filter with its copies."""
     region, share = None, float(target["filter_share"])
     if target["recognised"]:
         model.trail = extended(model.trail, target["mean"][:2])
-        region = memory.latest.features.read(sampler, target["window"])
+        region = filters.latest.features.read(sampler, target["window"])
         if share > MIN_SHARE:
-            memory.latest.learn(sampler, region, share)
+            filters.latest.learn(sampler, region, share)
     else:
         target["mean"][2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
-    memory.compare(region)
+    filters.update_sharpness(region)

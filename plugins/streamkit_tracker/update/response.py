@@ -64,9 +64,9 @@ def find_response(
 
 def is_in_place(model: TargetModel, window: FloatArray, sampler: WindowSampler) -> bool:
     """Whether the filter of a target drawn by hand finds it near its window, float64[5]."""
-    if model.memory is None:
+    if model.filters is None:
         return False
-    response = model.memory.latest.respond(sampler, window)
+    response = model.filters.latest.respond(sampler, window)
     return model.evidence.is_credible(response)
 
 
@@ -80,5 +80,5 @@ def expect_response(search: SearchRows, response: Response, tolerance: float, dr
     place, sides = response.window[:2], response.window[LENGTH : WIDTH + 1]
     search["seed"], search["seed_std"] = place, PEAK_STD * firm * math.sqrt(sides.prod())
     search["sides"], search["sides_precision"] = sides, (PEAK_SIDES_STD * firm) ** -2
-    # a soft target hardly shows its turn, and each error of the angle enlarges the box around a long window
+    # what changes shape hardly shows its turn, and errors of the angle enlarge the box around a long window
     search["heading"], search["heading_precision"] = drawn_angle, (TURN_STD * firm**3) ** -2

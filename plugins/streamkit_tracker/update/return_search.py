@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 
-from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, Memory
+from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS, FilterHistory
 from streamkit_tracker.appearance.frame_detector import FrameDetector, Survey
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.window_geometry import FloatArray
 
 LOOK_EVERY = 4  # frames
 AGREEING = 4  # looks in a row
-TRUSTED = 5  # first looks, before the detector can tell
+TRUSTED = 5  # first looks, in which the detector has learnt too little to contradict
 USUAL_RATE = 0.1
 DOUBTING = 2  # looks in a row that find the target elsewhere
 DISTINCT = 1.3  # times the best score elsewhere
-STEP = 1.0  # sides between two looks
+MAX_STEP = 1.0  # sides that the target may move between two looks
 
 
 class ReturnSearch:
@@ -36,26 +36,26 @@ class ReturnSearch:
         self._detector = FrameDetector(sampler, window)
         self._known = window.copy()
         self._frames = self._learnt = self._agreeing = self._misses = 0
-        self._usual = self._usual_elsewhere = 0.0
-        self._place = window[:2]
+        self._usual_score = self._usual_elsewhere = 0.0
+        self._agreed_place = window[:2]
         self._preference = 0.0
 
     def look(
-        self, sampler: WindowSampler, window: FloatArray, memory: Memory, *, is_seen: bool
+        self, sampler: WindowSampler, window: FloatArray, filters: FilterHistory, *, is_seen: bool
     ) -> FloatArray | None:
-        """Takes account of a frame.
+        """Looks at the frame, if it is the turn of this one.
 
         Args:
             sampler: has been shown the frame.
             window: float64[5], where the target is followed.
-            memory: of the target, which tells whether it is sure there, and is told whether to doubt it.
+            filters: of the target; `is_sure` is read, `is_doubted` is set.
             is_seen: whether the target was recognised.
 
         Returns:
             The window float64[5] on which several looks agree, or None.
         """
         self._frames += 1
-        if is_seen and memory.is_sure:
+        if is_seen and filters.is_sure:
             self._known = window.copy()
         if self._frames % LOOK_EVERY:
             return None
@@ -64,8 +64,8 @@ class ReturnSearch:
         survey = self._detector.survey(sampler, found)
         is_found = self._is_found(survey, window[:2])
         self._misses = 0 if is_found else self._misses + 1
-        memory.is_doubted = self._misses >= DOUBTING
-        if is_seen and memory.is_sure and is_found:
+        filters.is_doubted = self._misses >= DOUBTING
+        if is_seen and filters.is_sure and is_found:
             self._remember(survey, window[:2])
             self._detector.learn(survey, sampler, window)
             self._agreeing = 0
@@ -74,19 +74,21 @@ class ReturnSearch:
         if not self._is_distinct(survey, found[:2]):
             self._agreeing = 0
             return None
-        followed = memory.judge(sampler, window) if is_seen else MIN_SHARPNESS
-        self._count(found[:2], survey.side, math.log(memory.judge(sampler, found) / followed))
+        followed = filters.oldest_sharpness(sampler, window) if is_seen else MIN_SHARPNESS
+        self._count_agreement(
+            found[:2], survey.side, math.log(filters.oldest_sharpness(sampler, found) / followed)
+        )
         if self._agreeing < AGREEING:
             return None
         self._agreeing = 0
         return found if self._preference > 0 else None
 
-    def _count(self, place: FloatArray, side: float, preference: float) -> None:
+    def _count_agreement(self, place: FloatArray, side: float, preference: float) -> None:
         """Counts a look that found a place, x y float64[2], and how far the filter prefers it."""
-        is_same = self._agreeing > 0 and math.dist(place, self._place) <= STEP * side
+        is_same = self._agreeing > 0 and math.dist(place, self._agreed_place) <= MAX_STEP * side
         self._agreeing = self._agreeing + 1 if is_same else 1
         self._preference = self._preference + preference if is_same else preference
-        self._place = place
+        self._agreed_place = place
 
     def _is_found(self, survey: Survey, place: FloatArray) -> bool:
         """Whether the detector finds the target at x y, float64[2], by itself."""
@@ -97,10 +99,10 @@ class ReturnSearch:
         here, elsewhere = survey.score_at(place), survey.score_elsewhere(place)
         self._learnt += 1
         rate = max(USUAL_RATE, 1 / self._learnt)
-        self._usual += rate * (here - self._usual)
+        self._usual_score += rate * (here - self._usual_score)
         self._usual_elsewhere += rate * (max(elsewhere, 0.0) - self._usual_elsewhere)
 
     def _is_distinct(self, survey: Survey, place: FloatArray) -> bool:
         """Whether the score at x y, float64[2], is like the target's, and above that of all other places."""
-        least = (self._usual + self._usual_elsewhere) / 2
+        least = (self._usual_score + self._usual_elsewhere) / 2
         return survey.score_at(place) > max(least, DISTINCT * survey.score_elsewhere(place), 0.0)

@@ -5,7 +5,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Memory
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, FilterHistory
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.report import TargetReport
@@ -72,13 +72,13 @@ def test_a_target_that_is_found_elsewhere_is_in_doubt_until_it_is_where_it_is_fo
         sampler.set_frame(scenes.grey(scenes.paint(ground, texture, window), generator, 2.0))
 
     show(followed)
-    memory, search = Memory(CorrelationFilter(sampler, followed)), ReturnSearch(sampler, followed)
+    filters, search = FilterHistory(CorrelationFilter(sampler, followed)), ReturnSearch(sampler, followed)
     doubts = []
     for place, looks in ((followed, 10), (elsewhere, DOUBTING), (followed, 1)):
         for _ in range(looks * LOOK_EVERY):
             show(place)
-            search.look(sampler, followed, memory, is_seen=True)
-            doubts.append(memory.is_doubted)
+            search.look(sampler, followed, filters, is_seen=True)
+            doubts.append(filters.is_doubted)
     in_doubt = range((10 + DOUBTING) * LOOK_EVERY - 1, (11 + DOUBTING) * LOOK_EVERY - 1)
     assert [frame for frame, is_doubted in enumerate(doubts) if is_doubted] == list(in_doubt)
 
