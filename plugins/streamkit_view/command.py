@@ -87,7 +87,7 @@ def view(
         try:
             access = Access(token, is_local=is_loopback(host))
             LOG.addHandler(logging.StreamHandler(sys.stderr))
-            run_server(what, bound, access, connect, config, playback, base, begins=_stop_on_signals)
+            run_server(what, bound, access, connect, config, playback, base, on_created=_stop_on_signals)
         except (OSError, ValueError) as error:
             exit_with_error(str(error))
 

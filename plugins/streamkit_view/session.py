@@ -38,9 +38,19 @@ def run_server(
     playback: PlayedPipeline | None = None,
     basemap: Basemap | None = None,
     *,
-    begins: Callable[[ViewServer], object],
+    on_created: Callable[[ViewServer], object],
 ) -> None:
-    """Serves the page until the server, which `begins` gets before anything can block, is stopped.
+    """Serves the page until its server is stopped.
+
+    Args:
+        keys: of the publishers shown, a feed each.
+        bound: socket that the server listens on.
+        access: who may see and control.
+        connect: of the zenoh session, see `SessionSettings`.
+        config: likewise.
+        playback: a pipeline that is played for the page, or None.
+        basemap: of the map, or None.
+        on_created: called with the server before anything can block, so that a signal can stop it.
 
     Raises:
         OSError: zenoh cannot open its session.
@@ -65,7 +75,7 @@ def run_server(
         return ask_control(zenoh_session, feeds[feed].key, request)
 
     server = ViewServer(hub, states, ask, access, basemap)
-    begins(server)
+    on_created(server)
     zenoh_session = open_session(SessionSettings(connect=connect, config=config))
     try:
         for index, key in enumerate(keys):

@@ -101,7 +101,7 @@ def view_thread(*keys: str, basemap: Path | None = None) -> Iterator[str]:
     access = Access("token", is_local=True)
     with socket.create_server(("127.0.0.1", 0)) as bound:
         arguments = ([*keys], bound, access, None, None, None, basemap and read_basemap(basemap))
-        options = {"begins": servers.append}
+        options = {"on_created": servers.append}
         thread = threading.Thread(target=run_server, args=arguments, kwargs=options, name="view server")
         thread.start()
         try:
