@@ -11,26 +11,30 @@ from streamkit import Caps, Capture, Clock, Frame
 from streamkit_media.streams import nanoseconds, packet_frame
 
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
-STEP_NS = 1_000_000
+STEP_NS = 1_000_000  # at least, from one connection to the next
 PRFT = struct.Struct("=q")
 
 
 class Timeline:
-    """Keeps the server's time steps within a connection, and the arrival times between two."""
+    """Maps the server's times to those of the stream, which ascend over all connections.
+
+    Within a connection frames keep the server's distances; between two connections they are as far apart as
+    they arrived.
+    """
 
     def __init__(self) -> None:
-        self._zero: int | None = None
-        self._offset: int | None = None
-        self._highest = -STEP_NS
-        self._before = (0, 0)
-        self._decoded: int | None = None
+        self._first_arrival_ns: int | None = None  # of the stream; its time 0
+        self._offset_ns: int | None = None  # added to the server's times; None until a packet has come
+        self._highest_ns = -STEP_NS  # time of the stream so far
+        self._last_pts = self._last_arrival_ns = 0
+        self._last_dts: int | None = None
 
     def begin_connection(self) -> None:
         """The server's times restart."""
-        self._offset = self._decoded = None
+        self._offset_ns = self._last_dts = None
 
-    def place(self, pts: int | None, arrival_ns: int, dts: int | None = None) -> int:
-        """The timestamp of a packet.
+    def timestamp(self, pts: int | None, arrival_ns: int, dts: int | None = None) -> int:
+        """The time of a packet in the stream.
 
         Args:
             pts: the server's time, ns; where it is None, 0 for the first packet, by arrival for others.
@@ -40,21 +44,20 @@ class Timeline:
         Returns:
             ns since the first packet arrived; higher than all of the connections before.
         """
-        if self._zero is None:
-            self._zero = arrival_ns
-        before, elapsed_ns = self._before[0], arrival_ns - self._before[1]
+        if self._first_arrival_ns is None:
+            self._first_arrival_ns = arrival_ns
+        elapsed_ns = arrival_ns - self._last_arrival_ns
         if pts is None:
-            pts = 0 if self._offset is None else before + elapsed_ns
-        step = pts - before
-        leaps = abs(step) > LEAP_NS and abs(step - elapsed_ns) > LEAP_NS
-        if self._offset is None or leaps:
-            self._offset = max(arrival_ns - self._zero, self._highest + STEP_NS) - pts
-        elif dts is not None and self._decoded is not None and dts < self._decoded:  # was set back a little
-            self._offset = max(arrival_ns - self._zero, self._decoded + self._offset + STEP_NS) - dts
-        self._decoded = dts
-        self._before = (pts, arrival_ns)
-        self._highest = max(self._highest, pts + self._offset)
-        return pts + self._offset
+            pts = 0 if self._offset_ns is None else self._last_pts + elapsed_ns
+        step_ns, arrived_ns = pts - self._last_pts, arrival_ns - self._first_arrival_ns
+        leaps = abs(step_ns) > LEAP_NS and abs(step_ns - elapsed_ns) > LEAP_NS
+        if self._offset_ns is None or leaps:
+            self._offset_ns = max(arrived_ns, self._highest_ns + STEP_NS) - pts
+        elif dts is not None and self._last_dts is not None and dts < self._last_dts:  # was set back a little
+            self._offset_ns = max(arrived_ns, self._last_dts + self._offset_ns + STEP_NS) - dts
+        self._last_pts, self._last_arrival_ns, self._last_dts = pts, arrival_ns, dts
+        self._highest_ns = max(self._highest_ns, pts + self._offset_ns)
+        return pts + self._offset_ns
 
 
 class PacketStamps:
@@ -62,7 +65,7 @@ class PacketStamps:
 
     Attributes:
         clock: of the pipeline.
-        timeline: places the packets.
+        timeline: of the stream.
         next_seq: number of the next packet.
     """
 
@@ -75,7 +78,7 @@ class PacketStamps:
         capture = Capture(self.clock.utc_ns(), "arrival") if sent_ns is None else Capture(sent_ns, "rtcp")
         frame = packet_frame(packet, caps)
         dts = None if packet.dts is None else nanoseconds(packet.dts, packet.time_base)
-        pts, seq = self.timeline.place(frame.pts, now_ns, dts), self.next_seq
+        pts, seq = self.timeline.timestamp(frame.pts, now_ns, dts), self.next_seq
         self.next_seq += 1
         return frame.replace(seq=seq, arrival_ns=now_ns, capture=capture, pts=pts)
 
