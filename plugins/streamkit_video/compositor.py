@@ -137,7 +137,7 @@ class Compositor(Combine):
         return pad.is_eos or (pad in self._newest_ns and self._newest_ns[pad] >= time_ns)
 
     def _show(self, pad: Pad, time_ns: int) -> None:
-        """Makes an input show its newest frame up to a running time, ns; earlier ones wait for nothing."""
+        """Makes an input show its newest frame up to a running time, ns; those before it are skipped."""
         held = self._held[pad]
         while held and held[0][0] <= time_ns:
             self._shown[pad] = held.popleft()[1].data
