@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from streamkit_wavelet_eigen.feature_space import FLAT_DEVIATION
+from streamkit_wavelet_eigen.feature_space import flat_windows
 
 # px; a smaller target is mostly blur and compression.
 TINY_SIDE = 8
@@ -106,8 +106,7 @@ def cut_windows(
             clipped[index] = _rotated_share(x, y, side, angle, width, height)
         else:
             patches[index] = _cut_upright(image, x, y, side, patch)
-    flat = patches.std(axis=(1, 2), dtype=np.float64) < FLAT_DEVIATION
-    return Windows(patches, flat, clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
+    return Windows(patches, flat_windows(patches), clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
 
 
 def _cut_upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch: int) -> NDArray[np.float32]:

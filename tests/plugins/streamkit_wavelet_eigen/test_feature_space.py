@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from streamkit_wavelet_eigen.eigenspace import learn_eigenspace
-from streamkit_wavelet_eigen.feature_space import WaveletEigenSpace, cut_blocks, learn_space
+from streamkit_wavelet_eigen.feature_space import (
+    FLAT_DEVIATION,
+    WaveletEigenSpace,
+    cut_blocks,
+    flat_windows,
+    learn_space,
+)
 from streamkit_wavelet_eigen.preprocessing import prepare
 from streamkit_wavelet_eigen.recipe import Basis, Mode, Preprocessing, Recipe
 
@@ -53,6 +59,15 @@ def test_flat_windows_have_zero_rows() -> None:
     embedded = _learnt(Mode.PAPER).embed(given)
     assert (embedded[1] == 0).all()
     assert np.abs(embedded[[0, 2]]).max() > 0
+
+
+def test_rounding_does_not_decide_on_windows_at_the_limit() -> None:
+    """A window is flat by its exact deviation, whoever asks."""
+    given = np.random.default_rng(0).standard_normal((1000, 32, 32))
+    deviations = given.std(axis=(1, 2), keepdims=True)
+    at_limit = (128 + given * (FLAT_DEVIATION / deviations)).astype(np.float32)
+    exact = at_limit.astype(np.float64).std(axis=(1, 2)) < FLAT_DEVIATION
+    np.testing.assert_array_equal(flat_windows(at_limit), exact)
 
 
 def test_no_window_gives_no_row() -> None:
