@@ -68,7 +68,7 @@ class DjiTelemetry:
     def read(self, lines: Iterable[str]) -> Iterator[Sample]:
         """The samples of a file's lines; subtitles without a position are skipped."""
         for own_begin, text in self._reader.cues(lines):
-            begin = self._clock.place(text, own_begin)
+            begin = self._clock.begin_ns(text, own_begin)
             if begin is None:
                 self.subtitles += 1
                 self._unreadable += 1

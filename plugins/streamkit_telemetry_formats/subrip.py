@@ -96,33 +96,35 @@ def _ns(hours: str, minutes: str, seconds: str, thousandths: str) -> int:
 
 
 class AircraftClock:
-    """Places subtitles on the video's line of time; those that have times of their own set it."""
+    """Finds when subtitles begin, by the aircraft's clock where they have no time of their own."""
 
     def __init__(self) -> None:
-        self._zero: datetime | None = None  # what the clock shows at the video's beginning
-        self._next: int | None = None
+        self._begin_stamp: datetime | None = None  # local time at the video's beginning, once known
+        self._next_ns: int | None = None
 
-    def place(self, text: str, begin: int | None = None) -> int | None:
+    def begin_ns(self, text: str, own_ns: int | None = None) -> int | None:
         """When a subtitle is shown first, ns.
 
         Args:
             text: of the subtitle, in the order of the file.
-            begin: by its own times; None where it has none.
+            own_ns: its own time, from the beginning of the video; None where it has none. Sets the clock.
 
         Returns:
-            `begin`, or the time by the clock; None where the text has neither.
+            `own_ns`, or the time by the clock; None where the text has neither.
         """
+        begin_ns = own_ns
         step, (stamp, is_fine) = STEP.search(text), read_stamp(text)
-        if begin is None and step is not None and not is_fine:
-            begin = self._next if self._next is not None or stamp is not None else 0
-        if begin is None and stamp is not None:
-            begin = 0 if self._zero is None else (stamp - self._zero) // timedelta(microseconds=1) * 1000
-        if begin is None or not 0 <= begin < MAX_NS:
+        if begin_ns is None and step is not None and not is_fine:
+            begin_ns = self._next_ns if self._next_ns is not None or stamp is not None else 0
+        if begin_ns is None and stamp is not None:
+            passed = timedelta(0) if self._begin_stamp is None else stamp - self._begin_stamp
+            begin_ns = passed // timedelta(microseconds=1) * 1000
+        if begin_ns is None or not 0 <= begin_ns < MAX_NS:
             return None
-        if self._zero is None and stamp is not None:
-            self._zero = _earlier(stamp, begin)
-        self._next = None if step is None else begin + int(step[1]) * 1_000_000
-        return begin
+        if self._begin_stamp is None and stamp is not None:
+            self._begin_stamp = _earlier(stamp, begin_ns)
+        self._next_ns = None if step is None else begin_ns + int(step[1]) * 1_000_000
+        return begin_ns
 
 
 def read_stamp(text: str) -> tuple[datetime | None, bool]:
