@@ -65,6 +65,7 @@ class KeyframeGraph:
         self.homographies: dict[int, FloatArray] = {}
         self.planes: dict[int, int] = {}
         self._ties: dict[int, list[Tie]] = {}
+        self._families: dict[int, int] = {}  # of planes that left one another
 
     @property
     def tied(self) -> tuple[int, ...]:
@@ -79,6 +80,15 @@ class KeyframeGraph:
         self._ties[index] = list(ties)
         if len(self._ties) > self._max_tied:
             del self._ties[next(iter(self._ties))]
+
+    def leave(self, plane: int, number: int) -> None:
+        """Notes that the plane `number` begins with a frame that `plane` stretches."""
+        self._families[number] = self._families.setdefault(plane, plane)
+
+    def differ_in_tilt(self, plane: int, other: int) -> bool:
+        """Whether one of two planes left the other, or both a third one, as that stretched a frame."""
+        family = self._families.get(plane)
+        return family is not None and family == self._families.get(other)
 
     def tie(self, tie: Tie) -> None:
         """Adds a tie found later, unless its keyframes are no longer adjusted."""
@@ -128,6 +138,10 @@ class KeyframeGraph:
                 self.homographies[index] = normalised(change @ self.homographies[index])
                 self.planes[index] = number
         self.added[number] += self.added.pop(plane, 0)
+        if plane in self._families and plane != number:
+            family = self._families.pop(plane)
+            kept = self._families.setdefault(number, family)
+            self._families.update((own, kept) for own, old in self._families.items() if old == family)
 
     def problem(self, free: Collection[int], references: Collection[int]) -> Problem | None:
         """The adjustment of some keyframes, except the references; those they are tied to are fixed.

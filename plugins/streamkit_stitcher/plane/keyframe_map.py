@@ -128,6 +128,10 @@ class KeyframeMap:
         """Makes a stored keyframe the active one, and its plane the current one."""
         self._active, self.plane = keyframe.index, keyframe.plane
 
+    def leave(self, number: int) -> None:
+        """Notes that the plane `number` begins next, as the current one stretches its first frame."""
+        self._graph.leave(self.plane, number)
+
     def add(
         self,
         images: Sequence[GreyArray],

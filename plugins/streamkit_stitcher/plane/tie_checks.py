@@ -27,6 +27,9 @@ _MIN_JOIN_CORRELATION: Final = 0.15
 # would bend the rest of them.
 _FEW_KEYFRAMES: Final = 2
 _MAX_JOIN_ERROR: Final = 0.1
+# Planes of which one left the other, as that stretched a frame, differ in tilt, which no similarity explains:
+# root mean square distance of their tie points, px of the frame. What is joined is as right as `ok` promises.
+_MAX_TILT_ERROR: Final = 2.0
 
 
 def accepted_ties(
@@ -101,15 +104,22 @@ def _is_reliable(tie: Tie) -> bool:
 
 
 def _change(tie: Tie, graph: KeyframeGraph, moved: int, shape: tuple[int, int]) -> FloatArray | None:
-    """The change of the plane that moves, or None where it would stretch a frame."""
+    """The change of the plane that moves, or None where it would stretch a frame or ignore a tilt."""
     source = project(graph.homographies[tie.observer], tie.points)
     target = project(graph.homographies[tie.host], tie.host_points)
+    kept = tie.host
     if graph.planes[tie.host] == moved:
-        source, target = target, source
-    width = shape[1] * scale_change(graph.homographies[tie.observer], shape)
+        source, target, kept = target, source, tie.observer
+    scale = scale_change(graph.homographies[kept], shape)
+    differ = graph.differ_in_tilt(graph.planes[tie.host], graph.planes[tie.observer])
     for model in (MotionModel.SIMILARITY, MotionModel.HOMOGRAPHY)[graph.added[moved] <= _FEW_KEYFRAMES :]:
         change = least_squares(model, source, target)
-        if change is None or np.hypot(*(project(change, source) - target).T).max() > _MAX_JOIN_ERROR * width:
+        if change is None:
+            continue
+        errors = np.hypot(*(project(change, source) - target).T) / scale
+        if errors.max() > _MAX_JOIN_ERROR * shape[1]:
+            continue
+        if differ and np.sqrt(np.mean(errors**2)) > _MAX_TILT_ERROR:
             continue
         places = [change @ graph.homographies[index] for index, own in graph.planes.items() if own == moved]
         if not any(is_stretched(normalised(matrix), shape) for matrix in places):

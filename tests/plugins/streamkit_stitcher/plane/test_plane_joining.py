@@ -1,17 +1,37 @@
 """Planes that meet again."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import normalised
+from streamkit.geometry.homography import normalised, translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
 
 SHAPE = (450, 640)
 # A row of photographs, 300 px apart.
 PLACES = [(200 + 300 * number, 300) for number in range(8)]
+
+
+def looking_up_and_down(count, shape):
+    """Homographies to the ground of a camera whose far side is up to 1.4 times as deep as the middle."""
+    height, width = shape
+    index = np.arange(count)
+    tilts = np.interp(index, [0, count / 3, 2 * count / 3, count], [0.0, 0.38, 0.38, 0.28])
+    ways = 900 - 4.0 * np.maximum(0, index - 0.4 * count)
+    to_middle = translation(-np.array([width - 1, height - 1]) / 2)
+    return np.array(
+        [
+            normalised(
+                translation(np.array([1000.0, way]))
+                @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, tilt / (height / 2), 1.0]])
+                @ to_middle
+            )
+            for tilt, way in zip(tilts, ways, strict=True)
+        ]
+    )
 
 
 def registered(ground, registrar, order):
@@ -78,3 +98,20 @@ def test_a_kept_plane_is_met_again_when_planes_are_kept_no_longer(aerial_ground,
     plane = registrar.take_plane()
     assert list(plane.planes) == [0, 1]
     plane.close()
+
+
+def test_a_plane_that_another_stretches_is_not_joined_to_it_by_a_similarity(
+    ground, make_flight, make_registrar
+):
+    """A camera that looks up, flies on and down a little: each frame is where it should be on its plane."""
+    count, shape = 90, (360, 640)
+    flight = replace(make_flight(ground, count, shape, cars=0), to_ground=looking_up_and_down(count, shape))
+    registrar = make_registrar(reference=ReferenceChoice.FIRST, keyframe_overlap=0.9)
+    starts = {}
+    for index, frame in enumerate(flight.frames()):
+        found = registrar.register(frame)
+        start, place = starts.setdefault(found.reference, (index, found.to_reference))
+        on_first = normalised(np.linalg.inv(place) @ found.to_reference)
+        assert found.status in {RegistrationStatus.OK, RegistrationStatus.STILL}
+        assert flight.error(on_first, index, start) < 2.0
+    assert list(starts) == [0, 1]
