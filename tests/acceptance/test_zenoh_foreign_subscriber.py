@@ -45,15 +45,18 @@ def _frame(seq: int) -> Frame:
     return frame.attach(Tracks(tracks), Registration(np.eye(3), generator.normal(size=(3, 3)), reference=-3))
 
 
-def _run(script: Path, encoding: str) -> list[str]:
-    """The output of a script while five frames are published."""
+def _run(script: Path, encoding: str, ready: str = "") -> list[str]:
+    """The output of a script while five frames are published, the first once it has printed `ready`."""
     key, endpoint = "acceptance/foreign", f"tcp/127.0.0.1:{free_port()}"
     with Harness("zenohsink", key=key, listen=endpoint, encoding=encoding, wait_subscribers=1) as harness:
         process = subprocess.Popen(
             [sys.executable, str(script), key, endpoint, str(COUNT)],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
+        assert process.stdout is not None
         try:
+            lines = [process.stdout.readline().rstrip()] if ready else []
+            assert lines in ([], [ready])
             for seq in range(COUNT):
                 harness.push(_frame(seq))
             out, err = process.communicate(timeout=40)
@@ -62,7 +65,7 @@ def _run(script: Path, encoding: str) -> list[str]:
             process.wait(10)
         harness.drain()
     assert process.returncode == 0, err
-    return out.splitlines()
+    return [*lines, *out.splitlines()]
 
 
 @pytest.mark.parametrize("encoding", ["json", "msgpack", "cbor", "protobuf"])
@@ -88,9 +91,8 @@ def test_no_streamkit_is_imported() -> None:
 
 
 def test_the_example_of_the_documentation_works() -> None:
-    """It prints a line per record."""
-    lines = _run(EXAMPLE, "json")
-    assert "publisher there" in lines
+    """It says that the publisher is there, and prints a line per record."""
+    lines = _run(EXAMPLE, "json", ready="publisher there")
     records = [line.split() for line in lines if line.startswith("record")]
     assert [int(words[1]) for words in records] == list(range(COUNT))
     assert all(words[2] == "#1" for words in records)
