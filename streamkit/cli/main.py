@@ -63,10 +63,8 @@ def main() -> None:
     arguments = sys.argv[1:]
     try:
         make_app()()
-    except (
-        KeyboardInterrupt,
-        SystemExit,
-    ) as ended:  # before the command handles it itself; typer's is an exit
+    except (KeyboardInterrupt, SystemExit) as ended:
+        # Ctrl-C before the command handles it itself; typer makes an exit of it.
         if isinstance(ended, SystemExit) and ended.code != INTERRUPTED:
             raise
         sys.exit(0 if arguments[:1] == ["launch"] else INTERRUPTED)
