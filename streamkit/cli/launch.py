@@ -184,17 +184,12 @@ def usage_errors(*, is_json: bool) -> Iterator[None]:
         except Exception as error:
             # Typer exports no base class of its usage errors.
             message = getattr(error, "format_message", None)
-            hint = _hint_of_option(getattr(error, "option_name", ""))
+            from streamkit.element.gstreamer_names import option_hint
+
+            hint = option_hint(getattr(error, "option_name", ""))
             if message is None or not (is_json or hint):
                 raise
             fail_usage(f"{message().partition(' (')[0]}; {hint}" if hint else message())
-
-
-def _hint_of_option(option: str) -> str:
-    """What does here the work of an option of gst-launch's; "" if nothing does."""
-    from streamkit.element.gstreamer_names import option_hint
-
-    return option_hint(option)
 
 
 @contextlib.contextmanager
