@@ -92,8 +92,9 @@ class VideoDecoder(Generic[Origin]):
     def pixel_shape(self) -> str:
         """Width to height of a pixel, such as 16:15; "" where it is square, or no frame has come."""
         ratio = self._context.sample_aspect_ratio
-        is_square = not ratio or abs(ratio - 1) <= SQUARE_TOLERANCE
-        return "" if ratio is None or is_square else f"{ratio.numerator}:{ratio.denominator}"
+        if not ratio or abs(ratio - 1) <= SQUARE_TOLERANCE:
+            return ""
+        return f"{ratio.numerator}:{ratio.denominator}"
 
     @property
     def is_on_device(self) -> bool:
