@@ -62,7 +62,7 @@ def test_flat_windows_have_zero_rows() -> None:
 
 
 def test_rounding_does_not_decide_on_windows_at_the_limit() -> None:
-    """A window is flat by its exact deviation, whoever asks."""
+    """A window is flat by its exact deviation, where it is cut and where it is embedded."""
     given = np.random.default_rng(0).standard_normal((1000, 32, 32))
     deviations = given.std(axis=(1, 2), keepdims=True)
     at_limit = (128 + given * (FLAT_DEVIATION / deviations)).astype(np.float32)
