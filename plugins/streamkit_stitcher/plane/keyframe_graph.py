@@ -81,7 +81,7 @@ class KeyframeGraph:
         if len(self._ties) > self._max_tied:
             del self._ties[next(iter(self._ties))]
 
-    def leave(self, plane: int, number: int) -> None:
+    def note_tilt(self, plane: int, number: int) -> None:
         """Notes that the plane `number` begins with a frame that `plane` stretches."""
         self._families[number] = self._families.setdefault(plane, plane)
 

@@ -128,9 +128,9 @@ class KeyframeMap:
         """Makes a stored keyframe the active one, and its plane the current one."""
         self._active, self.plane = keyframe.index, keyframe.plane
 
-    def leave(self, number: int) -> None:
+    def note_tilt(self, number: int) -> None:
         """Notes that the plane `number` begins next, as the current one stretches its first frame."""
-        self._graph.leave(self.plane, number)
+        self._graph.note_tilt(self.plane, number)
 
     def add(
         self,

@@ -108,7 +108,7 @@ class Planes:
         if is_stretched(to_reference, shape):
             # The keyframe starts a plane that is related to the previous one.
             self.number, self.has_opened = self._new_number(), True
-            keyframes.leave(self.number)
+            keyframes.note_tilt(self.number)
             if not self.keeps_earlier:
                 self.retire()
             self.start(images, level)

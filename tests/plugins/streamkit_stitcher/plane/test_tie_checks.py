@@ -61,7 +61,7 @@ def met_planes(tilt):
 def test_planes_that_left_one_another_are_joined_to_within_two_pixels(tilt):
     """They differ in tilt: a similarity would put the frames of one tens of pixels off."""
     graph, tie = met_planes(tilt)
-    graph.leave(0, 1)
+    graph.note_tilt(0, 1)
     ((change, moved, kept),) = joins([tie], graph, 1, SHAPE)
     assert (moved, kept) == (0, 1)
     places = project(change @ graph.homographies[0], tie.host_points)
@@ -72,7 +72,7 @@ def test_planes_that_left_one_another_are_joined_to_within_two_pixels(tilt):
 def test_planes_that_stretch_each_other_stay_apart():
     """The reason why one left the other still holds."""
     graph, tie = met_planes(1.2)
-    graph.leave(0, 1)
+    graph.note_tilt(0, 1)
     assert not list(joins([tie], graph, 1, SHAPE))
     assert graph.hosts(5) == set()
 
@@ -80,13 +80,13 @@ def test_planes_that_stretch_each_other_stay_apart():
 def test_planes_that_left_the_same_plane_differ_in_tilt():
     """The number of a plane that joins another, or gets a new one, passes on what it left."""
     graph, _ = met_planes(0.0)
-    graph.leave(0, 1)
-    graph.leave(1, 2)
+    graph.note_tilt(0, 1)
+    graph.note_tilt(1, 2)
     assert graph.differ_in_tilt(0, 2)
     assert not graph.differ_in_tilt(0, 3)
     graph.rebase(np.eye(3), 0, 3)
     assert graph.differ_in_tilt(3, 2)
-    graph.leave(4, 5)
+    graph.note_tilt(4, 5)
     graph.rebase(np.eye(3), 5, 3)
     assert graph.differ_in_tilt(4, 1)
     assert not graph.differ_in_tilt(5, 1)
