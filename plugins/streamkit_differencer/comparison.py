@@ -231,7 +231,7 @@ def add_weak(
         near: uint8[h, w], mask of what is near it.
         frame: f(t).
         background: uint8[h, w], B(t - 1) in whole grey levels.
-        thresholds: uint8[h, w], see `compare_with_background`.
+        thresholds: uint8[h, w], see `Comparison`.
         ratio: lower threshold over the upper one.
     """
     top, bottom, left, _ = frame.bounds

@@ -72,7 +72,7 @@ class BackgroundModel:
             frame: on the canvas; its image is kept.
             view: how it has moved, of a camera that flies; None for another one.
         """
-        settings, ground, region = self.settings, self.ground, frame.region
+        settings, ground = self.settings, self.ground
         follows_exposure = self._follow_exposure(frame)
         self._frames += 1
         # Without an earlier frame no pixel counts as quiet.
@@ -90,7 +90,7 @@ class BackgroundModel:
         self._history.append(frame.image)
         if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
             # A flight comes to new ground all the time: its first second is not worth the ghosts.
-            mask[ground.valid[region] == PROVISIONAL] = 0
+            mask[ground.valid[frame.region] == PROVISIONAL] = 0
         return found
 
     def _remove_parallax(self, frame: CanvasFrame, found: Comparison, view: ViewMotion) -> None:
