@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from streamkit_kernels import compiled
-from streamkit_tracker.appearance.look import Look, differences
+from streamkit_tracker.appearance.mean_features import MeanFeatures, differences
 from streamkit_tracker.delete import position_doubt
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
@@ -31,8 +31,8 @@ MIN_SIZE = 4.0
 TOUCHING = 0.05
 MISMATCH_STD = 0.12
 CROWDED_MISMATCH_STD = 0.5
-LOOK_WEIGHT = 2.0
-LOOK_RATE, OBJECT_LOOK_RATE = 0.2, 0.05  # per detection; what covers an object must not become its look
+FEATURE_WEIGHT = 2.0
+FEATURE_RATE, OBJECT_FEATURE_RATE = 0.2, 0.05  # per detection; what covers an object is not to be learnt
 ALIKE = 0.5  # difference of the sides, relative
 KNOWN_TO = 1.0  # sides; a gate that is wider says nothing about a place
 SHARED_OVERLAP = 0.75  # from which a region shows one target alone, and part of a target that lies in it
@@ -79,7 +79,7 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     if observation.are_objects and observation.scores is not None:
         is_weak = find_weak(table, observation.scores)
     strong, weak = np.flatnonzero(usable & ~is_weak), np.flatnonzero(usable & is_weak)
-    unlike, costs = _compare_looks(table.models, observation)
+    unlike, costs = _compare_features(table.models, observation)
     # a dormant target of unknown position is found upon its prediction only
     is_gated = ~dormant | (position_doubt(table.rows) < KNOWN_TO)
     strong = _assign_group(table, followed & ~dormant, strong, detected, costs, is_gated)
@@ -89,7 +89,7 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     _assign_group(table, followed & ~dormant, weak, detected, costs, is_gated)
     for group in (followed & dormant, ~followed):
         strong = _assign_group(table, group, strong, detected, costs, is_gated)
-    _learn_looks(table, unlike, observation)
+    _learn_features(table, unlike, observation)
     return strong
 
 
@@ -110,7 +110,7 @@ def _assign_group(
     group: BoolArray,
     free: IndexArray,
     detected: FloatArray,
-    look_costs: FloatArray,
+    feature_costs: FloatArray,
     is_gated: BoolArray,
 ) -> IndexArray:
     """Assigns the detections `free` to the targets of a group that have none yet; returns those left."""
@@ -118,7 +118,7 @@ def _assign_group(
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
         return free
-    found = compare(rows, members, detected[free], look_costs[np.ix_(members, free)], is_gated[members])
+    found = compare(rows, members, detected[free], feature_costs[np.ix_(members, free)], is_gated[members])
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
@@ -169,8 +169,10 @@ def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
     return rows[allowed], columns[allowed]
 
 
-def _compare_looks(models: Sequence[TargetModel], observation: Observation) -> tuple[FloatArray, FloatArray]:
-    """Differences of the detections from the looks of targets, and their costs, each float64[t, d].
+def _compare_features(
+    models: Sequence[TargetModel], observation: Observation
+) -> tuple[FloatArray, FloatArray]:
+    """Differences of the detections' features from those of targets, and their costs, each float64[t, d].
 
     A difference is NaN where nothing compares. A cost is 0 for the same direction as the mean, up to 4 for
     the opposite. An object that is too unlike is another one: where one person covers another, boxes alone
@@ -179,25 +181,25 @@ def _compare_looks(models: Sequence[TargetModel], observation: Observation) -> t
     unlike = np.full((len(models), len(observation.centroids)), np.nan)
     if observation.features is None:
         return unlike, np.zeros_like(unlike)
-    looks = {
-        row: model.look
+    known = {
+        row: model.features
         for row, model in enumerate(models)
-        if model.look is not None and model.look.version == observation.features_version
+        if model.features is not None and model.features.version == observation.features_version
     }
-    if looks:
-        unlike[list(looks)] = differences(list(looks.values()), np.nan_to_num(observation.features))
-    costs = LOOK_WEIGHT * np.nan_to_num(unlike)
+    if known:
+        unlike[list(known)] = differences(list(known.values()), np.nan_to_num(observation.features))
+    costs = FEATURE_WEIGHT * np.nan_to_num(unlike)
     if observation.are_objects:
-        limits = np.array([math.inf if model.look is None else model.look.limit for model in models])
+        limits = np.array([math.inf if model.features is None else model.features.limit for model in models])
         costs[unlike > limits[:, None]] = np.inf
     return unlike, costs
 
 
-def _learn_looks(table: TargetTable, unlike: FloatArray, observation: Observation) -> None:
-    """Lets the looks of detected targets follow the vectors of their detections."""
+def _learn_features(table: TargetTable, unlike: FloatArray, observation: Observation) -> None:
+    """Lets detected targets learn the feature vectors of their detections."""
     if observation.features is None:
         return
-    rate = OBJECT_LOOK_RATE if observation.are_objects else LOOK_RATE
+    rate = OBJECT_FEATURE_RATE if observation.are_objects else FEATURE_RATE
     vectors = np.nan_to_num(np.asarray(observation.features, np.float64))
     for row, detection in enumerate(table.rows["detection"].tolist()):
         if detection < 0:
@@ -205,10 +207,10 @@ def _learn_looks(table: TargetTable, unlike: FloatArray, observation: Observatio
         model = table.models[row]
         vector = vectors[detection].copy()  # by itself: a row would keep all of them
         difference = unlike.item(row, detection)
-        if model.look is None or math.isnan(difference):
-            model.look = Look(vector, observation.features_version)
+        if model.features is None or math.isnan(difference):
+            model.features = MeanFeatures(vector, observation.features_version)
         else:
-            model.look.learn(vector, difference, rate)
+            model.features.learn(vector, difference, rate)
 
 
 @compiled
@@ -229,7 +231,7 @@ def compare(
         targets: the table, of which the expected `detection_std` is filled.
         members: intp[t], rows that are compared.
         detected: float64[d, 6], centroid x, y and box x0 y0 x1 y1, px.
-        unlike: float64[t, d], added to the costs; infinite where the look forbids a pair.
+        unlike: float64[t, d], added to the costs; infinite where the features forbid a pair.
         gated: bool[t], targets that, if they are whole, may be found within the gate.
     """
     shape = len(members), len(detected)

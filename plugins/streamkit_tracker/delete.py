@@ -41,17 +41,17 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     targets, settings, followed = table.rows, table.settings, table.followed
     targets["visible"] = visible_fraction(targets["window"], image_shape)
     tentative = targets["state"] == TENTATIVE
-    window, mean, manual = targets["window"], targets["mean"], targets["manual"]
+    window, mean, drawn = targets["window"], targets["mean"], targets["drawn"]
     recognised = targets["recognised"] & ~tentative
     window[~recognised, :2] = mean[~recognised, :2]
     window[tentative, LENGTH : WIDTH + 1], window[tentative, ANGLE] = targets["box"][tentative], 0.0
     seen = recognised | (targets["frames_undetected"] == 0)
-    targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + targets["looked_for"])
-    targets["credit_s"][manual & recognised] = settings.coast
-    believed = np.where(manual, targets["sure"], targets["frames_undetected"] < settings.lost_frames)
+    targets["frames_unseen"] = np.where(seen | tentative, 0, targets["frames_unseen"] + targets["detectable"])
+    targets["credit_s"][drawn & recognised] = settings.coast
+    believed = np.where(drawn, targets["sure"], targets["frames_undetected"] < settings.lost_frames)
     confirmed = (targets["detection"] >= 0) & ~targets["crowded"] | recognised & believed
     # a target drawn by hand that is not sure may be elsewhere: its detector goes on looking for it
-    has_left = (targets["visible"] < MIN_VISIBLE) & (~manual | targets["sure"])
+    has_left = (targets["visible"] < MIN_VISIBLE) & (~drawn | targets["sure"])
     missed = targets["frames_undetected"] > TENTATIVE_MISSES
     gone = np.where(tentative, missed, has_left | (targets["credit_s"] <= 0))
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
@@ -72,7 +72,7 @@ def end_surplus(table: TargetTable) -> int:
     if surplus <= 0:
         return 0
     doubts, coasting = position_doubt(rows).tolist(), (rows["state"] == COASTING).tolist()
-    movable = np.flatnonzero(followed & ~rows["manual"]).tolist()
+    movable = np.flatnonzero(followed & ~rows["drawn"]).tolist()
     chosen = sorted(movable, key=lambda index: (coasting[index], doubts[index]), reverse=True)[:surplus]
     for index in chosen:
         table.lose(index, "made room: max-targets were followed")
@@ -123,18 +123,18 @@ def position_doubt(rows: TargetRows) -> FloatArray:
 def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     """Counts one frame of `step_s` seconds for every target, with or without a detection.
 
-    A frame that no detector has looked at misses no target: its time counts with the next one that has been.
+    A frame on which no detector ran misses no target: its time counts with the next one on which one did.
     """
     targets, birth_window = table.rows, table.settings.birth_window
-    targets["looked_for"] = looked = targets["manual"] | detector_ran
+    targets["detectable"] = detectable = targets["drawn"] | detector_ran
     detected, hits = targets["detection"] >= 0, targets["hits"]
-    hits[looked, 1:birth_window] = hits[looked, : birth_window - 1]
-    hits[looked, 0] = detected[looked]
+    hits[detectable, 1:birth_window] = hits[detectable, : birth_window - 1]
+    hits[detectable, 0] = detected[detectable]
     targets["age_s"] += step_s
     targets["waited_s"] += step_s
-    passed_s = np.where(looked, targets["waited_s"], 0.0)
-    targets["waited_s"][looked] = 0.0
-    targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + looked)
+    passed_s = np.where(detectable, targets["waited_s"], 0.0)
+    targets["waited_s"][detectable] = 0.0
+    targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + detectable)
     coast = table.settings.coast
     earned_s = coast if table.are_objects else passed_s * ~targets["shared"]
     targets["credit_s"] = np.minimum(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, FilterHistory
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
 from streamkit_tracker.appearance.window_sampling import WindowSampler
@@ -12,7 +11,7 @@ from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
 from streamkit_tracker.trail import extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
-from streamkit_tracker.update.return_search import ReturnSearch
+from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.window_geometry import LENGTH, WIDTH
 
 MIN_STRAIGHTNESS = 0.5
@@ -27,7 +26,7 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
         is_whole = observation.are_objects or (high - low).prod() >= LARGE_SIDE**2
         centre = (low + high) / 2 if is_whole else observation.centroids[index]
         window = np.array([*centre, *(high - low), 0.0])
-        born = table.add(window, manual=False, cause="began on a detection")
+        born = table.add(window, drawn=False, cause="began on a detection")
         table.rows["detection"][born], table.rows["whole"][born] = index, is_whole
 
 
@@ -63,7 +62,6 @@ def start_appearance(table: TargetTable, index: int, space: Space | None, sample
     model.template = (
         EigenTemplate(pixels, settings.eigen) if space is None else FeatureTemplate(pixels, space)
     )
-    if target["manual"]:
-        model.filters = FilterHistory(CorrelationFilter(sampler, window))
-        model.return_search = ReturnSearch(sampler, window)
+    if target["drawn"]:
+        model.drawn = DrawnTarget(sampler, window)
     target["score"], target["recognised"] = 1.0, True

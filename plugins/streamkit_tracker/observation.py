@@ -35,7 +35,7 @@ class Observation:
         scores: float64[n], 0 to 1, or None; used of objects.
         are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
             of motion, of which the small ones may show a part of a target, or several.
-        detector_ran: whether a detector has looked at this frame; no target is missed where none has.
+        detector_ran: whether a detector ran on this frame; no target is missed where none did.
         features: float32[n, k], one vector per detection, or None.
         features_version: of the space they are in; vectors of different versions do not compare.
         space: the feature space to compare windows in, or None for the tracker's own templates.

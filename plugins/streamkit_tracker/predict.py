@@ -41,7 +41,7 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
     rows, homography = table.rows, invertible(to_previous)
     if homography is not None:
         # the trail of a target that its detections have confirmed is not used any more
-        trailed = [model for model in table.models if model.template is None or model.filters is not None]
+        trailed = [model for model in table.models if model.template is None or model.drawn is not None]
         clouds = [model.particles for model in table.models if model.particles is not None]
         points = [rows["mean"][:, :2], rows["window"][:, :2]]
         points += [model.trail for model in trailed] + [particles.positions for particles in clouds]
@@ -77,7 +77,7 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     mean[:, 2:] = np.matvec(jacobians[:count], mean[:, 2:])
     targets["covariance"] = both @ targets["covariance"] @ both.swapaxes(1, 2)
     window[:, :2] = mapped[count : 2 * count]
-    index = np.flatnonzero(~targets["manual"])
+    index = np.flatnonzero(~targets["drawn"])
     around, (length, width, angle) = jacobians[count + index], window[index, LENGTH:].T
     x, y = np.matvec(around, np.stack([np.cos(angle), np.sin(angle)], axis=1)).T
     stretch = np.maximum(np.hypot(x, y), NO_SCALE)
@@ -97,7 +97,7 @@ def advance(targets: TargetRows, step_s: float) -> None:
     sides = np.maximum(np.sqrt(targets["window"][:, LENGTH] * targets["window"][:, WIDTH]), MIN_SIDE)
     turning = TURN_RATE * np.hypot(targets["mean"][:, 2], targets["mean"][:, 3])
     detected = np.maximum(DETECTED_ACCELERATION * sides, turning)
-    acceleration = np.where(targets["manual"], ACCELERATION * sides, detected)
+    acceleration = np.where(targets["drawn"], ACCELERATION * sides, detected)
     targets["mean"] = targets["mean"] @ motion.T
     noise = acceleration[:, None, None] ** 2 * (gain @ gain.T)
     targets["covariance"] = motion @ targets["covariance"] @ motion.T + noise

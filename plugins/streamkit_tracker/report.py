@@ -77,7 +77,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     else:
         absent = (rows["frames_undetected"] > 0) | rows["crowded"]
         hidden |= absent & (rows["credit_s"] < SETTLED_S)
-        hidden &= table.followed & ~rows["manual"]
+        hidden &= table.followed & ~rows["drawn"]
     index = np.flatnonzero(~hidden)
     rows, models = rows[index], [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])
@@ -87,10 +87,10 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     # of the point in the target that its template sits on: no match corrects it
     sides = np.sqrt(rows["window"][:, 2] * rows["window"][:, 3])
     creep = np.array([model.evidence.usual_distance for model in models]) * CREEP
-    stds = np.where(rows["manual"], MANUAL_STD + creep * sides, centroid_std(sides))
+    stds = np.where(rows["drawn"], MANUAL_STD + creep * sides, centroid_std(sides))
     covariances = np.where(tentative, 0.0, stds**2)[:, None, None] * IDENTITY
     # the window of a target drawn by hand is where it was recognised, else where it is predicted
-    predicted = ~(rows["manual"] & rows["recognised"] & (rows["state"] == CONFIRMED))
+    predicted = ~(rows["drawn"] & rows["recognised"] & (rows["state"] == CONFIRMED))
     covariances[predicted] += rows["covariance"][predicted, :2, :2]
     if tentative.any():
         rows["score"][tentative] = np.nanmean(rows["hits"][tentative], axis=1)

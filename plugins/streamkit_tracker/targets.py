@@ -10,14 +10,14 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from streamkit_tracker.appearance.correlation_filter import FilterHistory, Response
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
-from streamkit_tracker.appearance.look import Look
+from streamkit_tracker.appearance.mean_features import MeanFeatures
+from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
-from streamkit_tracker.update.return_search import ReturnSearch
 from streamkit_tracker.window_geometry import FloatArray, Number
 
 BoolArray = NDArray[np.bool_]
@@ -34,14 +34,14 @@ TARGET = np.dtype(
     [
         ("id", np.int64),
         ("state", np.int64),  # TENTATIVE, CONFIRMED, COASTING or LOST
-        ("manual", np.bool_),  # drawn by hand: neither shape nor heading follow detections
+        ("drawn", np.bool_),  # drawn by hand: neither shape nor heading follow detections
         ("window", np.float64, 5),  # x y length width, px, and angle, rad
         ("mean", np.float64, 4),  # x y, px, and velocity, px/s, with the camera's motion taken out
         ("covariance", np.float64, (4, 4)),
         ("drawn_angle", np.float64),  # rad, of the drawn window
         ("age_s", np.float64),
         ("credit_s", np.float64),  # how much longer the target may coast
-        ("waited_s", np.float64),  # since a detector has looked for it; 0 for targets drawn by hand
+        ("waited_s", np.float64),  # since a detector last ran; 0 for targets drawn by hand
         ("hits", np.float64, 100),  # 1 where it was detected, the latest frame first; NaN before it began
         ("frames_undetected", np.int64),
         ("frames_unseen", np.int64),
@@ -51,7 +51,7 @@ TARGET = np.dtype(
         ("whole", np.bool_),  # detections show the whole target: a detector's, and large regions
         ("box", np.float64, 2),  # width and height of the upright box, px
         # of this frame
-        ("looked_for", np.bool_),  # a detector has looked at the frame, or the target is drawn by hand
+        ("detectable", np.bool_),  # a detector ran on the frame, or the target is drawn by hand
         ("predicted", np.float64, 2),  # x y before the frame was searched, px; NaN in the first
         ("detection", np.int64),  # row of the frame's detections; -1 is none
         ("gate", np.float64),  # distance of the detection, standard deviations
@@ -93,10 +93,8 @@ class TargetModel:
         template: windows are compared with it; None before the target is confirmed.
         particles: of the layered filter; None while they are one, at the window.
         patch: samples of a compared patch (rows, columns).
-        filters: correlation filters against the background, for targets drawn by hand, else None.
-        return_search: finds such a target again, else None.
-        response: of that filter in this frame, or None.
-        look: what the vectors of its detections have shown, or None.
+        drawn: what follows a target drawn by hand, else None.
+        features: mean of the feature vectors of its detections, or None.
     """
 
     generator: np.random.Generator
@@ -105,10 +103,14 @@ class TargetModel:
     template: EigenTemplate | FeatureTemplate | None = None
     particles: Particles | None = None
     patch: tuple[int, int] = (0, 0)
-    filters: FilterHistory | None = None
-    return_search: ReturnSearch | None = None
-    response: Response | None = None
-    look: Look | None = None
+    drawn: DrawnTarget | None = None
+    features: MeanFeatures | None = None
+
+    def is_in_place(self, sampler: WindowSampler, window: FloatArray) -> bool:
+        """Whether the filter of a target drawn by hand finds it near a window, float64[5]."""
+        return self.drawn is not None and self.evidence.is_credible(
+            self.drawn.filter.respond(sampler, window)
+        )
 
 
 @dataclass(eq=False)
@@ -135,12 +137,12 @@ class TargetTable:
     next_id: int = 1
     confirmed: int = 0
 
-    def add(self, window: FloatArray, *, manual: bool, cause: str) -> int:
+    def add(self, window: FloatArray, *, drawn: bool, cause: str) -> int:
         """Appends a tentative target at a window, float64[5]; returns its row."""
         row = np.zeros(1, TARGET)
         position_std = centroid_std(float(np.sqrt(window[2] * window[3])))
         speed_std = self.settings.max_speed * SPEED_SHARE
-        row["id"], row["manual"], row["window"], row["drawn_angle"] = self.next_id, manual, window, window[4]
+        row["id"], row["drawn"], row["window"], row["drawn_angle"] = self.next_id, drawn, window, window[4]
         row["mean"][0, :2], row["box"] = window[:2], window[2:4]
         row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
         row["credit_s"], row["score"], row["last_place"] = INITIAL_CREDIT_S, 1.0, window[:2]
@@ -190,13 +192,13 @@ class TargetTable:
     def dormant(self) -> BoolArray:
         """bool[n]: targets that only a detection finds again, unseen for `lost_frames`."""
         unseen = self.rows["frames_unseen"] >= self.settings.lost_frames
-        return np.asarray(~self.rows["manual"] & unseen)
+        return np.asarray(~self.rows["drawn"] & unseen)
 
     @property
     def settled(self) -> int:
         """Number of targets that are not ended in favour of a new one."""
-        is_manual = self.rows["manual"] & self.followed
-        return int(np.count_nonzero(is_manual | (self.rows["state"] == CONFIRMED)))
+        is_drawn = self.rows["drawn"] & self.followed
+        return int(np.count_nonzero(is_drawn | (self.rows["state"] == CONFIRMED)))
 
 
 @register_jitable

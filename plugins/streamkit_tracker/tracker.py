@@ -26,7 +26,6 @@ from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, IndexArray, TargetTable
 from streamkit_tracker.update.detected_box import follow_boxes, follow_detections
 from streamkit_tracker.update.measurement import follow_drawn, learn_detected, measure
-from streamkit_tracker.update.response import is_in_place
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
 
 SEARCH_EVERY = 2  # frames, and learn likewise, of a target that its detections keep in place
@@ -73,7 +72,7 @@ class MultiTargetTracker:
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
         self._sampler.set_frame(image, observation.chroma)
-        row = targets.add(window, manual=True, cause="drawn by hand")
+        row = targets.add(window, drawn=True, cause="drawn by hand")
         start_appearance(targets, row, observation.space, self._sampler)
         targets.confirm(row, "drawn by hand")
         return report(targets, observation)[-1]
@@ -133,7 +132,8 @@ class MultiTargetTracker:
             targets.rows["frames_unseen"] += 1
             for row, model in enumerate(targets.models):
                 # a registration that fails is taken for a cut; a filter can tell
-                if is_resized or not is_in_place(model, targets.rows["window"][row], self._sampler):
+                window = targets.rows["window"][row]
+                if is_resized or not model.is_in_place(self._sampler, window):
                     targets.lose(row, cause)
             return False
         predict(targets, observation.to_previous, observation.step_s)

@@ -1,10 +1,9 @@
-"""Place and size of a target drawn by hand, and whether it is still the same one, by filters."""
+"""Place and size of a target drawn by hand, by a filter that also learns the background."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,12 +16,7 @@ from streamkit_tracker.window_geometry import ANGLE, Float32Array, FloatArray
 
 COLOUR_SHARE = np.float32(0.3)  # of the place, that colours decide
 SIDELOBE = 5  # cells around the peak that do not count as ground
-COPY_EVERY = 10  # frames
-COPIES = 3
 MIN_SHARPNESS = 5.0
-SURE_SHARPNESS = 10.0  # Bolme et al. (CVPR 2010) report 20 to 60 on a target, about 7 off it
-CERTAIN_SHARPNESS = 15.0  # on the target whatever the detector says
-SHARPNESS_RATE = 0.07  # of the mean: some 14 frames
 NEAR = 2  # cells between the peak with colours and that of the filter
 
 
@@ -103,56 +97,6 @@ class CorrelationFilter:
         self._filter.learn(region.spectra, share)
         self._colours.learn(region, share)
         self.sizes.learn(sampler, region.window, share)
-
-
-class FilterHistory:
-    """A target's filter, and copies of it, made every few frames while the target is sure.
-
-    A filter that follows its own errors responds well to whatever it has learnt by them. The oldest copy has
-    not learnt them. While it responds sharply to what is followed, the target is sure.
-
-    Args:
-        latest: the filter as it was trained on the first frame; learns from then on.
-
-    Attributes:
-        latest: see above.
-        sharpness: mean of the last responses of the oldest copy.
-        is_doubted: whether the detector finds the target elsewhere; then only sharper responses make it sure.
-    """
-
-    def __init__(self, latest: CorrelationFilter) -> None:
-        self.latest = latest
-        self.sharpness = math.inf
-        self.is_doubted = False
-        self._copies = deque([latest.copy()], maxlen=COPIES)
-        self._frames = 0
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether the last responses were sharp enough to claim that they are the target's."""
-        return self.sharpness >= (CERTAIN_SHARPNESS if self.is_doubted else SURE_SHARPNESS)
-
-    def oldest_sharpness(self, sampler: WindowSampler, window: FloatArray) -> float:
-        """Peak to sidelobe ratio of the oldest copy near a window, float64[5]; 1 at least."""
-        return max(self._copies[0].respond(sampler, window).sharpness, 1.0)
-
-    def restore_oldest(self) -> None:
-        """Replaces the latest filter, which has lost the target, by the oldest copy."""
-        self.latest = self._copies[0].copy()
-        self._copies.clear()
-        self._copies.append(self.latest.copy())
-        self.sharpness = math.inf
-        self.is_doubted = False
-
-    def update_sharpness(self, region: Region | None) -> None:
-        """Updates the mean by the region around the window; None where the target was not seen."""
-        sharpness = MIN_SHARPNESS if region is None else max(self._copies[0].sharpness(region), 1.0)
-        known = sharpness if math.isinf(self.sharpness) else self.sharpness
-        self.sharpness = known * (sharpness / known) ** SHARPNESS_RATE
-        if self.is_sure:
-            self._frames += 1
-            if self._frames % COPY_EVERY == 0:
-                self._copies.append(self.latest.copy())
 
 
 def _clearness(response: Float32Array, row: int, column: int) -> tuple[float, float]:

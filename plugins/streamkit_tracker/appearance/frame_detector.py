@@ -16,8 +16,8 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, Float32Array, FloatArray
 
 CELLS_PER_SIDE = 5.0
-MAX_REACH = 24.0  # sides: the largest part of a frame that is looked at
-BORDER = 1  # cells around the target that belong to its look
+MAX_REACH = 24.0  # sides: the largest part of a frame that is searched
+BORDER = 1  # cells around the target that belong to its appearance
 MARGIN = 2  # cells beyond it, that gradients at its rim need
 GRADIENTS = 5  # components kept of the gradient channels
 COLOUR_WEIGHT = np.float32(6.0)  # colours stay longer than the outline of a target that turns or walks
@@ -27,11 +27,11 @@ APART = 1.0  # sides from the target: what is there is background
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class ScoreMap:
     """A part of a frame, and how like the target each place in it is.
 
     Attributes:
-        side: mean side of the target that is looked for, px.
+        side: mean side of the target, px.
         features: float32[channels, rows, columns], of the cells.
         places: float64[r, c, 2], x y of the middle of the target at all places it may have, px.
         scores: float32[r, c], at these places, see `BackgroundClassifier`; minus infinity beyond the frame.
@@ -83,10 +83,10 @@ class FrameDetector:
         self._components = principal_directions(gradients, GRADIENTS)
         self._classifier: BackgroundClassifier | None = None
         self._learnt = 0
-        self.learn(self.survey(sampler, window), sampler, window)
+        self.learn(self.score(sampler, window), sampler, window)
 
-    def survey(self, sampler: WindowSampler, window: FloatArray) -> Survey:
-        """Looks at the frame around a window, float64[5], for a target of its size and turn."""
+    def score(self, sampler: WindowSampler, window: FloatArray) -> ScoreMap:
+        """Scores the places around a window, float64[5], for a target of its size and turn."""
         region, (rows, columns) = self._region(window, sampler.shape)
         features = self._read(sampler, region, (rows, columns))
         cell = float(region[WIDTH]) / rows
@@ -103,31 +103,31 @@ class FrameDetector:
                 scores += products[: len(down), : len(across)]
         height, width = sampler.shape
         scores[(x < 0) | (y < 0) | (x > width - 1) | (y > height - 1)] = -np.inf
-        return Survey(cell * CELLS_PER_SIDE, features, np.stack([x, y], axis=-1), scores)
+        return ScoreMap(cell * CELLS_PER_SIDE, features, np.stack([x, y], axis=-1), scores)
 
-    def learn(self, survey: Survey, sampler: WindowSampler, window: FloatArray) -> None:
-        """Learns the target at a window, float64[5], and the background in a survey of the same frame."""
+    def learn(self, score_map: ScoreMap, sampler: WindowSampler, window: FloatArray) -> None:
+        """Learns the target at a window, float64[5], and the background, by the scores of the frame."""
         rows, columns = (cells + 2 * MARGIN for cells in self._shape)
-        region, cell = window.copy(), survey.side / CELLS_PER_SIDE
+        region, cell = window.copy(), score_map.side / CELLS_PER_SIDE
         region[LENGTH], region[WIDTH] = columns * cell, rows * cell
-        look = self._read(sampler, region, (rows, columns))[:, MARGIN:-MARGIN, MARGIN:-MARGIN].ravel()
-        background = self._background(survey, window[:2])
+        appearance = self._read(sampler, region, (rows, columns))[:, MARGIN:-MARGIN, MARGIN:-MARGIN].ravel()
+        background = self._background(score_map, window[:2])
         if not len(background):  # the target fills the frame
             return
         if self._classifier is None:
-            self._classifier = BackgroundClassifier(look, background)
+            self._classifier = BackgroundClassifier(appearance, background)
         else:
-            self._classifier.learn(look, background)
+            self._classifier.learn(appearance, background)
         self._learnt += 1
 
-    def _background(self, survey: Survey, place: FloatArray) -> Float32Array:
+    def _background(self, score_map: ScoreMap, place: FloatArray) -> Float32Array:
         """Patches float32[n, k] beside a target at x y, float64[2], evenly spread."""
-        free = np.flatnonzero((survey.distances(place) > APART) & np.isfinite(survey.scores))
+        free = np.flatnonzero((score_map.distances(place) > APART) & np.isfinite(score_map.scores))
         count = PATCHES if self._learnt else FIRST_PATCHES
         stride = max(len(free) // count, 1)
-        windows = np.lib.stride_tricks.sliding_window_view(survey.features, self._shape, axis=(1, 2))
-        rows, columns = np.divmod(free[self._learnt % stride :: stride][:count], survey.scores.shape[1])
-        size = len(survey.features) * math.prod(self._shape)
+        windows = np.lib.stride_tricks.sliding_window_view(score_map.features, self._shape, axis=(1, 2))
+        rows, columns = np.divmod(free[self._learnt % stride :: stride][:count], score_map.scores.shape[1])
+        size = len(score_map.features) * math.prod(self._shape)
         return windows[:, rows, columns].swapaxes(0, 1).reshape(len(rows), size)
 
     def _read(self, sampler: WindowSampler, region: FloatArray, cells: tuple[int, int]) -> Float32Array:

@@ -99,7 +99,7 @@ class Life:
         shared: of these, with the detection of another track that covers this one.
         gates: median and largest distance of its detections, standard deviations, or None.
         similarities: median and least similarity, or None.
-        learnt: frames its look was learnt from.
+        learnt: frames its appearance was learnt from.
         registrations: frames by status of their registration.
         planes: numbers of the reference planes, in order.
         turns: the moments in which something was decided, or the state changed.

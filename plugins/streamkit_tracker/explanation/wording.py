@@ -70,13 +70,13 @@ def _origin_facts(moment: Moment, gate: float) -> list[tuple[str, str]]:
     else:
         missing = "that of another track covers this one too" if origin.shared else "none in its gate"
         facts.append(("detection", missing))
-    looked = "not compared: it was not searched, or the frame could not be placed"
+    compared = "not compared: it was not searched, or the frame could not be placed"
     if match is not None:
-        looked = "not compared: its detection is enough in this frame, or its look is not known yet"
+        compared = "not compared: its detection is enough in this frame, or its appearance is not known yet"
     if origin.similarity is not None:
         learnt = "learnt from this frame" if origin.learnt else "not learnt from this frame"
-        looked = f"{origin.similarity:.3f} to its template; {learnt}"
-    facts.append(("similarity", looked))
+        compared = f"{origin.similarity:.3f} to its template; {learnt}"
+    facts.append(("similarity", compared))
     if origin.cause:
         facts.append(("decided", origin.cause))
     return facts

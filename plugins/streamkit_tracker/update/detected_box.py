@@ -51,14 +51,14 @@ def follow_detections(
     are with a detector, else the large ones.
     """
     is_shown = (targets["detection"] >= 0) & ~targets["crowded"]
-    targets["led"] = is_shown & ~targets["manual"] & (targets["state"] != TENTATIVE)
+    targets["led"] = is_shown & ~targets["drawn"] & (targets["state"] != TENTATIVE)
     index = np.flatnonzero(is_shown)
     seen = detected[targets["detection"][index]]
     sides = np.maximum(seen[:, RIGHT:] - seen[:, LEFT:RIGHT], 1.0)
     kept = (1.0 - OBJECT_RATE) ** (step_s / RATED_S) if are_objects else 0.0
     targets["box"][index] = targets["box"][index] ** kept * sides ** (1.0 - kept)
     is_large = targets["box"].prod(axis=1) >= LARGE_SIDE**2
-    targets["whole"] = ~targets["manual"] & (are_objects | is_large)
+    targets["whole"] = ~targets["drawn"] & (are_objects | is_large)
 
 
 def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -> None:

@@ -6,18 +6,18 @@ import math
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import FilterHistory
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
-from streamkit_tracker.appearance.region_features import PADDING
 from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_factor
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.targets import IndexArray, TargetModel, TargetRows, TargetTable
+from streamkit_tracker.targets import IndexArray, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
 from streamkit_tracker.update.detected_box import (
     measure_shared,
     motion_headings,
     turned_windows,
 )
+from streamkit_tracker.update.drawn_target import DrawnTarget
+from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import Kind, search
@@ -34,7 +34,6 @@ SIDES_STD = 0.12
 MIN_CONTRAST = 1e-3
 MIN_SPREAD = 0.5  # px
 DETECTION_SHARE = 0.5
-MIN_SHARE = 0.02  # of a patch that the correlation filter learns
 UNSEEN_SPEED = 0.8  # factor per frame: an unseen target drawn by hand soon forgets its speed
 
 
@@ -58,7 +57,7 @@ def measure(
     models = [table.models[index] for index in searched.tolist()]
     usual = [settings.layers_for(led, budget_share) for led in (False, True)]
     # no detection leads a target drawn by hand
-    is_led = (rows["detection"][searched] >= 0) & ~rows["manual"][searched]
+    is_led = (rows["detection"][searched] >= 0) & ~rows["drawn"][searched]
     layers = [usual[led] for led in is_led.tolist()]
     groups: dict[Kind, list[int]] = {}
     for place, (model, window) in enumerate(zip(models, searches["window"], strict=True)):
@@ -87,16 +86,16 @@ def _judge(
     """Judges the results of a search for the rows `index`; recognised targets are measured and learn."""
     rows, verdicts = table.rows, []
     similarities, informative = np.exp(-distances), (found.contrasts > MIN_CONTRAST).tolist()
-    manual, is_crowded = rows["manual"][index].tolist(), rows["crowded"][index].tolist()
+    drawn, is_crowded = rows["drawn"][index].tolist(), rows["crowded"][index].tolist()
     for place, row in enumerate(index.tolist()):
         model = table.models[row]
         assert model.template is not None
         verdict = model.evidence.judge(
             -math.log(max(similarities.item(place), 1e-9)),
-            model.response,
+            None if model.drawn is None else model.drawn.response,
             informative=model.template.textured and informative[place],
         )
-        learns = verdict.learnt and (manual[place] or is_crowded[place])
+        learns = verdict.learnt and (drawn[place] or is_crowded[place])
         if verdict.seen:
             model.particles = found.particles[place]
         if learns:
@@ -131,8 +130,8 @@ def _expectations(
     for row, model in enumerate(models):
         if isinstance(model.template, FeatureTemplate) and observation.space is not None:
             model.template.follow(observation.space)
-        if model.filters is not None:
-            _expect_manual(rows[row], model, model.filters, observation.step_s, sampler, searches[row])
+        if model.drawn is not None:
+            _expect_drawn(rows[row], model.drawn, model.evidence, observation.step_s, sampler, searches[row])
     wide = table.settings.std_position * searches["window"][:, LENGTH : WIDTH + 1].mean(axis=1)
     searches["wide_spread"] = wide = np.maximum(wide, 1.0)
     spread = np.sqrt((covariance[:, 0, 0] + covariance[:, 1, 1]) / 2)
@@ -141,24 +140,24 @@ def _expectations(
     return searches
 
 
-def _expect_manual(
+def _expect_drawn(
     target: TargetRows,
-    model: TargetModel,
-    filters: FilterHistory,
+    drawn: DrawnTarget,
+    evidence: Evidence,
     step_s: float,
     sampler: WindowSampler,
     search: SearchRows,
 ) -> None:
-    """Asks the correlation filter of a target drawn by hand where it is, and expects it there."""
-    evidence, is_unseen = model.evidence, bool(target["frames_unseen"] > 0)
+    """Expects a target drawn by hand where its correlation filter finds it."""
+    is_unseen = bool(target["frames_unseen"] > 0)
     # The filter's search area covers any motion in a frame; only an unseen target needs its velocity.
     predicted = target["window"].copy()
     if is_unseen:
         predicted[:2] += target["mean"][2:] * step_s
     unmoved = predicted.copy()
     unmoved[:2] = target["last_place"]
-    response = find_response(filters.latest, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
-    model.response = response
+    response = find_response(drawn.filter, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
+    drawn.response = response
     if response is None:
         search["sides_precision"] = search["heading_precision"] = 0.0
         return
@@ -193,40 +192,21 @@ def learn_detected(table: TargetTable, searched: IndexArray, sampler: WindowSamp
 
 
 def follow_drawn(table: TargetTable, sampler: WindowSampler) -> None:
-    """Lets the filters of targets drawn by hand learn, then looks for the targets with their detectors.
-
-    A target that is not sure moves to where its detector finds it, beyond the region of the filter.
-    """
+    """Lets the filters of targets drawn by hand learn; moves targets to where their detectors find them."""
     rows = table.rows
-    for index in np.flatnonzero(table.followed & rows["manual"]).tolist():
+    for index in np.flatnonzero(table.followed & rows["drawn"]).tolist():
         target, model = rows[index], table.models[index]
-        filters, search = model.filters, model.return_search
-        assert filters is not None
-        assert search is not None
-        is_seen = bool(target["recognised"])
-        _learn_drawn(target, model, filters, sampler)
-        found = search.look(sampler, target["window"], filters, is_seen=is_seen)
-        target["sure"] = filters.is_sure
-        if found is None:
-            continue
-        apart = math.dist(found[:2], target["window"][:2]) / math.sqrt(found[LENGTH] * found[WIDTH])
-        if not is_seen or (not target["sure"] and apart > PADDING / 2):  # nearer ones the filter has compared
-            filters.restore_oldest()
+        drawn, is_seen = model.drawn, bool(target["recognised"])
+        assert drawn is not None
+        if is_seen:
+            model.trail = extended(model.trail, target["mean"][:2])
+        else:
+            target["mean"][2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
+        window = target["window"].copy()
+        drawn.learn(sampler, window if is_seen else None, float(target["filter_share"]))
+        found = drawn.redetect(sampler, window, is_seen=is_seen)
+        target["sure"] = drawn.is_sure
+        if found is not None:
             target["window"], target["mean"][:2], target["mean"][2:] = found, found[:2], 0.0
-            target["recognised"] = target["sure"] = True
+            target["recognised"] = True
             model.particles, model.trail = None, found[None, :2].copy()
-
-
-def _learn_drawn(
-    target: TargetRows, model: TargetModel, filters: FilterHistory, sampler: WindowSampler
-) -> None:
-    """Lets trail and filter of a recognised target learn it, and compares the filter with its copies."""
-    region, share = None, float(target["filter_share"])
-    if target["recognised"]:
-        model.trail = extended(model.trail, target["mean"][:2])
-        region = filters.latest.features.read(sampler, target["window"])
-        if share > MIN_SHARE:
-            filters.latest.learn(sampler, region, share)
-    else:
-        target["mean"][2:] *= UNSEEN_SPEED ** (1 - steadiness(model.trail))
-    filters.update_sharpness(region)

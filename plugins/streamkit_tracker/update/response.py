@@ -1,4 +1,4 @@
-"""Finds a target drawn by hand with its correlation filter, and tells the particles what to expect there."""
+"""Finds a target drawn by hand with its correlation filter; the particles are drawn around that place."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, Response
 from streamkit_tracker.appearance.window_sampling import WindowSampler
-from streamkit_tracker.targets import TargetModel
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import SearchRows
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible_fraction, widened
@@ -17,7 +16,7 @@ from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, visible
 PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
 PEAK_SIDES_STD = 0.004
 TURN_STD = 0.35  # rad about the drawn angle, for a rigid target
-FAR = 0.4  # sides; a peak nearer to the rim of what was looked at is faint
+FAR = 0.4  # sides; a peak nearer to the rim of the region that was read is faint
 MOVED = 0.1  # sides between both places, from which both are asked
 GAIN = 0.1  # logarithms of a response, above the other one
 
@@ -60,14 +59,6 @@ def find_response(
     if not is_shown or not evidence.is_credible(best):
         return None
     return replace(best, window=widened(best.window, discriminator.sizes.growth(sampler, best.window)))
-
-
-def is_in_place(model: TargetModel, window: FloatArray, sampler: WindowSampler) -> bool:
-    """Whether the filter of a target drawn by hand finds it near its window, float64[5]."""
-    if model.filters is None:
-        return False
-    response = model.filters.latest.respond(sampler, window)
-    return model.evidence.is_credible(response)
 
 
 def expect_response(search: SearchRows, response: Response, tolerance: float, drawn_angle: float) -> None:

@@ -10,7 +10,7 @@ from streamkit_tracker.targets import TargetTable
 def table(window: tuple[float, float, float, float, float] = (0.0, 0.0, 10.0, 10.0, 0.0)) -> TargetTable:
     """One target drawn by hand, 10 px wide: accelerations of 20 px/s^2."""
     targets = TargetTable(TrackerSettings())
-    targets.add(np.array(window), manual=True, cause="")
+    targets.add(np.array(window), drawn=True, cause="")
     return targets
 
 
@@ -65,7 +65,7 @@ SIMILARITY = np.array(
 def test_similarity_moves_turns_and_scales_a_detected_window():
     """A similarity moves the centre, adds its angle and multiplies both sides by its scale."""
     targets = table((30.0, 40.0, 20.0, 10.0, 0.3))
-    targets.rows["manual"] = False
+    targets.rows["drawn"] = False
     predict(targets, np.linalg.inv(SIMILARITY), 0.0)
     centre = SIMILARITY @ [30.0, 40.0, 1.0]
     np.testing.assert_allclose(targets.rows["window"][0], [centre[0], centre[1], 30.0, 15.0, 0.8], atol=1e-9)

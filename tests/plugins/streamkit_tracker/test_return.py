@@ -5,14 +5,15 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, FilterHistory
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.filter_copies import FilterCopies
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
-from streamkit_tracker.update.return_search import DOUBTING, LOOK_EVERY, ReturnSearch
+from streamkit_tracker.update.redetection import CONTRADICTING, DETECT_EVERY, Redetector
 
 STEP = Observation(0.04)
 SETTINGS = TrackerSettings(auto_start=False)
@@ -61,8 +62,8 @@ def test_another_object_is_not_taken_for_it(scenes: ModuleType):
         assert not any(report is not None and report.state is TargetState.CONFIRMED for report in reports)
 
 
-def test_a_target_that_is_found_elsewhere_is_in_doubt_until_it_is_where_it_is_followed(scenes: ModuleType):
-    """One look elsewhere is chance, `DOUBTING` in a row are not; one look in place ends the doubt."""
+def test_detections_elsewhere_contradict_until_one_is_where_the_target_is_followed(scenes: ModuleType):
+    """One detection elsewhere is chance, `CONTRADICTING` in a row are not; one in place ends it."""
     generator = np.random.default_rng(3)
     ground, texture = scenes.ground(generator, 240, 360), scenes.blob_texture(generator)
     followed, elsewhere = np.array([90.0, 150, 36, 30, 0.0]), np.array([270.0, 80, 36, 30, 0.0])
@@ -72,15 +73,15 @@ def test_a_target_that_is_found_elsewhere_is_in_doubt_until_it_is_where_it_is_fo
         sampler.set_frame(scenes.grey(scenes.paint(ground, texture, window), generator, 2.0))
 
     show(followed)
-    filters, search = FilterHistory(CorrelationFilter(sampler, followed)), ReturnSearch(sampler, followed)
-    doubts = []
-    for place, looks in ((followed, 10), (elsewhere, DOUBTING), (followed, 1)):
-        for _ in range(looks * LOOK_EVERY):
+    copies, redetector = FilterCopies(CorrelationFilter(sampler, followed)), Redetector(sampler, followed)
+    contradicted = []
+    for place, detections in ((followed, 10), (elsewhere, CONTRADICTING), (followed, 1)):
+        for _ in range(detections * DETECT_EVERY):
             show(place)
-            search.look(sampler, followed, filters, is_seen=True)
-            doubts.append(filters.is_doubted)
-    in_doubt = range((10 + DOUBTING) * LOOK_EVERY - 1, (11 + DOUBTING) * LOOK_EVERY - 1)
-    assert [frame for frame, is_doubted in enumerate(doubts) if is_doubted] == list(in_doubt)
+            redetector.detect(sampler, followed, copies, is_seen=True)
+            contradicted.append(redetector.contradicts)
+    expected = range((10 + CONTRADICTING) * DETECT_EVERY - 1, (11 + CONTRADICTING) * DETECT_EVERY - 1)
+    assert [frame for frame, is_so in enumerate(contradicted) if is_so] == list(expected)
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from streamkit_tracker.appearance.background_classifier import BackgroundClassifier
-from streamkit_tracker.appearance.frame_detector import FrameDetector, Survey
+from streamkit_tracker.appearance.frame_detector import FrameDetector, ScoreMap
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 
 DRAWN = np.array([150.0, 120, 40, 34, 0.0])
 
 
-def survey_of(scenes: ModuleType, shown: np.ndarray, asked: np.ndarray, drawn: np.ndarray = DRAWN) -> Survey:
+def scores_of(
+    scenes: ModuleType, shown: np.ndarray, asked: np.ndarray, drawn: np.ndarray = DRAWN
+) -> ScoreMap:
     """What a detector that was started at `drawn` says of a frame with the target at `shown`."""
     generator = np.random.default_rng(4)
     ground, texture = scenes.ground(generator, 240, 320), scenes.blob_texture(generator)
@@ -20,7 +22,7 @@ def survey_of(scenes: ModuleType, shown: np.ndarray, asked: np.ndarray, drawn: n
     sampler.set_frame(scenes.grey(scenes.paint(ground, texture, drawn), generator, 2.0))
     detector = FrameDetector(sampler, drawn)
     sampler.set_frame(scenes.grey(scenes.paint(ground, texture, shown), generator, 2.0))
-    return detector.survey(sampler, asked)
+    return detector.score(sampler, asked)
 
 
 @pytest.mark.parametrize("place", [(40, 40), (280, 60), (60, 200), (150, 121)])
@@ -28,25 +30,25 @@ def test_a_target_is_found_far_from_where_it_is_looked_for(scenes: ModuleType, p
     """To half a cell, and nothing else is half as much like it."""
     shown = DRAWN.copy()
     shown[:2] = place
-    survey = survey_of(scenes, shown, DRAWN)
-    assert np.hypot(*(survey.best_place() - place)) <= 5.0
-    assert survey.score_at(shown[:2]) > 2 * max(survey.score_elsewhere(shown[:2]), 0.0)
+    score_map = scores_of(scenes, shown, DRAWN)
+    assert np.hypot(*(score_map.best_place() - place)) <= 5.0
+    assert score_map.score_at(shown[:2]) > 2 * max(score_map.score_elsewhere(shown[:2]), 0.0)
 
 
 def test_a_larger_turned_target_is_found_at_its_size_and_turn(scenes: ModuleType):
     """The frame is read as the window is."""
     shown = np.array([220.0, 150, 60, 51, 0.4])
     asked = np.array([150.0, 120, 60, 51, 0.4])
-    survey = survey_of(scenes, shown, asked)
-    assert np.hypot(*(survey.best_place() - shown[:2])) <= 8.0
+    score_map = scores_of(scenes, shown, asked)
+    assert np.hypot(*(score_map.best_place() - shown[:2])) <= 8.0
 
 
 def test_places_beyond_the_frame_do_not_count(scenes: ModuleType):
     """A turned region reaches beyond it."""
     asked = np.array([150.0, 120, 40, 34, 0.8])
-    survey = survey_of(scenes, DRAWN, asked)
-    x, y = survey.places[np.isfinite(survey.scores)].T
-    assert not np.isfinite(survey.scores).all()
+    score_map = scores_of(scenes, DRAWN, asked)
+    x, y = score_map.places[np.isfinite(score_map.scores)].T
+    assert not np.isfinite(score_map.scores).all()
     assert min(x.min(), y.min()) >= 0
     assert x.max() <= 319
     assert y.max() <= 239

@@ -75,7 +75,7 @@ def test_windows_lie_on_detections_of_their_own():
     targets = np.concatenate([settled() for _ in range(5)])
     targets["window"], targets["mean"] = window_at(100, 100), [109.0, 102, 0, 0]
     targets["covariance"], targets["detection"] = np.eye(4), [0, 0, 0, 0, -1]
-    targets["crowded"][1], targets["state"][2], targets["manual"][3] = True, TENTATIVE, True
+    targets["crowded"][1], targets["state"][2], targets["drawn"][3] = True, TENTATIVE, True
     remember(targets, sighting(109, 102, 34, 18), STEP_S)
     follow_boxes(targets, sighting(109, 102, 34, 18)[None], are_objects=False)
     assert targets["recognised"].tolist() == [True, False, False, False, False]
@@ -94,7 +94,7 @@ def test_a_large_target_follows_the_boxes_of_its_regions():
     target["detection"] = -1
     follow_detections(target, sighting(0, 0)[None], STEP_S)
     assert not target["whole"][0]
-    target["manual"], target["box"] = True, (80.0, 80.0)
+    target["drawn"], target["box"] = True, (80.0, 80.0)
     follow_detections(target, sighting(0, 0)[None], STEP_S)
     assert not target["whole"][0]
 

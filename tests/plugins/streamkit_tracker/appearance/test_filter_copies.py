@@ -4,7 +4,8 @@ from types import ModuleType
 
 import numpy as np
 
-from streamkit_tracker.appearance.correlation_filter import CorrelationFilter, FilterHistory
+from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
+from streamkit_tracker.appearance.filter_copies import FilterCopies
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 
 DRAWN = np.array([150.0, 120, 40, 34, 0.0])
@@ -19,7 +20,13 @@ class Film:
         self._texture = scenes.blob_texture(self._generator)
         self.sampler = WindowSampler()
         self.show(DRAWN)
-        self.filters = FilterHistory(CorrelationFilter(self.sampler, DRAWN))
+        self.filter = CorrelationFilter(self.sampler, DRAWN)
+        self.copies = FilterCopies(self.filter)
+
+    @property
+    def is_sure(self) -> bool:
+        """Where no detector contradicts."""
+        return self.copies.is_sure(is_contradicted=False)
 
     def show(self, window: np.ndarray | None) -> None:
         """The next frame: the target at a window, or the ground alone."""
@@ -28,10 +35,12 @@ class Film:
 
     def follow(self, window: np.ndarray, *, seen: bool = True) -> None:
         """What the tracker does with a window in a frame: the filter learns whatever is there."""
-        region = self.filters.latest.features.read(self.sampler, window) if seen else None
+        region = self.filter.features.read(self.sampler, window) if seen else None
         if region is not None:
-            self.filters.latest.learn(self.sampler, region)
-        self.filters.update_sharpness(region)
+            self.filter.learn(self.sampler, region)
+        self.copies.compare(region)
+        if self.is_sure:
+            self.copies.add(self.filter)
 
 
 def test_a_target_that_stays_is_sure(scenes: ModuleType):
@@ -40,7 +49,7 @@ def test_a_target_that_stays_is_sure(scenes: ModuleType):
     for _ in range(40):
         film.show(DRAWN)
         film.follow(DRAWN)
-        assert film.filters.is_sure
+        assert film.is_sure
 
 
 def test_ground_in_its_place_is_not_sure_though_the_filter_has_learnt_it(scenes: ModuleType):
@@ -50,9 +59,9 @@ def test_ground_in_its_place_is_not_sure_though_the_filter_has_learnt_it(scenes:
     for _ in range(120):
         film.show(None)
         film.follow(DRAWN)
-        sure.append(film.filters.is_sure)
+        sure.append(film.is_sure)
     assert not any(sure[40:])
-    assert film.filters.latest.respond(film.sampler, DRAWN).sharpness > 10
+    assert film.filter.respond(film.sampler, DRAWN).sharpness > 10
 
 
 def test_a_target_that_is_not_seen_is_soon_not_sure(scenes: ModuleType):
@@ -62,15 +71,14 @@ def test_a_target_that_is_not_seen_is_soon_not_sure(scenes: ModuleType):
     film.follow(DRAWN)
     for _ in range(40):
         film.follow(DRAWN, seen=False)
-    assert not film.filters.is_sure
+    assert not film.is_sure
 
 
-def test_a_target_in_doubt_is_sure_only_by_sharper_responses(scenes: ModuleType):
+def test_a_contradicted_target_is_sure_only_by_sharper_responses(scenes: ModuleType):
     """What is sharp enough for a target in its place is not for one that its detector finds elsewhere."""
     film = Film(scenes)
-    film.filters.sharpness = 12.0
-    assert film.filters.is_sure
-    film.filters.is_doubted = True
-    assert not film.filters.is_sure
-    film.filters.sharpness = 20.0
-    assert film.filters.is_sure
+    film.copies.sharpness = 12.0
+    assert film.copies.is_sure(is_contradicted=False)
+    assert not film.copies.is_sure(is_contradicted=True)
+    film.copies.sharpness = 20.0
+    assert film.copies.is_sure(is_contradicted=True)

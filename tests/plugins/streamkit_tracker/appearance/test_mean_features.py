@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_tracker.appearance.look import MIN_LIMIT, USUAL_TIMES, Look, differences
+from streamkit_tracker.appearance.mean_features import MIN_LIMIT, USUAL_TIMES, MeanFeatures, differences
 
 
 def turned(angle: float) -> np.ndarray:
@@ -13,14 +13,14 @@ def turned(angle: float) -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle)])
 
 
-def learn(look: Look, vector: np.ndarray) -> None:
+def learn(features: MeanFeatures, vector: np.ndarray) -> None:
     """One detection of the target."""
-    look.learn(vector, differences([look], vector[None].astype(np.float32)).item(), 0.05)
+    features.learn(vector, differences([features], vector[None].astype(np.float32)).item(), 0.05)
 
 
 def test_the_limit_follows_the_usual_difference():
     """A target that looks the same in each frame is known better than one that varies."""
-    steady, varied = Look(turned(0), 0), Look(turned(0), 0)
+    steady, varied = MeanFeatures(turned(0), 0), MeanFeatures(turned(0), 0)
     for index in range(100):
         learn(steady, turned(0))
         learn(varied, turned(0.6 * (-1) ** index))
@@ -30,17 +30,17 @@ def test_the_limit_follows_the_usual_difference():
 
 def test_nothing_is_too_unlike_while_the_usual_difference_is_not_known():
     """A target may vary much from its first frame on, as where noise is all that it shows."""
-    look = Look(turned(0), 0)
-    assert look.limit == math.inf
+    features = MeanFeatures(turned(0), 0)
+    assert features.limit == math.inf
     for index in range(20):
-        learn(look, turned(0.7 * (-1) ** index))
-        assert look.limit > 1 - np.cos(0.7)
+        learn(features, turned(0.7 * (-1) ** index))
+        assert features.limit > 1 - np.cos(0.7)
 
 
 def test_the_mean_moves_by_the_rate():
-    """What covers a target for a few frames does not become its look."""
-    look = Look(turned(0), 3)
+    """What covers a target for a few frames does not become its features."""
+    features = MeanFeatures(turned(0), 3)
     for _ in range(5):
-        learn(look, turned(np.pi / 2))
-    assert differences([look], turned(0)[None].astype(np.float32)).item() < 0.05
-    assert look.version == 3
+        learn(features, turned(np.pi / 2))
+    assert differences([features], turned(0)[None].astype(np.float32)).item() < 0.05
+    assert features.version == 3

@@ -1,4 +1,4 @@
-"""A target's look: the mean of the feature vectors that came with its detections."""
+"""The mean of the feature vectors that came with a target's detections."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ KNOWN_FROM = 5  # detections: before, nothing is too different
 MIN_LIMIT, USUAL_TIMES = 0.05, 2.0
 
 
-class Look:
-    """Mean of the vectors of a target's detections, and how far they usually are from it.
+class MeanFeatures:
+    """Mean of the feature vectors of a target's detections, and how far they usually are from it.
 
     A person who turns differs more from the own mean than one who walks straight on, so what is too
     different is relative to the target.
@@ -51,7 +51,7 @@ class Look:
         self.mean = (1 - rate) * self.mean + rate * vector
 
 
-def differences(looks: Sequence[Look], vectors: Float32Array) -> Float32Array:
+def differences(targets: Sequence[MeanFeatures], vectors: Float32Array) -> Float32Array:
     """One minus the cosine between t means and d vectors float32[d, k]: float32[t, d], 0 to 2."""
-    means = unit_rows(np.array([look.mean for look in looks], np.float32))
+    means = unit_rows(np.array([features.mean for features in targets], np.float32))
     return np.asarray(1 - product(means, unit_rows(vectors).T), np.float32)
