@@ -21,6 +21,7 @@ from streamkit.geometry.homography import (
     IDENTITY,
     inverse,
     is_convex,
+    is_invertible,
     normalised,
     polygon_area,
     project,
@@ -31,8 +32,6 @@ from streamkit_differencer.arrays import FloatArray
 # Of a frame's longer side; as wide on all sides, so that a view that turns stays on the canvas.
 MARGIN_RATIO = 0.16
 AREA_RATIO_LIMITS = (0.8, 1.25)
-# From a plane in kilometres per pixel to one in hundredths of a pixel; beyond lies a degenerate matrix.
-DETERMINANT_LIMITS = (1e-8, 1e8)
 
 
 class CanvasChange(enum.StrEnum):
@@ -87,16 +86,6 @@ def working_to_frame(scale: int) -> FloatArray:
     return np.array([[scale, 0.0, offset], [0.0, scale, offset], [0.0, 0.0, 1.0]])
 
 
-def is_homography(matrix: FloatArray) -> bool:
-    """Whether a matrix is a finite, well-conditioned homography."""
-    if matrix.shape != (3, 3) or matrix[2, 2] == 0.0 or not math.isfinite(sum(matrix.ravel().tolist())):
-        return False
-    (a, b, c), (d, e, f), (g, h, i) = (matrix / matrix[2, 2]).tolist()
-    smallest, largest = DETERMINANT_LIMITS
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    return bool(smallest < abs(determinant) < largest)
-
-
 @dataclass(slots=True)
 class Canvas:
     """Keeps the canvas under the frames.
@@ -132,7 +121,7 @@ class Canvas:
             None if the registration is unusable: not finite, singular, or with a horizon in the frame.
         """
         matrices = motion.to_reference, motion.reference_change
-        if not all(matrix is None or is_homography(matrix) for matrix in matrices):
+        if not all(matrix is None or is_invertible(matrix) for matrix in matrices):
             return None
         on_plane, known = motion.to_reference @ self._working_to_frame, self._plane_to_canvas
         if motion.reference_change is not None and known is not None:

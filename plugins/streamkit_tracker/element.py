@@ -26,6 +26,7 @@ from streamkit import (
     Transform,
     luma,
 )
+from streamkit.geometry.homography import inverse, is_invertible
 from streamkit_kernels import start_kernels
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
@@ -34,7 +35,7 @@ from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.warm_up import warm_up
-from streamkit_tracker.window_geometry import FloatArray, invertible
+from streamkit_tracker.window_geometry import FloatArray
 
 USUAL_STEP_S = 1 / 25
 MAX_STEP_S = 10.0
@@ -228,8 +229,9 @@ def _to_previous(registration: Registration, frame: Frame, last: Frame | None) -
     to_plane = np.asarray(before.to_reference, np.float64)
     if registration.reference_change is not None:
         to_plane = registration.reference_change @ to_plane
-    from_plane = invertible(to_plane)
-    return registration.to_previous if from_plane is None else from_plane @ registration.to_reference
+    if not is_invertible(to_plane):
+        return registration.to_previous
+    return inverse(to_plane) @ registration.to_reference
 
 
 def _chroma(frame: Frame) -> Chroma | None:

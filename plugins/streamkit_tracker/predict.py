@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from streamkit.geometry.homography import inverse, is_invertible
 from streamkit_tracker.targets import TargetRows, TargetTable
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -20,7 +21,6 @@ from streamkit_tracker.window_geometry import (
     determinants,
     half_turn,
     inverses,
-    invertible,
     map_points,
 )
 
@@ -38,14 +38,14 @@ def predict(table: TargetTable, to_previous: FloatArray, step_s: float) -> None:
         to_previous: float64[3, 3], this frame's pixels to the previous frame's; not used if it is singular.
         step_s: time between the frames, s, above 0.
     """
-    rows, homography = table.rows, invertible(to_previous)
-    if homography is not None:
+    rows = table.rows
+    if is_invertible(to_previous):
         # the trail of a target that its detections have confirmed is not used any more
         trailed = [model for model in table.models if model.template is None or model.drawn is not None]
         clouds = [model.particles for model in table.models if model.particles is not None]
         points = [rows["mean"][:, :2], rows["window"][:, :2]]
         points += [model.trail for model in trailed] + [particles.positions for particles in clouds]
-        mapped, jacobians = map_points(homography, np.concatenate(points))
+        mapped, jacobians = map_points(inverse(to_previous), np.concatenate(points))
         carry_states(rows, mapped, jacobians)
         begin = 2 * len(rows)  # np.split takes longer than all else here
         for model in trailed:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TypeVar
 
-import cv2
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
@@ -37,17 +36,6 @@ upright_sides = register_jitable(boxes.upright_sides)
 def half_turn(angle: Number) -> Number:
     """Wraps angles of directions without sign into [-pi/2, pi/2)."""
     return (angle + np.pi / 2) % np.pi - np.pi / 2
-
-
-def invertible(homography: FloatArray) -> FloatArray | None:
-    """Inverse of a homography scaled to a last element of 1, or None where there is none to trust."""
-    matrix = np.asarray(homography, np.float64)
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        return None
-    area_ratio, inverse = abs(cv2.determinant(matrix)), cv2.invert(matrix)[1]
-    if area_ratio < 1e-9 or abs(matrix[2, 2]) < 1e-9:
-        return None
-    return None if abs(inverse[2, 2]) < 1e-9 else np.asarray(inverse / inverse[2, 2])
 
 
 def determinants(matrices: FloatArray) -> FloatArray:

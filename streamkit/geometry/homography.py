@@ -14,6 +14,7 @@ IDENTITY: Final[FloatArray] = np.eye(3)
 IDENTITY.setflags(write=False)
 
 _SMALLEST: Final = 1e-12
+_DETERMINANTS: Final = 1e-8, 1e8  # beyond them pixels are lost to rounding
 _FEW_POINTS: Final = 8  # plain numbers are quicker than numpy up to here, with the same bits
 _EPSILON: Final = float(np.finfo(np.float64).eps)
 _MAX_TILT: Final = 0.1
@@ -48,6 +49,16 @@ def inverse(matrix: FloatArray) -> FloatArray:
     )
     determinant = a * adjugate[0, 0] + b * adjugate[1, 0] + c * adjugate[2, 0]
     return normalised(adjugate) if abs(determinant) > _SMALLEST else IDENTITY
+
+
+def is_invertible(matrix: FloatArray) -> bool:
+    """Whether a matrix is a finite homography, float64[3, 3], whose inverse can be trusted."""
+    if matrix.shape != (3, 3) or matrix[2, 2] == 0.0 or not math.isfinite(sum(matrix.ravel().tolist())):
+        return False
+    (a, b, c), (d, e, f), (g, h, i) = (matrix / matrix[2, 2]).tolist()
+    smallest, largest = _DETERMINANTS
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return bool(smallest < abs(determinant) < largest)
 
 
 def project(matrix: FloatArray, points: FloatArray) -> FloatArray:

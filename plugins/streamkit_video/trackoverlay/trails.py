@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from streamkit.geometry.homography import inverse, is_invertible, project
 
 FloatArray = NDArray[np.float64]
 
@@ -38,11 +39,10 @@ class Trails:
         """
         if not len(self):
             return
-        if not np.isfinite(to_previous).all() or abs(np.linalg.det(to_previous)) < 1e-9:
+        if not is_invertible(to_previous):
             self.clear()
             return
-        points = np.ascontiguousarray(self._points["xy"])
-        self._points["xy"] = cv2.perspectiveTransform(points[None], np.linalg.inv(to_previous))[0]
+        self._points["xy"] = project(inverse(to_previous), self._points["xy"])
 
     def extend(self, ids: Sequence[int], points: Sequence[tuple[float, float]], time_ns: int) -> None:
         """Adds the positions of the newest frame."""

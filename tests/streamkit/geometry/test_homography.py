@@ -22,6 +22,14 @@ def test_degenerate_matrices_become_the_identity(matrix):
     assert np.array_equal(h.inverse(matrix), np.eye(3))
 
 
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.full((3, 3), np.nan), np.ones((3, 3)), np.eye(2)])
+def test_a_matrix_without_an_inverse_is_refused(matrix):
+    """Singular, NaN or wrongly shaped matrices; a tilted view is taken, at any scale of its elements."""
+    assert not h.is_invertible(matrix)
+    assert h.is_invertible(TILTED)
+    assert h.is_invertible(-7 * TILTED)
+
+
 def test_a_reduced_homography_maps_the_same_ground():
     """Block averages put reduced pixel x at factor * x + (factor - 1) / 2, and lifting respects it."""
     picture = np.random.default_rng(0).integers(0, 255, (64, 96), dtype=np.uint8)
