@@ -90,9 +90,7 @@ def follow(steps: Iterable[GreyStep], *, layered: bool, seed: int) -> tuple[floa
         grid = unit_grid(PATCH)
         distances, first = np.empty(windows.shape[:2]), np.empty((1, grid.shape[1]), np.float32)
         windows = np.ascontiguousarray(windows)
-        template_distances(
-            crops.quads, crops.places, factor, windows, grid, rows, constants, distances, first
-        )
+        template_distances(crops.quads, crops.parts, factor, windows, grid, rows, constants, distances, first)
         return np.asarray(-0.5 / SIGMA**2 * distances, np.float64)
 
     errors, turns = [], []

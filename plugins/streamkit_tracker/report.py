@@ -98,7 +98,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     # whole columns: reading one field of one row takes as long as reading all rows
     columns = zip(*(rows[name].tolist() for name in REPORTED), strict=True)
     reports = []
-    for place, (number, state, score, age_s, point, detection, *found, shared, learnt) in enumerate(columns):
+    for row, (number, state, score, age_s, point, detection, *found, shared, learnt) in enumerate(columns):
         gate, similarity = (None if math.isnan(value) else value for value in found)
         provenance = TargetProvenance(
             None if math.isnan(point[0]) else tuple(point),
@@ -109,6 +109,6 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
             learnt,
             table.causes.get(number, ""),
         )
-        at = rows["window"][place], velocities[place], covariances[place]
+        at = rows["window"][row], velocities[row], covariances[row]
         reports.append(TargetReport(number, STATES[state], *at, score, age_s, provenance))
     return tuple(reports)

@@ -46,7 +46,7 @@ TARGET = np.dtype(
         ("frames_undetected", np.int64),
         ("frames_unseen", np.int64),
         ("score", np.float64),  # similarity to the template, kept from the last comparison
-        ("last_place", np.float64, 2),  # x y of the window when it was last recognised, px of that frame
+        ("last_position", np.float64, 2),  # x y of the window when it was last recognised, px of that frame
         # what detections have shown
         ("whole", np.bool_),  # detections show the whole target: a detector's, and large regions
         ("box", np.float64, 2),  # width and height of the upright box, px
@@ -145,7 +145,7 @@ class TargetTable:
         row["id"], row["drawn"], row["window"], row["drawn_angle"] = self.next_id, drawn, window, window[4]
         row["mean"][0, :2], row["box"] = window[:2], window[2:4]
         row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
-        row["credit_s"], row["score"], row["last_place"] = INITIAL_CREDIT_S, 1.0, window[:2]
+        row["credit_s"], row["score"], row["last_position"] = INITIAL_CREDIT_S, 1.0, window[:2]
         row["predicted"] = row["gate"] = row["similarity"] = np.nan
         row["detection"] = -1
         row["hits"], row["hits"][0, 0] = np.nan, 1.0
@@ -175,7 +175,7 @@ class TargetTable:
             self.rows = self.rows[kept]
             self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
         rows, self.causes = self.rows, {}
-        rows["last_place"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
+        rows["last_position"][rows["recognised"]] = rows["window"][rows["recognised"], :2]
         rows["predicted"], rows["detection"] = rows["mean"][:, :2], -1
         rows["gate"] = rows["similarity"] = np.nan
         for name in ("crowded", "shared", "recognised", "learnt", "measured"):

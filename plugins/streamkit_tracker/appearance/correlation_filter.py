@@ -14,7 +14,7 @@ from streamkit_tracker.appearance.scale_filter import ScaleFilter, parabola_peak
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.window_geometry import ANGLE, Float32Array, FloatArray
 
-COLOUR_SHARE = np.float32(0.3)  # of the place, that colours decide
+COLOUR_SHARE = np.float32(0.3)  # of the position, that colours decide
 SIDELOBE = 5  # cells around the peak that do not count as ground
 MIN_SHARPNESS = 5.0
 NEAR = 2  # cells between the peak with colours and that of the filter
@@ -45,8 +45,8 @@ class CorrelationFilter:
 
     A template that only knows the target cannot say which of two likely positions is the better one; this
     filter also learns the background. The region is read in the window's own turn and size, so that the
-    filter needs neither. The place is that of the peak of a `BackgroundAwareFilter` and a `ColourHistogram`
-    together, the size that of a `ScaleFilter`.
+    filter needs neither. The position is that of the peak of a `BackgroundAwareFilter` and a
+    `ColourHistogram` together, the size that of a `ScaleFilter`.
 
     Args:
         sampler: has been shown the first frame.
@@ -71,7 +71,7 @@ class CorrelationFilter:
         colours = self._colours.respond(region)
         both = response + COLOUR_SHARE * (colours - response)
         row, column = divmod(int(both.argmax()), GRID)
-        # between the cells the filter alone decides, whose peak is a Gaussian: colours tell the place roughly
+        # between the cells the filter alone decides, whose peak is a Gaussian: colours are coarse
         heights = np.log(np.maximum(response, 1e-3)).astype(np.float64)
         down = row + parabola_peak(*(float(heights[(row + step) % GRID, column]) for step in (-1, 0, 1)))
         along = column + parabola_peak(*(float(heights[row, (column + step) % GRID]) for step in (-1, 0, 1)))

@@ -26,24 +26,24 @@ class Crops:
         quads: int32[total], part after part, row after row: the grey levels of a pixel, the one right of it,
             the one below and the one below right, from the lowest byte to the highest. What is beyond a
             part is as its edge.
-        places: int64[g, 5]: left and top pixel of each part in the frame, its width and height in quads, and
+        parts: int64[g, 5]: left and top pixel of each part in the frame, its width and height in quads, and
             the index of its first quad.
         factor: by how much the frame was averaged down.
     """
 
     quads: QuadArray
-    places: IntArray
+    parts: IntArray
     factor: int
 
 
 @compiled
-def place_parts(
-    windows: FloatArray, height: int, width: int, factor: int, margin: float, places: IntArray
+def lay_out_parts(
+    windows: FloatArray, height: int, width: int, factor: int, margin: float, parts: IntArray
 ) -> int:
     """Fills in the parts around equal runs of windows; returns the number of quads."""
-    each = len(windows) // len(places)
+    each = len(windows) // len(parts)
     total = 0
-    for group in range(len(places)):
+    for group in range(len(parts)):
         low_x, low_y, high_x, high_y, length, across = np.inf, np.inf, -np.inf, -np.inf, 0.0, 0.0
         for index in range(group * each, (group + 1) * each):
             window = windows[index]
@@ -53,10 +53,10 @@ def place_parts(
         reach = (0.5 + margin) * np.hypot(length, across)
         left, right = _span(low_x - reach, high_x + reach, width, factor)
         top, bottom = _span(low_y - reach, high_y + reach, height, factor)
-        places[group, LEFT], places[group, TOP] = left, top
-        places[group, ACROSS], places[group, DOWN] = (right - left) // factor, (bottom - top) // factor
-        places[group, START] = total
-        total += places[group, ACROSS] * places[group, DOWN]
+        parts[group, LEFT], parts[group, TOP] = left, top
+        parts[group, ACROSS], parts[group, DOWN] = (right - left) // factor, (bottom - top) // factor
+        parts[group, START] = total
+        total += parts[group, ACROSS] * parts[group, DOWN]
     return total
 
 
@@ -64,23 +64,23 @@ def place_parts(
 def _span(low: float, high: float, size: int, factor: int) -> tuple[int, int]:
     """Where a part around low and high begins and ends along one side of the frame.
 
-    It begins at a multiple of the factor, so that a place is averaged with the same neighbours in every part.
+    It begins at a multiple of the factor, so that a pixel is averaged with the same neighbours in every part.
     """
     start = int(min(max(low - 2, 0.0), max(size - factor, 0))) // factor * factor
     return start, int(min(max(high + 3 + factor, start + factor), max(size, factor)))
 
 
 @kernel(UINT8_STRIDED, PLACES, QUADS)
-def pack_parts(image: ByteArray, places: IntArray, quads: QuadArray) -> None:
+def pack_parts(image: ByteArray, parts: IntArray, quads: QuadArray) -> None:
     """Packs parts of an image.
 
     Args:
         image: uint8[h, w], whatever its memory is like.
-        places: int64[g, 5], see `Crops`, in pixels of this image.
+        parts: int64[g, 5], see `Crops`, in pixels of this image.
         quads: int32[total], is filled.
     """
-    for group in range(len(places)):
-        left, top, across, down, start = places[group]
+    for group in range(len(parts)):
+        left, top, across, down, start = parts[group]
         for row in range(down):
             upper = image[top + row, left : left + across]
             lower = image[top + min(row + 1, down - 1), left : left + across]

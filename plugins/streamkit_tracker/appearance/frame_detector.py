@@ -22,42 +22,42 @@ MARGIN = 2  # cells beyond it, that gradients at its rim need
 GRADIENTS = 5  # components kept of the gradient channels
 COLOUR_WEIGHT = np.float32(6.0)  # colours stay longer than the outline of a target that turns or walks
 FIRST_PATCHES, PATCHES = 256, 64
-NEAR = 0.3  # sides: the same place, with the cells as they fall
+NEAR = 0.3  # sides: the same position, with the cells as they fall
 APART = 1.0  # sides from the target: what is there is background
 
 
 @dataclass(frozen=True, eq=False)
 class ScoreMap:
-    """A part of a frame, and how like the target each place in it is.
+    """A part of a frame, and how like the target each position in it is.
 
     Attributes:
         side: mean side of the target, px.
         features: float32[channels, rows, columns], of the cells.
-        places: float64[r, c, 2], x y of the middle of the target at all places it may have, px.
-        scores: float32[r, c], at these places, see `BackgroundClassifier`; minus infinity beyond the frame.
+        positions: float64[r, c, 2], x y of the middle of the target at all positions it may have, px.
+        scores: float32[r, c], at these, see `BackgroundClassifier`; minus infinity beyond the frame.
     """
 
     side: float
     features: Float32Array
-    places: FloatArray
+    positions: FloatArray
     scores: Float32Array
 
-    def distances(self, place: FloatArray) -> FloatArray:
-        """Distances of all places from x y, float64[2], in sides of the target: float64[r, c]."""
-        apart = self.places - place
+    def distances(self, position: FloatArray) -> FloatArray:
+        """Distances of all positions from x y, float64[2], in sides of the target: float64[r, c]."""
+        apart = self.positions - position
         return np.asarray(np.hypot(apart[..., 0], apart[..., 1]) / self.side)
 
-    def score_at(self, place: FloatArray) -> float:
+    def score_at(self, position: FloatArray) -> float:
         """The best score at x y, float64[2], px."""
-        return float(self.scores.max(initial=-np.inf, where=self.distances(place) <= NEAR))
+        return float(self.scores.max(initial=-np.inf, where=self.distances(position) <= NEAR))
 
-    def score_elsewhere(self, place: FloatArray) -> float:
+    def score_elsewhere(self, position: FloatArray) -> float:
         """The best score of what is not the target at x y, float64[2], px."""
-        return float(self.scores.max(initial=-np.inf, where=self.distances(place) > APART))
+        return float(self.scores.max(initial=-np.inf, where=self.distances(position) > APART))
 
-    def best_place(self) -> FloatArray:
+    def best_position(self) -> FloatArray:
         """Centre x y of the best score, float64[2], px."""
-        return np.asarray(self.places.reshape(-1, 2)[self.scores.argmax()])
+        return np.asarray(self.positions.reshape(-1, 2)[self.scores.argmax()])
 
 
 class FrameDetector:
@@ -86,7 +86,7 @@ class FrameDetector:
         self.learn(self.score(sampler, window), sampler, window)
 
     def score(self, sampler: WindowSampler, window: FloatArray) -> ScoreMap:
-        """Scores the places around a window, float64[5], for a target of its size and turn."""
+        """Scores the positions around a window, float64[5], for a target of its size and turn."""
         region, (rows, columns) = self._region(window, sampler.shape)
         features = self._read(sampler, region, (rows, columns))
         cell = float(region[WIDTH]) / rows
@@ -120,9 +120,9 @@ class FrameDetector:
             self._classifier.learn(appearance, background)
         self._learnt += 1
 
-    def _background(self, score_map: ScoreMap, place: FloatArray) -> Float32Array:
+    def _background(self, score_map: ScoreMap, position: FloatArray) -> Float32Array:
         """Patches float32[n, k] beside a target at x y, float64[2], evenly spread."""
-        free = np.flatnonzero((score_map.distances(place) > APART) & np.isfinite(score_map.scores))
+        free = np.flatnonzero((score_map.distances(position) > APART) & np.isfinite(score_map.scores))
         count = PATCHES if self._learnt else FIRST_PATCHES
         stride = max(len(free) // count, 1)
         windows = np.lib.stride_tricks.sliding_window_view(score_map.features, self._shape, axis=(1, 2))
@@ -151,7 +151,7 @@ class FrameDetector:
         return region, (cells[0], cells[1])
 
     def _counts(self, rows: int, columns: int) -> tuple[int, int]:
-        """How many places the target may have in so many cells."""
+        """How many positions the target may have in so many cells."""
         return rows - self._shape[0] + 1, columns - self._shape[1] + 1
 
 

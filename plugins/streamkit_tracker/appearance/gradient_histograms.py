@@ -76,13 +76,13 @@ def _histograms(patch: Float32Array, directions: Float32Array, cells: Float32Arr
                 strength[column] = max(abs(along), most)
         for column in range(columns):
             strength[column] = np.sqrt(across[column] * across[column] + down[column] * down[column])
-        place = (row + half) * step + half
-        top = int(place)
-        below = place - top
+        position = (row + half) * step + half
+        top = int(position)
+        below = position - top
         for column in range(columns):
-            place = (column + half) * step + half
-            left = int(place)
-            right = place - left
+            position = (column + half) * step + half
+            left = int(position)
+            right = position - left
             direction = nearest[column]
             upper_part, lower_part = strength[column] * (1 - below), strength[column] * below
             cells[direction, top, left] += upper_part * (1 - right)

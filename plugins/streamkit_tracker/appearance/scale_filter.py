@@ -48,14 +48,14 @@ class ScaleFilter:
         self._denominator = np.sum(np.abs(spectra) ** 2, axis=1)
 
     def growth(self, sampler: WindowSampler, window: FloatArray) -> float:
-        """By what factor the target differs in size from a window at its place."""
+        """By what factor the target differs in size from a window at its position."""
         both = np.sum(self._numerator.conj() * self._read(sampler, window), axis=1)
         response = np.fft.fftshift(np.fft.irfft(both / (self._denominator + REGULARISATION), SIZES))
         best = int(response.argmax())
-        place = float(best - SIZES // 2)
+        steps = float(best - SIZES // 2)
         if 0 < best < SIZES - 1:
-            place += parabola_peak(*response[best - 1 : best + 2].tolist())
-        return float(STEP**place)
+            steps += parabola_peak(*response[best - 1 : best + 2].tolist())
+        return float(STEP**steps)
 
     def learn(self, sampler: WindowSampler, window: FloatArray, share: float) -> None:
         """Learns a window, as far as `share` says, above 0 to 1."""

@@ -16,7 +16,7 @@ MAX_TOGETHER = 32  # patches that are compared at once
 @compiled
 def template_distances(
     quads: QuadArray,
-    places: IntArray,
+    parts: IntArray,
     factor: int,
     windows: FloatArray,
     grid: Float32Array,
@@ -29,7 +29,7 @@ def template_distances(
 
     Args:
         quads: int32[total], see `Crops`; they hold the windows, one part for each template.
-        places: int64[t, 5].
+        parts: int64[t, 5].
         factor: by how much the parts are averaged down.
         windows: float64[t, n, 5], n for each template.
         grid: float32[2, p], see `unit_grid`.
@@ -50,7 +50,7 @@ def template_distances(
             count = min(together, windows.shape[1] - start)
             for index in range(count):
                 window = windows[target, start + index]
-                sample_window(quads, places[target], factor, window, grid, near, between, patches[index])
+                sample_window(quads, parts[target], factor, window, grid, near, between, patches[index])
             if start == 0:
                 for pixel in range(pixels):
                     first_patches[target, pixel] = patches[0, pixel]

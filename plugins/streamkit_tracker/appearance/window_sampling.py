@@ -15,8 +15,8 @@ from streamkit_tracker.appearance.frame_crops import (
     TOP,
     Crops,
     QuadArray,
+    lay_out_parts,
     pack_parts,
-    place_parts,
 )
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -93,22 +93,22 @@ class WindowSampler:
         """
         if not np.isfinite(windows).all():
             raise ValueError("sample needs finite windows; a state has become NaN or infinite")
-        places = np.empty((groups, 5), np.int64)
-        total = place_parts(np.ascontiguousarray(windows), *self.shape, factor, margin, places)
+        parts = np.empty((groups, 5), np.int64)
+        total = lay_out_parts(np.ascontiguousarray(windows), *self.shape, factor, margin, parts)
         # memory is used again in each frame: new memory costs more than filling it
         if self._used + total > len(self._quads):
             self._quads, self._used = np.empty(2 * max(total, len(self._quads)), np.int32), 0
         quads = self._quads[self._used : self._used + total]
         self._used += total
         if factor == 1:
-            pack_parts(self._image, places, quads)
-            return Crops(quads, places, factor)
-        for place in places:
-            left, top, across, down, start = place.tolist()
-            part = self._image[top : top + down * factor, left : left + across * factor]
-            level = np.asarray(cv2.resize(part, (across, down), interpolation=cv2.INTER_AREA), np.uint8)
+            pack_parts(self._image, parts, quads)
+            return Crops(quads, parts, factor)
+        for part in parts:
+            left, top, across, down, start = part.tolist()
+            region = self._image[top : top + down * factor, left : left + across * factor]
+            level = np.asarray(cv2.resize(region, (across, down), interpolation=cv2.INTER_AREA), np.uint8)
             pack_parts(level, np.array([[0, 0, across, down, 0]]), quads[start : start + across * down])
-        return Crops(quads, places, factor)
+        return Crops(quads, parts, factor)
 
     def sample(
         self,
@@ -135,7 +135,7 @@ class WindowSampler:
             crops = self.crop(windows, factor or shrink_factor(windows[0], patch, self.shape))
         patches = np.empty((len(windows), patch[0] * patch[1]), np.float32)
         windows = np.ascontiguousarray(windows)
-        _resample(crops.quads, crops.places, crops.factor, windows, unit_grid(patch), patches)
+        _resample(crops.quads, crops.parts, crops.factor, windows, unit_grid(patch), patches)
         return patches
 
 
@@ -148,25 +148,25 @@ def shrink_factor(window: FloatArray, patch: tuple[int, int], image_shape: tuple
 @compiled
 def _resample(
     quads: QuadArray,
-    places: IntArray,
+    parts: IntArray,
     factor: int,
     windows: FloatArray,
     grid: Float32Array,
     patches: Float32Array,
 ) -> None:
     """Bilinear samples; each step in a loop of its own over a window, so that only the reading is scalar."""
-    each, pixels = len(windows) // len(places), grid.shape[1]
+    each, pixels = len(windows) // len(parts), grid.shape[1]
     near, between = np.empty(pixels, np.int32), np.empty((2, pixels), np.float32)
     for index in range(len(windows)):
         sample_window(
-            quads, places[index // each], factor, windows[index], grid, near, between, patches[index]
+            quads, parts[index // each], factor, windows[index], grid, near, between, patches[index]
         )
 
 
 @compiled
 def sample_window(
     quads: QuadArray,
-    place: IntArray,
+    part: IntArray,
     factor: int,
     window: FloatArray,
     grid: Float32Array,
@@ -182,10 +182,10 @@ def sample_window(
     cosine, sine = np.cos(window[ANGLE]) / factor, np.sin(window[ANGLE]) / factor
     x_u, x_v = np.float32(window[LENGTH] * cosine), np.float32(-window[WIDTH] * sine)
     y_u, y_v = np.float32(window[LENGTH] * sine), np.float32(window[WIDTH] * cosine)
-    x_0 = np.float32((window[0] - place[LEFT] + 0.5) / factor - 0.5)
-    y_0 = np.float32((window[1] - place[TOP] + 0.5) / factor - 0.5)
-    across, nothing, byte = np.int32(place[ACROSS]), np.float32(0), np.int32(255)
-    last_x, last_y = np.float32(across - 1), np.float32(np.int32(place[DOWN]) - 1)
+    x_0 = np.float32((window[0] - part[LEFT] + 0.5) / factor - 0.5)
+    y_0 = np.float32((window[1] - part[TOP] + 0.5) / factor - 0.5)
+    across, nothing, byte = np.int32(part[ACROSS]), np.float32(0), np.int32(255)
+    last_x, last_y = np.float32(across - 1), np.float32(np.int32(part[DOWN]) - 1)
     u, v, right, below = grid[0], grid[1], between[0], between[1]
     for pixel in range(len(near)):
         x = min(max(x_u * u[pixel] + x_v * v[pixel] + x_0, nothing), last_x)
@@ -193,9 +193,9 @@ def sample_window(
         column, row = np.int32(x), np.int32(y)
         right[pixel], below[pixel] = x - np.float32(column), y - np.float32(row)
         near[pixel] = np.int32(np.int32(row * across) + column)
-    part = quads[place[START] : place[START] + place[ACROSS] * place[DOWN]]
+    pixels = quads[part[START] : part[START] + part[ACROSS] * part[DOWN]]
     for pixel in range(len(near)):
-        near[pixel] = part[np.uint32(near[pixel])]
+        near[pixel] = pixels[np.uint32(near[pixel])]
     for pixel in range(len(near)):
         quad = near[pixel]
         here = np.float32(np.int32(quad & byte))

@@ -78,9 +78,9 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
         seen = detected[rows["detection"]]
         headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
         middles = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
-        places = np.where(rows["whole"][:, None], middles, seen[:, :LEFT])
+        positions = np.where(rows["whole"][:, None], middles, seen[:, :LEFT])
         # the errors of a detection and of the filter, which follows appearance, are independent
-        centres = DETECTED_SHARE * places + (1 - DETECTED_SHARE) * rows["mean"][:, :2]
+        centres = DETECTED_SHARE * positions + (1 - DETECTED_SHARE) * rows["mean"][:, :2]
         targets["window"][index] = turned_windows(centres, rows["box"], headings)
     targets["recognised"][index] = True
 
@@ -94,9 +94,9 @@ def measure_shared(targets: TargetRows, index: IndexArray, region: FloatArray) -
     low, high = middle - half, middle + half
     is_low, is_high = low <= low.min(axis=0), high >= high.max(axis=0)
     known = is_low.astype(float) + is_high
-    places = is_low * (region[:2] + half) + is_high * (region[2:] - half)
+    positions = is_low * (region[:2] + half) + is_high * (region[2:] - half)
     stds = np.where(known > 0, centroid_std(2 * np.sqrt(half.prod(axis=1)))[:, None], UNKNOWN_STD)
-    targets["measurement"][index] = np.where(known > 0, places / np.maximum(known, 1.0), middle)
+    targets["measurement"][index] = np.where(known > 0, positions / np.maximum(known, 1.0), middle)
     targets["noise"][index] = stds[:, None] ** 2 * IDENTITY
     targets["measured"][index] = True
 

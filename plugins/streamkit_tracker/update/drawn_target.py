@@ -17,7 +17,7 @@ MIN_SHARE = 0.02  # of a region that the filter learns
 class DrawnTarget:
     """Follows a target that no detections lead, and says whether it is still the same one.
 
-    The filter finds the target near its last place, and learns what it finds. Copies that have not learnt
+    The filter finds the target near its last position, and learns what it finds. Copies that have not learnt
     the latest frames tell whether that is still the target. A detector searches the whole frame for it.
 
     Args:
@@ -55,8 +55,8 @@ class DrawnTarget:
     def redetect(self, sampler: WindowSampler, window: FloatArray, *, is_seen: bool) -> FloatArray | None:
         """Returns the window float64[5] to follow instead of the present one, or None to go on with that.
 
-        Places within the region of the filter are left to the filter, which has compared them itself, while
-        the target is seen. A target that moves goes on with the oldest copy of its filter.
+        Positions within the region of the filter are left to the filter, which has compared them itself,
+        while the target is seen. A target that moves goes on with the oldest copy of its filter.
         """
         found = self._redetector.detect(sampler, window, self._copies, is_seen=is_seen)
         if found is None:

@@ -60,13 +60,13 @@ def measure(
     is_led = (rows["detection"][searched] >= 0) & ~rows["drawn"][searched]
     layers = [usual[led] for led in is_led.tolist()]
     groups: dict[Kind, list[int]] = {}
-    for place, (model, window) in enumerate(zip(models, searches["window"], strict=True)):
+    for number, (model, window) in enumerate(zip(models, searches["window"], strict=True)):
         assert model.template is not None
         factor = shrink_factor(window, model.patch, sampler.shape)
-        kind = Kind(type(model.template), model.patch, layers[place], factor)
-        groups.setdefault(kind, []).append(place)
+        kind = Kind(type(model.template), model.patch, layers[number], factor)
+        groups.setdefault(kind, []).append(number)
     for kind, members in groups.items():
-        alike = [models[place] for place in members]
+        alike = [models[number] for number in members]
         found = search(sampler, alike, searches[members], kind, settings.sigma**2)
         _judge(table, searched[members], *found)
     for region in set(rows["detection"][rows["shared"]].tolist()):
@@ -87,19 +87,19 @@ def _judge(
     rows, verdicts = table.rows, []
     similarities, informative = np.exp(-distances), (found.contrasts > MIN_CONTRAST).tolist()
     drawn, is_crowded = rows["drawn"][index].tolist(), rows["crowded"][index].tolist()
-    for place, row in enumerate(index.tolist()):
+    for number, row in enumerate(index.tolist()):
         model = table.models[row]
         assert model.template is not None
         verdict = model.evidence.judge(
-            -math.log(max(similarities.item(place), 1e-9)),
+            -math.log(max(similarities.item(number), 1e-9)),
             None if model.drawn is None else model.drawn.response,
-            informative=model.template.textured and informative[place],
+            informative=model.template.textured and informative[number],
         )
-        learns = verdict.learnt and (drawn[place] or is_crowded[place])
+        learns = verdict.learnt and (drawn[number] or is_crowded[number])
         if verdict.seen:
-            model.particles = found.particles[place]
+            model.particles = found.particles[number]
         if learns:
-            model.template.update(patches[place].copy())
+            model.template.update(patches[number].copy())
         verdicts.append((verdict.seen, learns, verdict.share))
     rows["score"][index] = rows["similarity"][index] = similarities
     seen, rows["learnt"][index], rows["filter_share"][index] = zip(*verdicts, strict=True)
@@ -155,7 +155,7 @@ def _expect_drawn(
     if is_unseen:
         predicted[:2] += target["mean"][2:] * step_s
     unmoved = predicted.copy()
-    unmoved[:2] = target["last_place"]
+    unmoved[:2] = target["last_position"]
     response = find_response(drawn.filter, evidence, sampler, predicted, unmoved, is_unseen=is_unseen)
     drawn.response = response
     if response is None:
@@ -182,10 +182,10 @@ def learn_detected(table: TargetTable, searched: IndexArray, sampler: WindowSamp
         for each, at in zip(models, windows, strict=True)
     ]
     for patch, factor in set(shapes):  # those that are alike at once
-        alike = [place for place, shape in enumerate(shapes) if shape == (patch, factor)]
+        alike = [number for number, shape in enumerate(shapes) if shape == (patch, factor)]
         crops = sampler.crop(windows[alike], factor, len(alike))
-        for place, pixels in zip(alike, sampler.sample(windows[alike], patch, crops=crops), strict=True):
-            template = models[place].template
+        for number, pixels in zip(alike, sampler.sample(windows[alike], patch, crops=crops), strict=True):
+            template = models[number].template
             assert template is not None
             template.update(pixels)
     rows["learnt"][index] = True

@@ -23,10 +23,11 @@ class Redetector:
     """Searches the whole frame now and then, with a detector that has learnt the sure frames of a target.
 
     The detector learns a frame only if it finds the target there by itself, so that what the tracker follows
-    by mistake does not become the target's appearance. Another place is believed when several detections in
-    a row agree on it: each time its score is nearer to the target's usual one than to that of the background
-    and clearly above that of any other place, and on average the oldest copy of the filter, which knows finer
-    detail, prefers it to what is followed. Before that, two detections elsewhere contradict what is followed.
+    by mistake does not become the target's appearance. Another position is believed when several detections
+    in a row agree on it: each time its score is nearer to the target's usual one than to that of the
+    background and clearly above that of any other position, and on average the oldest copy of the filter,
+    which knows finer detail, prefers it to what is followed. Before that, two detections elsewhere contradict
+    what is followed.
 
     Args:
         sampler: has been shown the first frame.
@@ -38,7 +39,7 @@ class Redetector:
         self._known = window.copy()
         self._frames = self._learnt = self._agreeing = self._misses = 0
         self._usual_score = self._usual_elsewhere = 0.0
-        self._agreed_place = window[:2]
+        self._agreed_position = window[:2]
         self._preference = 0.0
 
     @property
@@ -75,7 +76,7 @@ class Redetector:
             self._detector.learn(score_map, sampler, window)
             self._agreeing = 0
             return None
-        found[:2] = score_map.best_place()
+        found[:2] = score_map.best_position()
         if not self._is_distinct(score_map, found[:2]):
             self._agreeing = 0
             return None
@@ -87,26 +88,26 @@ class Redetector:
         self._agreeing = 0
         return found if self._preference > 0 else None
 
-    def _count_agreement(self, place: FloatArray, side: float, preference: float) -> None:
+    def _count_agreement(self, position: FloatArray, side: float, preference: float) -> None:
         """Counts a detection at x y, float64[2], and how far the oldest copy of the filter prefers it."""
-        is_same = self._agreeing > 0 and math.dist(place, self._agreed_place) <= MAX_STEP * side
+        is_same = self._agreeing > 0 and math.dist(position, self._agreed_position) <= MAX_STEP * side
         self._agreeing = self._agreeing + 1 if is_same else 1
         self._preference = self._preference + preference if is_same else preference
-        self._agreed_place = place
+        self._agreed_position = position
 
-    def _is_in_place(self, score_map: ScoreMap, place: FloatArray) -> bool:
+    def _is_in_place(self, score_map: ScoreMap, position: FloatArray) -> bool:
         """Whether the detector finds the target at x y, float64[2], by itself."""
-        return self._learnt < TRUSTED or score_map.score_at(place) > score_map.score_elsewhere(place)
+        return self._learnt < TRUSTED or score_map.score_at(position) > score_map.score_elsewhere(position)
 
-    def _remember(self, score_map: ScoreMap, place: FloatArray) -> None:
+    def _remember(self, score_map: ScoreMap, position: FloatArray) -> None:
         """Takes the scores of a target at x y, float64[2], for usual ones."""
-        here, elsewhere = score_map.score_at(place), score_map.score_elsewhere(place)
+        here, elsewhere = score_map.score_at(position), score_map.score_elsewhere(position)
         self._learnt += 1
         rate = max(USUAL_RATE, 1 / self._learnt)
         self._usual_score += rate * (here - self._usual_score)
         self._usual_elsewhere += rate * (max(elsewhere, 0.0) - self._usual_elsewhere)
 
-    def _is_distinct(self, score_map: ScoreMap, place: FloatArray) -> bool:
-        """Whether the score at x y, float64[2], is like the target's, and above that of all other places."""
+    def _is_distinct(self, score_map: ScoreMap, position: FloatArray) -> bool:
+        """Whether the score at x y, float64[2], is like the target's, and above that of all others."""
         least = (self._usual_score + self._usual_elsewhere) / 2
-        return score_map.score_at(place) > max(least, DISTINCT * score_map.score_elsewhere(place), 0.0)
+        return score_map.score_at(position) > max(least, DISTINCT * score_map.score_elsewhere(position), 0.0)

@@ -1,4 +1,4 @@
-"""Finds a target drawn by hand with its correlation filter; the particles are drawn around that place."""
+"""Finds a target drawn by hand with its correlation filter; the particles are drawn around it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PEAK_STD = 0.02  # of a filter's peak, relative to the target's side
 PEAK_SIDES_STD = 0.004
 TURN_STD = 0.35  # rad about the drawn angle, for a rigid target
 FAR = 0.4  # sides; a peak nearer to the rim of the region that was read is faint
-MOVED = 0.1  # sides between both places, from which both are asked
+MOVED = 0.1  # sides between both positions, from which both are asked
 GAIN = 0.1  # logarithms of a response, above the other one
 
 
@@ -37,7 +37,7 @@ def find_response(
         evidence: of this target.
         sampler: has been shown the frame.
         predicted: float64[5].
-        unmoved: float64[5], where the camera holds a target that it follows: at the place in the picture
+        unmoved: float64[5], where the camera holds a target that it follows: at the position in the frame
             where it was last seen.
         is_unseen: whether the target was not seen in the last frame.
     """
@@ -68,8 +68,8 @@ def expect_response(search: SearchRows, response: Response, tolerance: float, dr
     (`tolerance` above 1), the more the filter's size and the drawn angle, rad, count.
     """
     firm = 1 / math.sqrt(tolerance)
-    place, sides = response.window[:2], response.window[LENGTH : WIDTH + 1]
-    search["seed"], search["seed_std"] = place, PEAK_STD * firm * math.sqrt(sides.prod())
+    position, sides = response.window[:2], response.window[LENGTH : WIDTH + 1]
+    search["seed"], search["seed_std"] = position, PEAK_STD * firm * math.sqrt(sides.prod())
     search["sides"], search["sides_precision"] = sides, (PEAK_SIDES_STD * firm) ** -2
     # what changes shape hardly shows its turn, and errors of the angle enlarge the box around a long window
     search["heading"], search["heading_precision"] = drawn_angle, (TURN_STD * firm**3) ** -2

@@ -83,7 +83,7 @@ def search(
         first = np.empty((len(windows), patch[0] * patch[1]), np.float32)
         template_distances(
             crops.quads,
-            crops.places,
+            crops.parts,
             kind.factor,
             windows,
             unit_grid(patch),
@@ -126,7 +126,7 @@ def log_scores(
     scores = np.empty(distances.shape)
     for target in range(len(windows)):
         search, fractions = searches[target], visible_fraction(windows[target], image_shape)
-        place, sides = search["seed_std"] ** -2.0, search["sides_precision"]
+        position, sides = search["seed_std"] ** -2.0, search["sides_precision"]
         scale = -0.5 / (variance * search["tolerance"])
         for index in range(windows.shape[1]):
             window = windows[target, index]
@@ -134,7 +134,7 @@ def log_scores(
             longer = np.log(window[LENGTH] / search["sides"][0])
             wider = np.log(window[WIDTH] / search["sides"][1])
             turned = half_turn(window[ANGLE] - search["heading"])
-            surprise = place * (right**2 + down**2) + sides * (longer**2 + wider**2)
+            surprise = position * (right**2 + down**2) + sides * (longer**2 + wider**2)
             surprise += search["heading_precision"] * turned**2
             hidden = max(VISIBLE_ENOUGH - fractions[index], 0.0)
             likelihood = scale * distances[target, index]

@@ -69,7 +69,7 @@ def test_similarity_moves_turns_and_scales_a_detected_window():
     predict(targets, np.linalg.inv(SIMILARITY), 0.0)
     centre = SIMILARITY @ [30.0, 40.0, 1.0]
     np.testing.assert_allclose(targets.rows["window"][0], [centre[0], centre[1], 30.0, 15.0, 0.8], atol=1e-9)
-    np.testing.assert_array_equal(targets.rows["last_place"][0], [30.0, 40.0])
+    np.testing.assert_array_equal(targets.rows["last_position"][0], [30.0, 40.0])
 
 
 def test_a_drawn_window_only_moves():

@@ -31,7 +31,7 @@ def test_a_target_is_found_far_from_where_it_is_looked_for(scenes: ModuleType, p
     shown = DRAWN.copy()
     shown[:2] = place
     score_map = scores_of(scenes, shown, DRAWN)
-    assert np.hypot(*(score_map.best_place() - place)) <= 5.0
+    assert np.hypot(*(score_map.best_position() - place)) <= 5.0
     assert score_map.score_at(shown[:2]) > 2 * max(score_map.score_elsewhere(shown[:2]), 0.0)
 
 
@@ -40,14 +40,14 @@ def test_a_larger_turned_target_is_found_at_its_size_and_turn(scenes: ModuleType
     shown = np.array([220.0, 150, 60, 51, 0.4])
     asked = np.array([150.0, 120, 60, 51, 0.4])
     score_map = scores_of(scenes, shown, asked)
-    assert np.hypot(*(score_map.best_place() - shown[:2])) <= 8.0
+    assert np.hypot(*(score_map.best_position() - shown[:2])) <= 8.0
 
 
 def test_places_beyond_the_frame_do_not_count(scenes: ModuleType):
     """A turned region reaches beyond it."""
     asked = np.array([150.0, 120, 40, 34, 0.8])
     score_map = scores_of(scenes, DRAWN, asked)
-    x, y = score_map.places[np.isfinite(score_map.scores)].T
+    x, y = score_map.positions[np.isfinite(score_map.scores)].T
     assert not np.isfinite(score_map.scores).all()
     assert min(x.min(), y.min()) >= 0
     assert x.max() <= 319

@@ -124,7 +124,7 @@ def test_windows_are_compared_as_their_patches_are(patch: tuple[int, int]):
     distances, first = np.empty((2, 40)), np.empty((2, patch[0] * patch[1]), np.float32)
     grid = unit_grid(patch)
     template_distances(
-        crops.quads, crops.places, crops.factor, windows, grid, rows, constants, distances, first
+        crops.quads, crops.parts, crops.factor, windows, grid, rows, constants, distances, first
     )
     for template, some, found in zip(templates, patches, distances, strict=True):
         centred, basis = normalise(some) - template.mean, template.rows[:4]
