@@ -1,10 +1,14 @@
-"""FrameQueue: frames and events in order, with the levels that GStreamer's queues report."""
+"""FrameQueue: frames and events in order, with the levels that GStreamer's queues report; its elements."""
 
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import Any, ClassVar
 
+from typing_extensions import override
+
+from streamkit.element.base import Element
+from streamkit.element.property import Property
 from streamkit.flow.events import Event, SegmentEvent
 from streamkit.flow.frame import Frame
 from streamkit.flow.statistics import QueueLevels
@@ -145,3 +149,35 @@ class FrameQueue:
         self._has_begun = False
         self._out_ns = self._in_ns
         return dropped
+
+
+class FrameHolder(Element):
+    """Base class of elements that hold frames up to three limits: queue, appsrc and appsink.
+
+    Attributes:
+        limits: names of the properties that limit the frames, their bytes and their time.
+        pending: the frames and events held, guarded by `changed`.
+    """
+
+    limits: ClassVar[tuple[str, str, str]] = ("max_buffers", "max_bytes", "max_time")
+
+    current_level_buffers: int = Property(0, read=lambda e: e.pending.buffers, doc="Number of queued frames.")
+    current_level_bytes: int = Property(0, read=lambda e: e.pending.bytes, unit="bytes", doc="Queued bytes.")
+    current_level_time: int = Property(0, read=lambda e: e.pending.time_ns, unit="ns", doc="Queued time.")
+
+    def __init__(self, name: str = "", **properties: Any) -> None:
+        self.pending = FrameQueue()
+        super().__init__(name, **properties)
+        self.apply_limits()
+
+    @override
+    def property_changed(self, name: str) -> None:
+        super().property_changed(name)
+        self.apply_limits()
+
+    def apply_limits(self) -> None:
+        """Applies the properties that are limits, and wakes the threads that wait for room."""
+        buffers, size, time_ns = (getattr(self, name) for name in self.limits)
+        with self.changed:
+            self.pending.limits = buffers, size, time_ns
+            self.changed.notify_all()

@@ -8,7 +8,7 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.frame_queue import FrameQueue
+from streamkit.element.frame_queue import FrameHolder
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64
@@ -20,14 +20,13 @@ from streamkit.flow.events import EosEvent, Event, FlushEvent
 from streamkit.flow.frame import Frame
 
 
-class AppSink(PlainSink):
+class AppSink(FrameHolder, PlainSink):
     """Queues frames for the application: iterate over the element, or call `pull`.
 
     Attributes:
         on_new_sample: called with the element for each frame, if `emit-signals` is on.
         on_new_preroll: the same for the preroll frame.
         on_eos: called with the element at EOS.
-        pending: queued frames and events.
 
     Example:
         videotestsrc num-buffers=5 ! appsink name=out
@@ -40,19 +39,14 @@ class AppSink(PlainSink):
     max_bytes: int = Property(0, min=0, max=UINT64, live=True, unit="bytes", doc="Size limit; 0 is none.")
     max_time: int = Property(0, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none.")
     drop: bool = Property(False, live=True, doc="Drop the oldest frame if full instead of waiting.")
-    current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
-    current_level_bytes: int = Property(0, read=lambda s: s.pending.bytes, unit="bytes", doc="Queued bytes.")
-    current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Queued time.")
     eos: bool = Property(True, read=lambda s: s._is_over(), doc="Whether nothing more can be pulled.")
     emit_signals: bool = Property(False, live=True, doc="Call `on_new_sample` and the other callbacks.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_new_sample, self.on_new_preroll, self.on_eos = Callbacks(), Callbacks(), Callbacks()
-        self.pending = FrameQueue()
         self._preroll: Frame | None = None
         self._was_started = False
         super().__init__(name, **properties)
-        self._apply_limits()
 
     @override
     def query_caps(self, pad: Pad) -> Caps:
@@ -74,16 +68,6 @@ class AppSink(PlainSink):
         with self.changed:
             self.pending.reset()
             self._preroll = None
-            self.changed.notify_all()
-
-    @override
-    def property_changed(self, name: str) -> None:
-        super().property_changed(name)
-        self._apply_limits()
-
-    def _apply_limits(self) -> None:
-        with self.changed:
-            self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
             self.changed.notify_all()
 
     # Called in the streaming thread.

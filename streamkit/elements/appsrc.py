@@ -7,7 +7,7 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.frame_queue import FrameQueue
+from streamkit.element.frame_queue import FrameHolder
 from streamkit.element.property import Property
 from streamkit.element.property_text import INT, INT64, UINT64, Choice
 from streamkit.element.source import Source
@@ -28,7 +28,7 @@ class LeakyType(Choice):
     DOWNSTREAM = "downstream", 2, "GST_APP_LEAKY_TYPE_DOWNSTREAM"
 
 
-class AppSrc(Source):
+class AppSrc(FrameHolder, Source):
     """Streams what the application passes to `push`; `end` closes the stream.
 
     Everything pushed before the pipeline plays is kept. Later `push` waits while the queue is full, unless
@@ -37,7 +37,6 @@ class AppSrc(Source):
     Attributes:
         on_need_data: called with the element and `max-bytes` if the queue is empty or below `min-percent`.
         on_enough_data: called with the element when a limit is reached.
-        pending: queued frames and events.
 
     Example:
         appsrc name=in ! fakesink
@@ -51,9 +50,6 @@ class AppSrc(Source):
     max_time: int = Property(0, min=0, max=UINT64, live=True, unit="ns", doc="Time limit; 0 is none.")
     block: bool = Property(True, live=True, doc="`push` waits while the queue is full; else the queue grows.")
     leaky_type: LeakyType = Property(LeakyType.NONE, live=True, doc="Which frame a full queue drops instead.")
-    current_level_buffers: int = Property(0, read=lambda s: s.pending.buffers, doc="Number of queued frames.")
-    current_level_bytes: int = Property(0, read=lambda s: s.pending.bytes, unit="bytes", doc="Queued bytes.")
-    current_level_time: int = Property(0, read=lambda s: s.pending.time_ns, unit="ns", doc="Queued time.")
     num_buffers: int = Property(-1, min=-1, max=INT, doc="Frames before EOS; -1 is endless.")
     is_live: bool = Property(False, doc="Frames arrive at their own pace; none are sent while paused.")
     do_timestamp: bool = Property(False, doc="Timestamp frames that have no timestamp with the running time.")
@@ -68,22 +64,15 @@ class AppSrc(Source):
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_need_data, self.on_enough_data = Callbacks(), Callbacks()
-        self.pending = FrameQueue()
         self._closed = False
         self._had_gap = False
         super().__init__(name, **properties)
-        self._apply_limits()
 
     def property_changed(self, name: str) -> None:
         """Applies new limits, and wakes waiting threads; None for caps is ANY."""
         if name == "caps" and self.caps is None:
             self.caps = ANY
-        self._apply_limits()
-
-    def _apply_limits(self) -> None:
-        with self.changed:
-            self.pending.limits = self.max_buffers, self.max_bytes, self.max_time
-            self.changed.notify_all()
+        super().property_changed(name)
 
     @override
     def duration_ns(self) -> int | None:

@@ -8,8 +8,7 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.base import Element
-from streamkit.element.frame_queue import FrameQueue
+from streamkit.element.frame_queue import FrameHolder
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64, Choice
@@ -41,7 +40,7 @@ class Leaky(Choice):
     DOWNSTREAM = "downstream", 2, "Leaky on downstream (old buffers)"
 
 
-class Queue(Element):
+class Queue(FrameHolder):
     """Runs downstream in its own thread; holds frames up to three limits.
 
     The queue is full if any level has reached its limit before a frame is added.
@@ -54,13 +53,13 @@ class Queue(Element):
         on_overrun: called with the queue when a frame arrives at a full queue.
         on_underrun: called with the queue when it becomes empty.
         on_running: called with the queue when frames arrive after that.
-        pending: queued frames and events, guarded by `lock`.
 
     Example:
         fakesrc num-buffers=100 ! queue max-size-buffers=10 ! fakesink
     """
 
     sink = src = "ANY"
+    limits = ("max_size_buffers", "max_size_bytes", "max_size_time")
 
     max_size_buffers: int = Property(200, min=0, max=UINT, live=True, doc="Frame limit; 0 is none.")
     max_size_bytes: int = Property(
@@ -81,20 +80,15 @@ class Queue(Element):
     leaky: Leaky = Property(Leaky.NO, live=True, doc="Which frame a full queue drops instead of waiting.")
     flush_on_eos: bool = Property(False, live=True, doc="Drop queued frames at EOS.")
     silent: bool = Property(False, live=True, doc="Call none of the callbacks.")
-    current_level_buffers: int = Property(0, read=lambda q: q.pending.buffers, doc="Number of queued frames.")
-    current_level_bytes: int = Property(0, read=lambda q: q.pending.bytes, unit="bytes", doc="Queued bytes.")
-    current_level_time: int = Property(0, read=lambda q: q.pending.time_ns, unit="ns", doc="Queued time.")
 
     def __init__(self, name: str = "", **properties: Any) -> None:
         self.on_overrun, self.on_underrun, self.on_running = Callbacks(), Callbacks(), Callbacks()
-        self.pending = FrameQueue()
         # Guarded by `lock`, as `pending` is.
         self._waiting_threads = 0  # notifying is half of a crossing, so it is left out where none waits
         self._refusal: type[FlowStop] | None = None  # frames are refused: `Flushing` during a flush or stop
         self._has_tail_gap = self._has_head_gap = False  # a frame was dropped at that end
         self._pushing_thread = 0  # the thread that may be downstream, or 0
         super().__init__(name, **properties)
-        self._apply_limits()
 
     def latency(self) -> tuple[int, int | None]:
         """From the time threshold to the time limit."""
@@ -104,17 +98,13 @@ class Queue(Element):
     def query_caps(self, pad: Pad) -> Caps:
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
 
-    def property_changed(self, name: str) -> None:
-        """Applies new limits, and wakes both threads."""
-        self._apply_limits()
-
-    def _apply_limits(self) -> None:
+    @override
+    def apply_limits(self) -> None:
         with self.lock:
-            self.pending.limits = self.max_size_buffers, self.max_size_bytes, self.max_size_time
             self._has_thresholds = any(
                 (self.min_threshold_buffers, self.min_threshold_bytes, self.min_threshold_time)
             )
-            self.changed.notify_all()
+            super().apply_limits()
 
     def _emit(self, callbacks: Callbacks) -> None:
         """Runs callbacks, without the lock, unless `silent`."""

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from streamkit.element.base import Element
-from streamkit.element.frame_queue import FrameQueue
+from streamkit.element.frame_queue import FrameHolder
 from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
 from streamkit.element.registry import installed_elements
@@ -113,7 +113,6 @@ def collect_statistics(
     def row(element: Element) -> ElementStatistics:
         name = element.name
         newest_ns = totals.newest_ns[element]
-        pending = getattr(element, "pending", None)
         paths = element.written_paths if isinstance(element, OutputFileSink) else ()
         return ElementStatistics(
             element=name,
@@ -129,7 +128,7 @@ def collect_statistics(
             warnings=counts[name, MessageKind.WARNING],
             busy_ns=max(0, totals.busy_ns[element] - element.waited_ns),
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
-            queue=pending.levels() if isinstance(pending, FrameQueue) else None,
+            queue=element.pending.levels() if isinstance(element, FrameHolder) else None,
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
             written=[mask_secrets(path) for path in paths],
         )
