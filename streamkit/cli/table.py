@@ -55,8 +55,7 @@ def queue_text(levels: QueueLevels | None) -> str:
     """Queued frames, limit and maximum: "3/200 (12)"."""
     if levels is None:
         return ""
-    most = "" if levels.max_buffers is None else f" ({levels.max_buffers})"
-    return f"{levels.buffers}/{levels.limit_buffers or '-'}{most}"
+    return f"{levels.buffers}/{levels.limit_buffers or '-'} ({levels.max_buffers})"
 
 
 def age_text(age_ns: int | None) -> str:

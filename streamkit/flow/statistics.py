@@ -37,16 +37,16 @@ class QueueLevels(msgspec.Struct, frozen=True):
         buffers: queued frames.
         bytes: their size.
         time_ns: from the oldest to the newest, ns.
-        max_buffers, max_bytes, max_time_ns: maximum levels, or None if not counted.
+        max_buffers, max_bytes, max_time_ns: maximum levels.
         limit_buffers: frames that make it full; 0 is no limit.
     """
 
     buffers: int
     bytes: int
     time_ns: int
-    max_buffers: int | None
-    max_bytes: int | None
-    max_time_ns: int | None
+    max_buffers: int
+    max_bytes: int
+    max_time_ns: int
     limit_buffers: int
 
 
