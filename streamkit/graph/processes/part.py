@@ -26,6 +26,7 @@ from streamkit.graph.processes.orders import QUERIES, Counters, Report, Setup
 from streamkit.restart_delay import RestartDelay
 
 STATISTICS_LIMIT_S = 1.0
+STOP_ORDER_LIMIT_S = 1.0  # a child that reads no orders does not take it
 FIRST_RESTART_S, MAX_RESTART_S = 0.1, 5.0  # delays
 
 
@@ -129,11 +130,11 @@ class Part:
             self._counters = msgspec.convert(found, Counters)
         return self._counters
 
-    def begin_stop(self, limit_s: float) -> None:
-        """Orders the process to stop, within a time limit; it answers with its last counters."""
+    def begin_stop(self) -> None:
+        """Orders the process to stop; it answers with its last counters."""
         if self.child is not None:
             self.child.silence_limit_s = 0.0
-        self.order("stop", limit_s=limit_s).add_done_callback(self._stopped)
+        self.order("stop", limit_s=STOP_ORDER_LIMIT_S).add_done_callback(self._stopped)
 
     def _stopped(self, answer: Future[Any]) -> None:
         if answer.exception() is None:

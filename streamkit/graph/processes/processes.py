@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 POLL_S = 0.2
 STOP_LIMIT_S = 5.0
 FLUSH_LIMIT_S = 5.0  # of either half
-SEND_LIMIT_S = 1.0  # of the order to stop, to a child that reads none
 
 
 class Processes:
@@ -162,7 +161,7 @@ class Processes:
         """Makes every child stop; `stop` waits for its end."""
         self._stopping.set()
         for part in self._parts.values():
-            part.begin_stop(SEND_LIMIT_S)
+            part.begin_stop()
 
     def stop(self, *, is_cancelled: bool = False) -> None:
         """Ends every child: kills those that do not end in time, soon if their start was cancelled."""
