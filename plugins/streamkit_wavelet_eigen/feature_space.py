@@ -81,14 +81,10 @@ class WaveletEigenSpace:
             ValueError: windows have another size, or one has NaN or infinity.
         """
         patches = validated_patches(patches, self.patch_size)
-        return self.embed_prepared(prepare(patches, self.recipe.preprocessing), flat_windows(patches))
-
-    def embed_prepared(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> FloatBatch:
-        """Vectors float32[n, length] of prepared windows; zeros where `flat`, bool[n], is set."""
-        return self.project(prepared, flat).vectors
+        return self.project(prepare(patches, self.recipe.preprocessing), flat_windows(patches)).vectors
 
     def project(self, prepared: FloatBatch, flat: NDArray[np.bool_]) -> Projection:
-        """Vectors of prepared windows with their residuals; vectors are zeros where `flat` is set.
+        """Vectors of prepared windows float32[n, h, w], and their residuals; zeros where `flat`, bool[n].
 
         A vector is the coordinates of all blocks, after the Fisher step if there is one.
         """
@@ -191,7 +187,7 @@ def learn_space(patches: FloatBatch, recipe: Recipe, labels: Sequence[str] = ())
             f"Fisher step: each window needs a label, got {len(patches)} windows and {len(labels)} labels"
         )
     names = [name for name, kept in zip(labels, usable, strict=True) if kept] * view_count(recipe.views)
-    coordinates = space.embed_prepared(prepared, np.zeros(len(prepared), bool)).astype(np.float64)
+    coordinates = space.project(prepared, np.zeros(len(prepared), bool)).vectors.astype(np.float64)
     varying = np.ptp(coordinates, axis=0) > 0
     axes = np.zeros((coordinates.shape[1], min(int(varying.sum()), len(set(names)) - 1)))
     if axes.size or len(set(names)) < 2:

@@ -146,7 +146,7 @@ class Recogniser:
         if self._space is not space:
             prepared = self._prepared.reshape(-1, *self._recipe.prepared_size)
             self._space = space
-            self._vectors = space.embed_prepared(prepared, np.tile(self._flat, self._views))
+            self._vectors = space.project(prepared, np.tile(self._flat, self._views)).vectors
         return self._vectors
 
     def recognise(self, vectors: FloatBatch, space: WaveletEigenSpace) -> Matches:
