@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -14,13 +13,11 @@ from streamkit.element.code_place import place_of, traceback_of
 from streamkit.element.pad import Pad
 from streamkit.element.pad_owner import PadOwner
 from streamkit.element.property_owner import PropertyOwner
-from streamkit.element.timing import Timing
+from streamkit.element.waits import Waits
 from streamkit.errors import ElementFailure, NotNegotiated, StateError, StreamkitError
 from streamkit.flow.caps import ANY, Caps
-from streamkit.flow.clock import Clock, SystemClock
-from streamkit.flow.events import FlowStop, Flushing
+from streamkit.flow.events import FlowStop
 from streamkit.flow.messages import Message, MessageKind
-from streamkit.handoff.bounded_queue import POLL_S
 
 if TYPE_CHECKING:
     from streamkit.element.host import Host
@@ -31,8 +28,8 @@ log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
 
 
-class Element(PadOwner, PropertyOwner):
-    """One element of a graph.
+class Element(PadOwner, PropertyOwner, Waits):
+    """One element of a graph; its bases are its pads, its properties and its waits.
 
     Authors subclass `Source`, `Transform`, `Sink`, `Combine` or `Split`. They declare pads as caps in `sink`
     and `src` (always pads) or as `PadTemplate`s in `templates`, and properties with `Property(...)`, and
@@ -44,20 +41,10 @@ class Element(PadOwner, PropertyOwner):
     Attributes:
         name, factory: unique in its bin; element type.
         bin: the enclosing bin, or None.
-        stopping: set while the pipeline stops; every wait of an element checks it.
-        clock: the pipeline's clock.
-        timing: the pipeline's running time.
-        lock: guards state that threads of the element share.
-        changed: the condition on `lock` to wait on; `wake` notifies it, as each change of state does.
-        is_flushing: whether a flush is in progress; frames are refused.
-        flushes: number of flushes started; a wait during which it grows is cancelled.
         drops: number of frames not delivered, by reason.
         results: number of things that the element has made, such as tracks, by name in the plural.
         outcomes: number of frames by what the element has found of each, such as "lost".
         has_failed: whether a call by the engine has raised in this run; the element is then not drained.
-        activity: name, start (perf_counter, ns) and frame of the current call by the engine, else None.
-        is_waiting: whether the element waits on purpose; the watchdog then ignores it.
-        waited_ns: time of calls with frames in which it waited on purpose, ns; not counted as work.
         at_work: one byte, "1" during a call, else "0"; in memory shared with the crash reporter.
     """
 
@@ -70,24 +57,13 @@ class Element(PadOwner, PropertyOwner):
         self.factory = type(self).__name__.lower()
         self.name = name or self.factory
         self.bin: Element | None = None
-        self.stopping = threading.Event()
-        self.lock = threading.RLock()
-        self.changed = threading.Condition(self.lock)
-        self._state_changed = self.changed  # a class of an author may use that name
-        self._woken = threading.Event()  # ends waits for a time of the clock
-        self.is_flushing = False
-        self.flushes = 0
-        self.clock: Clock = SystemClock()
-        self.timing = Timing(lambda: self.clock)
         self.host: Host | None = None
         self.drops: Counter[str] = Counter()
         self.results: Counter[str] = Counter()
         self.outcomes: Counter[str] = Counter()
         self._warned_of: set[str] = set()
-        self.activity: tuple[str, int, Frame | None] | None = None
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
-        self.is_waiting = False
         self.begin_run()
         for key, value in properties.items():
             self.set_property(key, value)
@@ -124,12 +100,6 @@ class Element(PadOwner, PropertyOwner):
 
     # Called by authors.
 
-    def wake(self) -> None:
-        """Makes every thread that waits look again at what it waits for."""
-        with self._state_changed:
-            self._woken.set()
-            self._state_changed.notify_all()
-
     def post_warning(self, text: str, code: str = "") -> None:
         """Posts a warning message; `launch --strict` fails after one with the code `shortfall`."""
         self.post(Message(MessageKind.WARNING, self.name, text, {"code": code} if code else {}))
@@ -148,49 +118,6 @@ class Element(PadOwner, PropertyOwner):
         """Counts frames that were not delivered."""
         if n:
             self.drops[reason] += n
-
-    def clock_ns(self) -> int:
-        """The pipeline's monotonic clock, ns."""
-        return self.clock.monotonic_ns()
-
-    def wait_until_due(self, running_time_ns: int, delay_ns: int = 0) -> bool:
-        """Waits until `delay_ns` after a running time, across pauses; False at a stop or flush."""
-        flushes = self.flushes
-        while not self.wait_on_clock(self.timing.due_ns(running_time_ns) + delay_ns):
-            if not self.wait_while_paused(flushes):
-                return False
-        return True
-
-    def wait_while_paused(self, flushes: int | None = None) -> bool:
-        """Waits until the pipeline plays; False if it stops, flushes, or has begun to since `flushes`."""
-        flushes = self.flushes if flushes is None else flushes
-        with self.waiting():
-            self.wait_for_state(lambda: self.timing.running.is_set() or self.must_give_up(flushes))
-        return not self.must_give_up(flushes)
-
-    def wait_for(self, condition: Callable[[], bool], poll_s: float = POLL_S) -> None:
-        """Waits on `changed`, with its lock held, until a condition holds; checks it at least every `poll_s`.
-
-        Raises:
-            Flushing: the pipeline stops or flushes.
-        """
-        flushes = self.flushes
-        while self.flushes != flushes or not condition():
-            if self.must_give_up(flushes):
-                raise Flushing(self.name)
-            with self.waiting():
-                self.changed.wait(poll_s)
-
-    @contextlib.contextmanager
-    def waiting(self) -> Iterator[None]:
-        """Context of a wait on purpose: the watchdog ignores the element."""
-        before, self.is_waiting, began_ns = self.is_waiting, True, time.perf_counter_ns()
-        try:
-            yield
-        finally:
-            self.is_waiting = before
-            if not before and self.activity is not None and self.activity[0] == "frame":
-                self.waited_ns += time.perf_counter_ns() - began_ns
 
     def pipeline_error(self) -> Exception | None:
         """The failure that has ended the pipeline's run, or None."""
@@ -263,50 +190,6 @@ class Element(PadOwner, PropertyOwner):
         except (Exception, SystemExit) as cause:
             self.has_failed = True
             raise self.failure(cause) from cause
-
-    def halt(self) -> None:
-        """Ends the element's waits because the pipeline stops."""
-        self.stopping.set()
-        self.wake()
-
-    def flush(self, *, begins: bool) -> None:
-        """Begins or ends a flush, which drops held frames and ends waits; called in the flushing thread."""
-        with self._state_changed:
-            self.is_flushing = begins
-            if begins:
-                self.flushes += 1
-        self.wake()
-
-    def must_give_up(self, flushes: int) -> bool:
-        """Whether a wait has to end: the pipeline stops, flushes, or has begun to since `flushes`."""
-        return self.stopping.is_set() or self.is_flushing or self.flushes != flushes
-
-    def wait_on_clock(self, due_ns: int) -> bool:
-        """Waits until a time of the clock; False once the element is woken, and while it is paused."""
-        with self._state_changed:
-            if self._woken.is_set():
-                self._woken = threading.Event()
-            woken = self._woken  # set by whatever changes from here on
-            if self.must_give_up(self.flushes) or not self.timing.running.is_set():
-                return False
-        with self.waiting():
-            return self.clock.wait_until(due_ns, woken)
-
-    def wait_while_flushing(self) -> None:
-        """Waits until no flush is in progress.
-
-        Raises:
-            Flushing: the pipeline stops.
-        """
-        self.wait_for_state(lambda: not self.is_flushing or self.stopping.is_set())
-        if self.stopping.is_set():
-            raise Flushing(self.name)
-
-    def wait_for_state(self, condition: Callable[[], bool]) -> None:
-        """Waits until a condition of the pipeline's state holds, whatever else ends waits."""
-        with self._state_changed:
-            while not condition():
-                self._state_changed.wait(POLL_S)
 
     def pads_changed(self) -> None:
         """Pads were added or removed, or push differently, while the graph streams."""
