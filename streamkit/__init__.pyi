@@ -16,9 +16,9 @@ from streamkit.element.pad import Pad as Pad
 from streamkit.element.pad import PadTemplate as PadTemplate
 from streamkit.element.pad import Presence as Presence
 from streamkit.element.property import Property as Property
-from streamkit.element.property import SettingsOf as SettingsOf
 from streamkit.element.property_text import Choice as Choice
 from streamkit.element.registry import register_element as register_element
+from streamkit.element.settings_of import SettingsOf as SettingsOf
 from streamkit.element.sink import OnError as OnError
 from streamkit.element.sink import Sink as Sink
 from streamkit.element.source import Source as Source

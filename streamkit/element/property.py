@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import functools
 import inspect
@@ -12,16 +11,16 @@ import re
 import sys
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from fractions import Fraction
-from typing import Any, Generic, TypeVar, cast, overload
+from typing import Any, TypeVar, cast
 
 from streamkit.element.property_text import flag_word, value_from_text
-from streamkit.errors import PropertyError, did_you_mean
+from streamkit.errors import PropertyError
 from streamkit.flow.caps import Caps
 from streamkit.flow.video import exact_rate
 from streamkit.masking import MASK, mask_secrets
-from streamkit.settings import FileUse, Traits, traits_of
+from streamkit.settings import FileUse, Traits
 
 T = TypeVar("T")
 SNAPSHOTS = "_settings_snapshots"  # in an element's __dict__: settings by class, until a property is set
@@ -241,105 +240,6 @@ def Property(  # noqa: N802  reads as a declaration, like dataclasses.field
     traits = Traits(min, max, unit, doc, live, secret, readonly or read is not None, read, aliases, file)
     kind = PropertyDeclaration if read is None else ComputedProperty
     return cast("T", kind(default, name, traits))
-
-
-class SettingsOf(Generic[T]):
-    """Declares a property for each `setting` of a frozen dataclass; reading it gives an instance.
-
-    Nested settings dataclasses add their own settings; other fields keep their defaults. The instance is
-    cached until a property is set.
-    """
-
-    def __init__(self, kind: type[T]) -> None:
-        self.kind = kind
-        self.declarations = _declarations(kind)
-
-    def __set_name__(self, owner: type, attribute: str) -> None:
-        for name, declaration in self.declarations.items():
-            declaration.__set_name__(owner, name)
-            setattr(owner, name, declaration)
-
-    @overload
-    def __get__(self, instance: None, owner: type) -> SettingsOf[T]: ...
-    @overload
-    def __get__(self, instance: object, owner: type) -> T: ...
-    def __get__(self, instance: object | None, owner: type) -> SettingsOf[T] | T:
-        if instance is None:
-            return self
-        snapshots = vars(instance).setdefault(SNAPSHOTS, {})
-        found: T | None = snapshots.get(self.kind)
-        if found is None:
-            found = snapshots[self.kind] = _snapshot(self.kind, vars(instance))
-        return found
-
-
-def _fields(kind: Any) -> Iterator[tuple[str, Traits | None, Any]]:
-    """Name, traits and default of each field of a settings dataclass."""
-    for field in dataclasses.fields(kind):
-        factory = field.default_factory
-        default = field.default if factory is dataclasses.MISSING else factory()
-        yield field.name, traits_of(field), default
-
-
-def _declarations(kind: Any) -> dict[str, PropertyDeclaration]:
-    """The properties that a settings dataclass and those nested in it declare."""
-    found: dict[str, PropertyDeclaration] = {}
-    kinds = typing.get_type_hints(kind)
-    for name, traits, default in _fields(kind):
-        if traits is not None:
-            found[name] = PropertyDeclaration(default, "", traits, kinds[name])
-        elif dataclasses.is_dataclass(default):
-            found.update(_declarations(type(default)))
-    return found
-
-
-def _snapshot(kind: Any, values: dict[str, Any]) -> Any:
-    """An instance of a settings dataclass with the values of an element."""
-    given = {}
-    for name, traits, default in _fields(kind):
-        if traits is not None:
-            given[name] = values[name]
-        elif dataclasses.is_dataclass(default):
-            given[name] = _snapshot(type(default), values)
-    return kind(**given)
-
-
-def declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
-    """All properties of an element class by name, those of its bases first; a subclass may redeclare one."""
-    by_attribute: dict[str, PropertyDeclaration] = {}
-    for base in reversed(owner.__mro__):
-        for attribute, item in vars(base).items():
-            if isinstance(item, SettingsOf):
-                by_attribute.update(item.declarations)
-            elif isinstance(item, PropertyDeclaration):
-                by_attribute[attribute] = item
-    return {item.name: item for item in by_attribute.values()}
-
-
-def check_attributes(element: Any) -> None:
-    """Checks that no attribute of an element is a misspelt property.
-
-    It is one if the code of the element's class never names it, and a property has a similar name.
-
-    Raises:
-        PropertyError: names the attribute and the property.
-    """
-    for attribute in vars(element).keys() - _names_in_code(element.__class__):
-        properties = [declared.attribute for declared in element.properties.values()]
-        hint = did_you_mean(attribute, properties, 0.8)
-        if hint and not attribute.startswith("_"):
-            raise PropertyError(f"{element.name}: no property {attribute!r}; {hint}")
-
-
-@functools.cache
-def _names_in_code(owner: type) -> frozenset[str]:
-    """The attributes of a class, and every name that the code of its methods uses."""
-    names = set(dir(owner))
-    for base in owner.__mro__:
-        for member in vars(base).values():
-            code = getattr(getattr(member, "fget", member), "__code__", None)
-            names.update(code.co_names if code is not None else ())
-    return frozenset(names)
 
 
 def _can_name_a_file(text: str) -> bool:

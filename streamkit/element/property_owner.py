@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, ClassVar, Self
 
-from streamkit.element.property import PropertyDeclaration, declared_properties
+from streamkit.element.property import PropertyDeclaration
+from streamkit.element.settings_of import SettingsOf
 from streamkit.errors import PropertyError, did_you_mean
 
 
@@ -24,7 +26,7 @@ class PropertyOwner:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls.properties = declared_properties(cls)
+        cls.properties = _declared_properties(cls)
         for item in vars(cls).values():
             if isinstance(item, PropertyDeclaration):
                 item.check_declaration()
@@ -82,3 +84,42 @@ class PropertyOwner:
         """The properties set in the description, as JSON values."""
         declared = ((name, self.find_property(name)) for name in self.set_in_text)
         return {name: found.to_json(getattr(self, found.attribute)) for name, found in declared}
+
+
+def check_attributes(element: PropertyOwner) -> None:
+    """Checks that no attribute of an element is a misspelt property.
+
+    It is one if the code of the element's class never names it, and a property has a similar name.
+
+    Raises:
+        PropertyError: names the attribute and the property.
+    """
+    owner: type = type(element)
+    for attribute in vars(element).keys() - _names_in_code(owner):
+        properties = [declared.attribute for declared in element.properties.values()]
+        hint = did_you_mean(attribute, properties, 0.8)
+        if hint and not attribute.startswith("_"):
+            raise PropertyError(f"{element.name}: no property {attribute!r}; {hint}")
+
+
+@functools.cache
+def _names_in_code(owner: type) -> frozenset[str]:
+    """The attributes of a class, and every name that the code of its methods uses."""
+    names = set(dir(owner))
+    for base in owner.__mro__:
+        for member in vars(base).values():
+            code = getattr(getattr(member, "fget", member), "__code__", None)
+            names.update(code.co_names if code is not None else ())
+    return frozenset(names)
+
+
+def _declared_properties(owner: type) -> dict[str, PropertyDeclaration]:
+    """All properties of an element class by name, those of its bases first; a subclass may redeclare one."""
+    by_attribute: dict[str, PropertyDeclaration] = {}
+    for base in reversed(owner.__mro__):
+        for attribute, item in vars(base).items():
+            if isinstance(item, SettingsOf):
+                by_attribute.update(item.declarations)
+            elif isinstance(item, PropertyDeclaration):
+                by_attribute[attribute] = item
+    return {item.name: item for item in by_attribute.values()}

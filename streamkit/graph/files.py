@@ -8,7 +8,7 @@ from itertools import combinations
 from pathlib import Path
 
 from streamkit.element.base import Element
-from streamkit.element.property import check_attributes
+from streamkit.element.property_owner import check_attributes
 from streamkit.errors import PropertyError
 from streamkit.output.file import is_special
 from streamkit.output.names import FileNames, is_network, local_path
