@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import enum
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
+from streamkit.element.older_files import IfExists, OlderFiles
 from streamkit.element.property import Property
 from streamkit.element.sink import Sink
 from streamkit.errors import PropertyError, ResourceError, StreamkitError, write_remedy
@@ -16,17 +16,8 @@ from streamkit.flow.frame import Frame
 from streamkit.output.file import OutputFile, check_writable, is_special
 from streamkit.output.names import FileNames, local_path
 from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, standard_output
-from streamkit.output.retention import Retention, RetentionLimits
 
 CLOSE_LIMIT_S = 5.0
-
-
-class IfExists(enum.StrEnum):
-    """What happens if the file to write exists already."""
-
-    FAIL = "fail"
-    CONTINUE = "continue"
-    REPLACE = "replace"
 
 
 class OutputFileSink(Sink):
@@ -115,7 +106,7 @@ class OutputFileSink(Sink):
 
     def open_file(self, *, is_whole: bool = False) -> OutputFile:
         """The next file; with `is_whole` it appears once it has content that is complete."""
-        append = self.can_append() and self.if_exists is IfExists.CONTINUE
+        append = self._older.can_append and self.if_exists is IfExists.CONTINUE
         reader_wait = ReaderWait(self.timeout_s, self.stopping, self.waiting)
         return OutputFile(self.next_path(), append=append, is_whole=is_whole, reader_wait=reader_wait)
 
@@ -125,12 +116,7 @@ class OutputFileSink(Sink):
         Raises:
             ResourceError: it exists, and `if-exists` protects it.
         """
-        path = self.names.path(self.number, self.clock.utc_ns())
-        if self.names.is_several and self.if_exists is IfExists.CONTINUE:
-            while path.exists() and not self.names.has_number:
-                path = path.with_stem(f"{path.stem}-1")
-        else:
-            self._protect(path)
+        path = self._older.place(self.names.path(self.number, self.clock.utc_ns()))
         self.number += 1
         self.results["files"] += 1
         self._written_before, self.written_paths = self.written_paths, (*self.written_paths[:1], str(path))
@@ -168,41 +154,16 @@ class OutputFileSink(Sink):
             standard_output()
         self.check_properties()
         self.names = FileNames(self.pattern(), adds_number=self.needs_several_files())
+        self._older = OlderFiles(self.names, self.location, self.if_exists, self.can_append(), self.example)
         if not self.is_file():
             return
         with self.reported():
             first = self.names.path(0, self.clock.utc_ns())
             check_writable(first)
             if self.names.is_several:
-                self._find_number()
+                self.number = self._older.next_number()
             else:
-                self._protect(first)
-
-    def _find_number(self) -> None:
-        there = [number for _, number in self.names.existing()]
-        if there and self.if_exists is IfExists.FAIL:
-            raise ResourceError(f"{self.location}: {len(there)} such files exist; {self._remedy()}")
-        if there and self.if_exists is IfExists.CONTINUE:
-            self.number = max(there) + 1
-
-    def _protect(self, path: Path) -> None:
-        """Raises ResourceError for an existing file that must stay."""
-        if self.if_exists is IfExists.REPLACE or not path.is_file():
-            return
-        if self.if_exists is IfExists.FAIL:
-            raise ResourceError(f"{path} exists already; {self._remedy()}")
-        if not self.can_append():
-            raise ResourceError(
-                f"{path} exists already, and its format cannot be continued; {self._remedy()}"
-            )
-
-    def _remedy(self) -> str:
-        path = Path(self.example if "%" in self.location else self.location)
-        stem, suffix = path.stem, path.suffix
-        return (
-            f"name another file, number them ({stem}-%05d{suffix}), put the time into the name "
-            f"({stem}-%Y%m%dT%H%M%SZ{suffix}), or set if-exists=replace"
-        )
+                self._older.place(first)
 
     def render(self, frame: Frame) -> None:
         """Writes one frame.
@@ -272,37 +233,3 @@ class OutputFileSink(Sink):
             raise ResourceError(
                 f"location={self.location}: cannot be written: {reason}{write_remedy(error)}"
             ) from error
-
-
-class NumberedFilesSink(OutputFileSink):
-    """Base class of sinks that write many files, of which the oldest may be deleted.
-
-    Attributes:
-        remembers_earlier_runs: whether files of earlier runs count, too.
-    """
-
-    remembers_earlier_runs: ClassVar[bool] = True
-
-    if_exists: IfExists = Property(
-        IfExists.CONTINUE,
-        doc="Older files: refuse them, continue their numbers (one file: refuse it), or replace them.",
-    )
-    max_files: int = Property(0, min=0, doc="Complete files kept; older ones are deleted. 0 keeps all.")
-    max_total_size: int = Property(
-        0, min=0, unit="bytes", doc="Size of the complete files kept; older ones are deleted. 0 is no limit."
-    )
-    max_age: int = Property(
-        0, min=0, unit="s", doc="Complete files kept: how long; older ones are deleted. 0 is no limit."
-    )
-
-    def start(self) -> None:
-        """Checks the name, and reads which files of earlier runs may be deleted."""
-        super().start()
-        limits = RetentionLimits(self.max_files, self.max_total_size, self.max_age)
-        pattern = local_path(self.location)
-        ledger = pattern.with_name(f".{pattern.name}.written")
-        self._retention = Retention(limits, pattern.parent, ledger if self.remembers_earlier_runs else None)
-
-    def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
-        """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""
-        self._retention.add(path, self.clock.utc_ns() / 1e9, companion)

@@ -1,0 +1,46 @@
+"""NumberedFilesSink: base of the sinks that write many files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+from streamkit.element.older_files import IfExists
+from streamkit.element.output_sink import OutputFileSink
+from streamkit.element.property import Property
+from streamkit.output.names import local_path
+from streamkit.output.retention import Retention, RetentionLimits
+
+
+class NumberedFilesSink(OutputFileSink):
+    """Base class of sinks that write many files, of which the oldest may be deleted.
+
+    Attributes:
+        remembers_earlier_runs: whether files of earlier runs count, too.
+    """
+
+    remembers_earlier_runs: ClassVar[bool] = True
+
+    if_exists: IfExists = Property(
+        IfExists.CONTINUE,
+        doc="Older files: refuse them, continue their numbers (one file: refuse it), or replace them.",
+    )
+    max_files: int = Property(0, min=0, doc="Complete files kept; older ones are deleted. 0 keeps all.")
+    max_total_size: int = Property(
+        0, min=0, unit="bytes", doc="Size of the complete files kept; older ones are deleted. 0 is no limit."
+    )
+    max_age: int = Property(
+        0, min=0, unit="s", doc="Complete files kept: how long; older ones are deleted. 0 is no limit."
+    )
+
+    def start(self) -> None:
+        """Checks the name, and reads which files of earlier runs may be deleted."""
+        super().start()
+        limits = RetentionLimits(self.max_files, self.max_total_size, self.max_age)
+        pattern = local_path(self.location)
+        ledger = pattern.with_name(f".{pattern.name}.written")
+        self._retention = Retention(limits, pattern.parent, ledger if self.remembers_earlier_runs else None)
+
+    def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
+        """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""
+        self._retention.add(path, self.clock.utc_ns() / 1e9, companion)
