@@ -17,8 +17,9 @@ from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
 from streamkit.flow.statistics import ElementStatistics, PadStatistics
-from streamkit.graph.chain import Chain, Streaming
+from streamkit.graph.chain import Chain
 from streamkit.graph.graph import Graph
+from streamkit.graph.streaming_thread import Streaming
 from streamkit.masking import mask_secrets
 
 

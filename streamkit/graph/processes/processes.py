@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import math
-import os
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, wait
 from typing import TYPE_CHECKING, Any, Literal
 
-from streamkit.crossing.channel import Channel
-from streamkit.crossing.shared_memory import make_numbers
 from streamkit.element.base import Element
 from streamkit.element.timing import Timing
 from streamkit.errors import (
@@ -29,10 +25,9 @@ from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 from streamkit.graph.element_calls import CANCEL_GRACE_S
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
-from streamkit.graph.processes.connection import COUNTS
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
-from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.processes.process_links import ProcessLinks
 from streamkit.graph.processes.process_statistics import merge_statistics
 
 if TYPE_CHECKING:
@@ -59,8 +54,7 @@ class Processes:
         self._graph = graph
         self._post = post
         self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
-        self._links = list(graph.process_links)
-        self._connecting = threading.Lock()
+        self._links = ProcessLinks(graph, self._parts)
         self._playback, self._timing = playback, timing
         self._stopping = threading.Event()
         self._watchdog_s = 0.0
@@ -87,11 +81,7 @@ class Processes:
             for part in parts:
                 part.reset(watchdog_s)
                 part.spawn(self._reported, self._ended)
-            for link in self._links:
-                self._connect(link)
-                writer = self._graph.process_links[link][0]
-                if writer is not None:
-                    link.before_end = functools.partial(self._await_messages, [self._parts[writer]])
+            self._links.connect(self._await_messages)
             answers = {part: part.order("ready") for part in parts}
             for part, answer in answers.items():
                 self._await_ready(part, answer, cancelled)
@@ -179,25 +169,7 @@ class Processes:
                 part.child = None if part.child is child else part.child
             if part.ending is not None:
                 part.ending.join()
-        for link in self._links:
-            link.disconnect()
-
-    def _connect(self, link: ProcessLink) -> None:
-        """Gives the two ends of a new connection to the processes that a link connects.
-
-        One that has died gets none: its restart makes another connection.
-        """
-        counts, descriptor = make_numbers(COUNTS)
-        with self._connecting:  # both ends get the connections of two restarts in the same order
-            link.counts.append(counts)
-            for home, end in zip(self._graph.process_links[link], Channel.pair(), strict=True):
-                if home is None:
-                    link.connect(end, counts)
-                    continue
-                with end:
-                    descriptors = end.fileno(), descriptor
-                    self._parts[home].order("connect", self._links.index(link), descriptors=descriptors)
-        os.close(descriptor)
+        self._links.disconnect()
 
     # Reports and the end of a child, in its thread.
 
@@ -239,9 +211,7 @@ class Processes:
         if self._stopping.is_set():
             return
         child.is_reported = True
-        # Number of the newest frame that has come to this process.
-        last_received = max((link.last_frame[0] for link in self._links if link.reads), default=-1)
-        failure = part.failure(child.death(), last_received)
+        failure = part.failure(child.death(), self._links.newest_frame())
         if part.has_ended or part.ending is not None:
             self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
         elif (delay_s := part.next_delay_s()) is None:
@@ -257,11 +227,7 @@ class Processes:
             return
         try:
             child = part.spawn(self._reported, self._ended)
-            for link in self._links_of(part):
-                if link.is_given_up:
-                    part.order("give-up", self._links.index(link))
-                else:
-                    self._connect(link)
+            self._links.reconnect(part)
             _await(part.order("ready"), self._stopping)
             if not self._stopping.is_set():
                 self._let_stream(part)
@@ -286,15 +252,7 @@ class Processes:
         """An element of a child has failed, or the child has died."""
         self._playback.fail(error)  # first: EOS, which the links now send, would end the run without an error
         part.has_ended = True
-        for link in self._links_of(part):
-            link.give_up()
-            for home in self._graph.process_links[link]:
-                if home is not None and home is not part.home:
-                    self._parts[home].order("give-up", self._links.index(link))
-
-    def _links_of(self, part: Part) -> list[ProcessLink]:
-        """The links that end in a process."""
-        return [link for link, ends in self._graph.process_links.items() if part.home in ends]
+        self._links.give_up(part)
 
 
 def _await(answer: Future[Any], cancelled: threading.Event, limit_s: float = math.inf) -> None:
