@@ -32,7 +32,7 @@ class Bus:
     @property
     def lost(self) -> int:
         """Number of dropped messages."""
-        return self._queue.statistics.dropped
+        return self._queue.dropped
 
     def post(self, message: Message) -> None:
         """Queues a message; watchers are called with it in the posting thread."""

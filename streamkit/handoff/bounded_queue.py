@@ -6,7 +6,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Generic, TypeAlias, TypeVar
 
 Item = TypeVar("Item")
@@ -32,17 +31,6 @@ def wait_until(
         changed.wait(left_s)
 
 
-@dataclass(frozen=True, slots=True)
-class QueueStatistics:
-    """Counters of a queue: what it holds, and how many items were put, taken and dropped so far."""
-
-    items: int
-    bytes: int
-    received: int
-    taken: int
-    dropped: int
-
-
 class BoundedQueue(Generic[Item]):
     """A first-in first-out queue between threads.
 
@@ -54,6 +42,10 @@ class BoundedQueue(Generic[Item]):
         choose_dropped: called by `put` with the queued items, the oldest first, the new item, and whether the
             queue is full; returns the indices to drop, where the last + 1 is the new item. If the queue is
             still full, the oldest are dropped.
+
+    Attributes:
+        bytes: sum of the sizes of the items it holds.
+        dropped: number of items so far that were not taken.
     """
 
     def __init__(
@@ -65,18 +57,12 @@ class BoundedQueue(Generic[Item]):
         self._items: deque[Item] = deque()
         self._sizes: deque[int] = deque()
         self._changed = threading.Condition()
-        self._bytes = self._received = self._taken = self._dropped = 0
+        self.bytes = self.dropped = 0
         self._has_ended = self._is_closed = False
         self._error: Exception | None = None
 
     def __len__(self) -> int:
         return len(self._items)
-
-    @property
-    def statistics(self) -> QueueStatistics:
-        """A consistent snapshot of the counters."""
-        with self._changed:
-            return QueueStatistics(len(self._items), self._bytes, self._received, self._taken, self._dropped)
 
     def put(self, item: Item, size: int = 0, *, wait_s: float | None = 0.0) -> int:
         """Adds an item; in a full queue waits for room, then drops others.
@@ -93,14 +79,13 @@ class BoundedQueue(Generic[Item]):
             wait_until(self._changed, lambda: self._is_closed or not self._is_full(size), wait_s)
             if self._is_closed:
                 return 0
-            before = self._dropped
-            self._received += 1
+            before = self.dropped
             if self._make_room(item, size):
                 self._items.append(item)
                 self._sizes.append(size)
-                self._bytes += size
+                self.bytes += size
                 self._changed.notify_all()
-            return self._dropped - before
+            return self.dropped - before
 
     def get(self, wait_s: float | None = 0.0, cancelled: threading.Event | None = None) -> Item | None:
         """Takes the oldest item.
@@ -121,8 +106,7 @@ class BoundedQueue(Generic[Item]):
                 if self._error is not None:
                     raise self._error
                 return None
-            self._bytes -= self._sizes.popleft()
-            self._taken += 1
+            self.bytes -= self._sizes.popleft()
             self._changed.notify_all()
             return self._items.popleft()
 
@@ -165,7 +149,7 @@ class BoundedQueue(Generic[Item]):
         if not self._items:
             return False
         too_many = 0 < self._capacity <= len(self._items)
-        return too_many or (self._max_bytes > 0 and self._bytes + size > self._max_bytes)
+        return too_many or (self._max_bytes > 0 and self.bytes + size > self._max_bytes)
 
     def _make_room(self, item: Item, size: int) -> bool:
         """Drops the items of `choose_dropped`, then the oldest; whether the new item is to be added."""
@@ -176,22 +160,22 @@ class BoundedQueue(Generic[Item]):
             if index < held:
                 self._drop(index)
         if held in chosen:
-            self._dropped += 1
+            self.dropped += 1
             return False
         while self._is_full(size):
             self._drop(0)
         return True
 
     def _drop(self, index: int) -> None:
-        self._bytes -= self._sizes[index]
+        self.bytes -= self._sizes[index]
         del self._items[index], self._sizes[index]
-        self._dropped += 1
+        self.dropped += 1
 
     def _clear(self) -> int:
         dropped = len(self._items)
         self._items.clear()
         self._sizes.clear()
-        self._bytes = 0
-        self._dropped += dropped
+        self.bytes = 0
+        self.dropped += dropped
         self._changed.notify_all()
         return dropped

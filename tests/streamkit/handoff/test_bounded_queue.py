@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit.handoff.bounded_queue import BoundedQueue, QueueStatistics
+from streamkit.handoff.bounded_queue import BoundedQueue
 
 
 def in_thread(work: Callable[[], object]) -> tuple[threading.Thread, list[object]]:
@@ -30,15 +30,13 @@ def test_every_item_is_taken_held_or_dropped(
     for number, (size, takes) in enumerate(steps):
         queue.put(number, size)
         assert capacity == 0 or len(queue) <= capacity
-        assert limit == 0 or len(queue) == 1 or queue.statistics.bytes <= limit
+        assert limit == 0 or len(queue) == 1 or queue.bytes <= limit
         if takes:
             item = queue.get()
             assert item is not None
             taken.append(item)
-    found = queue.statistics
     assert taken == sorted(taken)
-    assert (found.received, found.taken) == (len(steps), len(taken))
-    assert found.received == found.taken + found.dropped + found.items
+    assert len(steps) == len(taken) + queue.dropped + len(queue)
 
 
 def test_a_full_queue_drops_the_chosen_items() -> None:
@@ -51,7 +49,7 @@ def test_a_full_queue_drops_the_chosen_items() -> None:
     queue: BoundedQueue[str] = BoundedQueue(2, choose_dropped=choose_dropped)
     assert [queue.put(word) for word in ("error", "chatter", "last", "chatter")] == [0, 0, 1, 1]
     assert [queue.get(), queue.get(), queue.get()] == ["error", "last", None]
-    assert queue.statistics == QueueStatistics(0, 0, 4, 2, 2)
+    assert (len(queue), queue.bytes, queue.dropped) == (0, 0, 2)
 
 
 def test_the_oldest_make_room_where_too_little_was_chosen() -> None:
