@@ -4,7 +4,7 @@ from typing import Literal
 
 import pytest
 
-from streamkit_zenoh.receiver import PublisherStates
+from streamkit_zenoh.publisher_states import PublisherStates
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 
 
