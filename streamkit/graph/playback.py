@@ -21,12 +21,12 @@ from streamkit.graph.branch_output import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, compose_chain, compose_chains
 from streamkit.graph.delayed_link import report_missing_pads
-from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.graph import Graph
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import RetiredChains, collect_statistics, silent_transforms
 from streamkit.graph.stream_end import StreamEnd
 from streamkit.graph.streaming_thread import Streaming, StreamingThread
+from streamkit.graph.watchdog import Watchdog
 
 log = logging.getLogger("streamkit")
 
