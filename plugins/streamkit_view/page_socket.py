@@ -13,14 +13,7 @@ from streamkit_view.access import log_once
 from streamkit_view.basemap import Basemap
 from streamkit_view.history import replay
 from streamkit_view.hub import Hub
-from streamkit_view.messages import (
-    BACK,
-    CONTROL,
-    HELLO,
-    InvalidAnswer,
-    read_answer,
-    text_message,
-)
+from streamkit_view.messages import BACK, CONTROL, HELLO, InvalidAnswer, read_answer, text_message
 from streamkit_view.viewer import Viewer
 from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
 

@@ -11,15 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from streamkit import (
-    Detections,
-    Features,
-    FeatureSpace,
-    Frame,
-    OutputFileSink,
-    ResourceError,
-    StreamError,
-)
+from streamkit import Detections, Features, FeatureSpace, Frame, OutputFileSink, ResourceError, StreamError
 from streamkit.output.file import OutputFile
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import rotated_boxes

@@ -13,12 +13,7 @@ from streamkit_zenoh.keys import LISTENING, RECEIVER, STATUS, alive_key, listeni
 from streamkit_zenoh.presence import LivelinessWatch, declare_receiver
 from streamkit_zenoh.publisher_states import PublisherStates
 from streamkit_zenoh.wire.encodings import BadPayload, decode_message
-from streamkit_zenoh.wire.numbering import (
-    ATTACHMENT_LIMIT_BYTES,
-    LossTracker,
-    Stamp,
-    read_attachment,
-)
+from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, LossTracker, Stamp, read_attachment
 from streamkit_zenoh.wire.sequence import INTERLEAVED_WARNING, JUMP_WARNING
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 

@@ -83,11 +83,7 @@ class Encoder:
     """
 
     def __init__(
-        self,
-        settings: EncoderSettings,
-        pixel_format: str,
-        size: tuple[int, int],
-        framerate: Fraction,
+        self, settings: EncoderSettings, pixel_format: str, size: tuple[int, int], framerate: Fraction
     ) -> None:
         name, self.codec = ENCODERS[settings.codec]
         self.pixel_format, self.size = pixel_format, size

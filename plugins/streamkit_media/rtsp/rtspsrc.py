@@ -31,10 +31,7 @@ class RtspSrc(LiveSource):
         rtspsrc location=rtsp://drone/live ! decode ! fakesink
     """
 
-    templates = (
-        VIDEO_PAD,
-        PadTemplate("klv", Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES),
-    )
+    templates = (VIDEO_PAD, PadTemplate("klv", Direction.SRC, Caps(KLV_CAPS), Presence.SOMETIMES))
 
     transport: SourceTransport = Property(
         SourceTransport.TCP,

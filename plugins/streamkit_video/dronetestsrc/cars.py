@@ -52,12 +52,7 @@ class Traffic:
     """
 
     def __init__(
-        self,
-        count: int,
-        frame_size: tuple[int, int],
-        ground_from_frame: FloatArray,
-        scale: float,
-        seed: int,
+        self, count: int, frame_size: tuple[int, int], ground_from_frame: FloatArray, scale: float, seed: int
     ) -> None:
         random = self._random = np.random.default_rng((seed, 2))
         self._scale, self._frame_size = scale, frame_size

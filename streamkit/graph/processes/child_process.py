@@ -85,11 +85,7 @@ class ChildProcess(threading.Thread):
     # Called from other threads.
 
     def order(
-        self,
-        name: str,
-        *arguments: Any,
-        descriptors: tuple[int, ...] = (),
-        limit_s: float = ANSWER_LIMIT_S,
+        self, name: str, *arguments: Any, descriptors: tuple[int, ...] = (), limit_s: float = ANSWER_LIMIT_S
     ) -> Future[Any]:
         """Sends an order, within a time limit.
 
