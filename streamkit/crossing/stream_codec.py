@@ -78,10 +78,11 @@ class StreamEncoder:
         message = self._encoder.encode((LinkMessage.FRAME, *self._frame(frame, data)))
         return channel.send(message, (), is_cancelled)
 
-    def event(self, event: Event) -> bytes:
-        """The message of an event."""
+    def event(self, event: Event, begin_ns: int) -> bytes:
+        """The message of an event; with new caps goes what `query_begin_ns` returns upstream."""
+        fields: list[Any]
         if isinstance(event, CapsEvent):
-            self._caps, fields = event.caps, [str(event.caps)]
+            self._caps, fields = event.caps, [str(event.caps), begin_ns]
         else:
             value = event.segment if isinstance(event, SegmentEvent) else event
             fields = [getattr(value, name) for name in value.__dataclass_fields__]
@@ -120,11 +121,16 @@ class StreamEncoder:
 
 
 class StreamDecoder:
-    """The reader's side of a link."""
+    """The reader's side of a link.
+
+    Attributes:
+        begin_ns: time of the first frame of what the source reads, as it came with the caps, ns.
+    """
 
     def __init__(self, packages: Iterable[str]) -> None:
         self.slots = SlotReader()
         self._values = ValueDecoder(packages)
+        self.begin_ns = 0
         self._decoder = msgspec.msgpack.Decoder()
         self._encoder = msgspec.msgpack.Encoder()
         self._caps: Caps | None = None
@@ -145,7 +151,7 @@ class StreamDecoder:
                 self.slots.add(int(number), int(size), channel.take_descriptor())
                 return None
             return self._event(*fields)
-        except (TypeError, KeyError, msgspec.DecodeError) as error:
+        except (TypeError, LookupError, msgspec.DecodeError) as error:
             raise ValueError(f"the other process has sent something unreadable: {error}") from error
 
     def done(self, *, is_over: bool) -> bytes:
@@ -158,7 +164,7 @@ class StreamDecoder:
     def _event(self, name: str, fields: list[Any]) -> Event:
         kind = EVENTS[name]
         if kind is CapsEvent:
-            self._caps = Caps(fields[0])
+            self._caps, self.begin_ns = Caps(fields[0]), int(fields[1])
             return CapsEvent(self._caps)
         return SegmentEvent(Segment(*fields)) if kind is SegmentEvent else kind(*fields)
 

@@ -72,6 +72,7 @@ class LinkReader:
                 raise Flushing(link.name)
             for message in link.receive(connection.channel, POLL_S):
                 item = decoder.decode(message, connection.channel)
+                link.begin_ns = decoder.begin_ns
                 if isinstance(item, EosEvent):
                     link.before_end()
                     return

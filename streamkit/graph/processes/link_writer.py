@@ -52,7 +52,8 @@ class LinkWriter:
             while link.writes and not (self._is_refused or link.is_given_up):
                 with contextlib.suppress(ChannelClosed, EndOfStream):
                     channel = self._connection().channel
-                    channel.send(self._encoder.event(event), (), link.stopping.is_set)
+                    message = self._encoder.event(event, link.query_begin_ns())
+                    channel.send(message, (), link.stopping.is_set)
                     return  # it is sent, or the pipeline stops
 
     def reconnected(self) -> None:
@@ -108,7 +109,8 @@ class LinkWriter:
             self._encoder, self._has_gap = StreamEncoder(), True
             if pad.caps is not None:
                 for event in (CapsEvent(pad.caps), SegmentEvent(pad.segment)):
-                    connection.channel.send(self._encoder.event(event), (), link.stopping.is_set)
+                    message = self._encoder.event(event, link.query_begin_ns())
+                    connection.channel.send(message, (), link.stopping.is_set)
         self._used = connection
         return connection
 

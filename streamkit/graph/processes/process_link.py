@@ -37,6 +37,7 @@ class ProcessLink(Element):
         before_end: called before EOS is sent on; waits until the messages from before it have arrived.
         last_frame: the number of the newest frame received, -1 before one; a child has it in memory that
             outlives it.
+        begin_ns: what `query_begin_ns` returns in the writing process, as it came with the caps, ns.
         is_given_up: whether the other process has died and is not started again.
         link_wait_ns: time that the half here waited for frames or for room, ns.
         counts: in the main process, of each connection of this run, the newest last; see `Connection`.
@@ -59,12 +60,16 @@ class ProcessLink(Element):
         """Resets the state of an earlier run; the connection stays."""
         super().begin_run()
         self.last_frame[0] = -1
-        self.link_wait_ns = 0
+        self.link_wait_ns = self.begin_ns = 0
         self._writer, self._reader = LinkWriter(self), LinkReader(self)
 
     @override
     def query_caps(self, pad: Pad) -> Caps:
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
+
+    def query_begin_ns(self) -> int:
+        """That of the source, which only its own process has opened."""
+        return self.begin_ns if self.reads else super().query_begin_ns()
 
     def latency(self) -> tuple[int, int | None]:
         """None of its own; it holds frames for an unlimited time."""

@@ -139,20 +139,25 @@ def test_a_new_epoch_forgets_the_old_telemetry() -> None:
 
 
 def test_a_file_counts_from_the_first_frame_of_the_video(streamkit_data: Path, tmp_path: Path) -> None:
-    """The stream begins at 2.167 s: its KLV in a file of its own gives each frame the same pose."""
+    """The stream begins at 2.167 s: its KLV in a file of its own gives each frame the same pose.
+
+    Also where the file is read in another process than the poses are joined.
+    """
     stream, raw = streamkit_data / "telemetry" / "sample-stream.ts", tmp_path / "raw.klv"
     Pipeline.parse(f"filesrc name=s location={stream}  s.klv ! filesink location={raw}").run(timeout_s=30)
 
-    def flown(start_s: int, telemetry: str) -> dict[int, float]:
-        text = f"filesrc name=s location={stream} start-s={start_s} ! decode ! posesync name=p {telemetry}"
+    def flown(start_s: int, telemetry: str, is_apart: bool = False) -> dict[int, float]:
+        video = f"filesrc name=s location={stream} start-s={start_s} ! decode"
+        apart = "( process=true identity ) !" if is_apart else ""
+        text = f"( process={is_apart} {video} ) ! {apart} posesync name=p {telemetry}"
         with Pipeline.parse(f"{text}  p. ! appsink name=out max-buffers=0") as pipeline:
             pipeline.play()
             return {frame.pts or 0: pose.latitude for frame in pipeline["out"] if (pose := frame.get(Pose))}
 
     inside = flown(0, " s.klv ! p.telemetry")
     assert min(inside) == 2_167_000_000
-    for start_s in (0, 5):
-        beside = flown(start_s, f"location={raw}")
+    for start_s, is_apart in ((0, False), (5, False), (5, True)):
+        beside = flown(start_s, f"location={raw}", is_apart)
         assert len(beside) == 277 - 30 * start_s
         assert beside == pytest.approx({pts: inside[pts] for pts in beside}, abs=1e-8)  # 1 mm
 
