@@ -87,6 +87,7 @@ from streamkit.flow.scaled_metadata import scale_metadata as scale_metadata
 from streamkit.flow.statistics import RunStatistics as RunStatistics
 from streamkit.flow.statistics import read_statistics as read_statistics
 from streamkit.flow.video import LUMA_CAPS as LUMA_CAPS
+from streamkit.flow.video import display_size as display_size
 from streamkit.flow.video import is_turned_for_display as is_turned_for_display
 from streamkit.flow.video import luma as luma
 from streamkit.flow.video import raw_video_caps as raw_video_caps

@@ -12,7 +12,7 @@ from streamkit import (
     Pipeline,
     RecordFile,
     choose_source,
-    is_turned_for_display,
+    display_size,
     mask_secrets,
 )
 
@@ -35,7 +35,7 @@ def pipeline_for(location: str) -> tuple[str, str]:
         return "run.pipe", "tracksrc location"
     source = choose_source(location)
     name = "camera.pipe" if source.is_live else "file.pipe"
-    if Path(location).is_file() and why_no_packets(caps_of(location)):
+    if Path(location).is_file() and not has_page_codec(caps_of(location)):
         name = "images.pipe"
     return name, f"{source.element} {source.property}"
 
@@ -50,21 +50,19 @@ def unplayable(location: str, *, with_records: bool = False) -> str:
     if "://" in location:
         return ""
     try:
-        reason = why_no_packets(caps_of(location))
+        caps = caps_of(location)
     except ElementFailure as error:
         return str(error.cause)
-    if with_records and reason:
+    if with_records and not has_page_codec(caps):
         remedy = f"filesrc location={location} ! decode ! videofilesink location=flight.mp4"
-        return f"{location}: browsers {reason}; convert it: streamkit launch '{remedy}'"
+        name = "" if caps is None else caps.name
+        return f"{location}: browsers decode no {name}; convert it: streamkit launch '{remedy}'"
     return ""
 
 
-def why_no_packets(caps: Caps | None) -> str:
-    """Why browsers cannot show the packets of these caps as `decode` shows them; "" where they can."""
-    name = "" if caps is None else str(caps.name)
-    if caps is None or name not in PAGE_CODECS:
-        return f"decode no {name}"
-    return "do not turn the frames, as this file asks for" if is_turned_for_display(caps) else ""
+def has_page_codec(caps: Caps | None) -> bool:
+    """Whether browsers decode packets of these caps."""
+    return caps is not None and caps.name in PAGE_CODECS
 
 
 def wrong_address(url: str) -> str:
@@ -91,10 +89,10 @@ def wrong_address(url: str) -> str:
 def size_conflict(records: str, video: str) -> str:
     """Why records are not those of a video: frames of another size; "" where none is known to differ."""
     caps = caps_of(video)
-    size = (caps.get("width"), caps.get("height")) if caps is not None else (None, None)
+    size = None if caps is None else display_size(caps)
     _, record = next(iter(RecordFile(records)), (0, None))
     recorded = (None, None) if record is None else (record.width, record.height)
-    if None in size or None in recorded or size == recorded:
+    if size is None or None in recorded or size == recorded:
         return ""
     return "{}: the tracks are of frames of {} x {} px, the video has {} x {}; give their own video".format(
         video, *recorded, *size

@@ -19,7 +19,6 @@ from streamkit import (
     ResourceError,
     SettingsOf,
     Sink,
-    is_turned_for_display,
 )
 from streamkit_zenoh.configuration import error_line
 from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO, InvalidKey, publication_root
@@ -36,10 +35,6 @@ from streamkit_zenoh.wire.video_header import VIDEO_CAPS
 # At EOS zenoh is given time to deliver the last records; at a stop it is not.
 FINISH_LIMIT_S = 12.0
 STOP_LIMIT_S = 2.0
-TURNED = (
-    "the packets of the pad video do not say that their frames are to be turned for display: receivers show "
-    "them as they are, and boxes elsewhere; put decode ! encode before the pad, or set frame-rate= instead"
-)
 
 
 class ZenohSink(SessionElement, Sink):
@@ -138,8 +133,6 @@ class ZenohSink(SessionElement, Sink):
         if publication is not None:
             if not self._has_waited:
                 self._wait_for_receivers(publication)
-            if stream == VIDEO and is_turned_for_display(frame.caps):
-                self.warn_once(TURNED, "turned")
             publication.media[stream].submit(frame)
 
     def _wait_for_receivers(self, publication: Publication) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from streamkit.flow.frame import Frame
 
+SIDEWAYS = (90, 270)  # degrees
 CHANNELS = {"BGR": 3, "RGB": 3, "BGRA": 4, "RGBA": 4}
 LUMA_FORMATS = ("GRAY8", "I420", "NV12")
 FORMATS = (*LUMA_FORMATS, *CHANNELS)
@@ -95,6 +96,14 @@ def is_raw_video(caps: Caps) -> bool:
 def is_turned_for_display(caps: Caps) -> bool:
     """Whether frames of coded video are to be mirrored or rotated for display, as `decode` does."""
     return bool(caps.get("flipped") or caps.get("rotation"))
+
+
+def display_size(caps: Caps) -> tuple[int, int] | None:
+    """Width and height of the frames of coded video as `decode` gives them, px; None if unknown."""
+    width, height = caps.get("width"), caps.get("height")
+    if not (isinstance(width, int) and isinstance(height, int)):
+        return None
+    return (height, width) if caps.get("rotation") in SIDEWAYS else (width, height)
 
 
 def conversion_remedy(offered: Caps, accepted: Caps) -> str:

@@ -18,6 +18,7 @@ from streamkit import (
     Property,
     StreamError,
     Transform,
+    display_size,
     is_turned_for_display,
     raw_video_caps,
 )
@@ -32,7 +33,6 @@ from streamkit_media.streams import DecodeOnly
 
 # Plain numbers: the arithmetic of flags is slow, and this runs for every frame.
 DISCONTINUITY, CORRUPT = int(FrameFlags.DISCONTINUITY), int(FrameFlags.CORRUPT)
-SIDEWAYS = (90, 270)
 ONE_THREAD_PIXELS = 1920 * 1088
 SPARE_THREADS, MAX_THREADS = 2, 16
 TOO_OLD = "late: too old when decoded"
@@ -111,8 +111,8 @@ class Decode(Transform):
             return super().transform_caps(caps, direction)
         known = ((name, caps.get(name)) for name in ("width", "height", "framerate"))
         fields = {name: value for name, value in known if value is not None}
-        if caps.get("rotation") in SIDEWAYS and {"width", "height"} <= fields.keys():
-            fields["width"], fields["height"] = fields["height"], fields["width"]
+        if (shown := display_size(caps)) is not None:
+            fields["width"], fields["height"] = shown
         is_odd = any(isinstance(size := fields.get(name), int) and size % 2 for name in ("width", "height"))
         is_packed_only = is_odd or is_turned_for_display(caps)
         formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
@@ -291,7 +291,7 @@ class Decode(Transform):
         size = video_frame.width, video_frame.height
         if stream.rotation or stream.is_flipped:
             pixels = oriented(pixels, stream.rotation, is_flipped=stream.is_flipped)
-            size = size[::-1] if stream.rotation in SIDEWAYS else size
+            size = pixels.shape[1], pixels.shape[0]
         caps = self._raw_caps
         if caps is None or (caps["width"], caps["height"]) != size:
             caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, stream.framerate)

@@ -183,7 +183,8 @@ const showsStills = () => !page.video || player.isRefused;
 
 function showVideo(frame, header) {
   page.video = true;
-  present(frame, header, frame.displayWidth, frame.displayHeight);
+  const size = [frame.displayWidth, frame.displayHeight];
+  present(frame, header, ...(header.rotation % 180 ? size.reverse() : size));
 }
 
 function present(image, header, width, height) {
@@ -213,7 +214,7 @@ function draw() {
   // The frame on which a box is being drawn stays.
   if (page.next && !pointer.box) {
     const { image, header, width, height } = page.next;
-    screen.show(image, width, height);
+    screen.show(image, width, height, header);
     page.next = null;
     page.frames += 1;
     page.shown = { header, width, height, ...recordFor(header) };

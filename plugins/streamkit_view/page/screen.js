@@ -1,6 +1,6 @@
 // Shows pictures. Decoded video goes to a video element as a stream: the browser's compositor takes the frames as they
-// are, where a canvas converts and copies each in the page's thread. Stills, and browsers without such streams, get a
-// canvas, which gives the video element its place, too.
+// are, where a canvas converts and copies each in the page's thread. Stills, video that is to be turned, and browsers
+// without such streams, get a canvas, which gives the video element its place, too.
 
 export class Screen {
   constructor(canvas, video) {
@@ -12,14 +12,22 @@ export class Screen {
     return this.video.hidden ? this.canvas : this.video;
   }
 
-  // Closes the image.
-  show(image, width, height) {
+  // Closes the image. The size is that of the picture, which is the image turned upside down where `flipped`, then
+  // rotated counter-clockwise by `rotation`, degrees.
+  show(image, width, height, { flipped = false, rotation = 0 }) {
     const { canvas } = this;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    const isStreamed = "MediaStreamTrackGenerator" in window && image instanceof window.VideoFrame;
+    const canStream = "MediaStreamTrackGenerator" in window && image instanceof window.VideoFrame;
+    const isStreamed = canStream && !flipped && !rotation;
     if (isStreamed) this.stream(image);
     else {
-      canvas.getContext("2d").drawImage(image, 0, 0, width, height);
+      const context = canvas.getContext("2d");
+      const [across, down] = rotation % 180 ? [height, width] : [width, height]; // of the image
+      context.setTransform(1, 0, 0, 1, width / 2, height / 2);
+      context.rotate(-rotation * Math.PI / 180);
+      context.scale(1, flipped ? -1 : 1);
+      context.drawImage(image, -across / 2, -down / 2, across, down);
+      context.resetTransform();
       image.close();
     }
     this.video.hidden = !isStreamed;

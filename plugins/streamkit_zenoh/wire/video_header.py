@@ -34,8 +34,10 @@ class VideoHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
         codec: RFC 6381 string such as `avc1.640028`; in keyframes, and None where no parameter set is found.
         codec_data: parameter sets as base64, in keyframes: an avcC or hvcC box, then NAL units in packets
             have lengths; or units with start codes. None where they are in the packets.
-        width: px.
+        width: of the packet's frame, px.
         height: px.
+        flipped: whether the frame is to be turned upside down for display, as `decode` does.
+        rotation: by which it is to be rotated counter-clockwise after that, degrees.
     """
 
     schema: Literal["streamkit.video/1"]
@@ -51,6 +53,8 @@ class VideoHeader(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     codec_data: Annotated[str, msgspec.Meta(max_length=65536)] | None = None
     width: int | None = None
     height: int | None = None
+    flipped: bool = False
+    rotation: Literal[0, 90, 180, 270] = 0
 
 
 def video_header(frame: Frame, source: str, published_ns: int) -> bytes:
@@ -72,6 +76,8 @@ def video_header(frame: Frame, source: str, published_ns: int) -> bytes:
         codec_data=base64.b64encode(codec_data).decode() if codec_data else None,
         width=width,
         height=height,
+        flipped=bool(frame.caps.get("flipped")),
+        rotation=frame.caps.get("rotation", 0),  # type: ignore[arg-type]
     )
     return msgspec.json.encode(header)
 

@@ -237,6 +237,39 @@ def test_video_is_shown_in_a_canvas(
 
 
 @pytest.mark.timeout(180)
+@pytest.mark.parametrize("orientation", [(90, False), (180, False), (270, True)])
+def test_video_is_turned_for_display(
+    browser: Chrome,
+    start_view: Callable[..., Any],
+    wait_for: Callable[..., Any],
+    tmp_path: Path,
+    orientation: tuple[int, bool],
+) -> None:
+    """The page shows the packets of a telephone's video as `decode` turns the frames."""
+    video, records = tmp_path / "turned.mp4", tmp_path / "tracks.jsonl"
+    image = np.full((240, 320, 3), 40, np.uint8)
+    image[40:80, 60:180] = 220  # alike in no two of the orientations
+    with av.open(str(video), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 320, 240, "yuv420p"
+        stream.set_display_rotation(*orientation)
+        for _ in range(25):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, "bgr24")))
+        container.mux(stream.encode(None))
+    track = "decode ! video/x-raw, format=BGR ! tee name=t ! particletrack window=100,80,40,40"
+    text = f"filesrc location={video} ! {track} ! tracksink location={records}  t. ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        expected = [np.asarray(frame.data) for frame in pipeline["out"]][-1]
+        assert pipeline.wait(60), "the run is not complete"
+    browser.get(start_view(str(records), "--video", str(video)).url)
+    wait_for(lambda: browser.execute_script("return streamkit.page.video && streamkit.page.shown?.isExact"))
+    shown = canvas(browser, "video")[:, :, :3]
+    assert shown.shape == expected.shape
+    assert np.abs(shown.astype(int) - expected).mean() < 6
+
+
+@pytest.mark.timeout(180)
 def test_a_finished_run_is_shown_with_its_video(
     browser: Chrome,
     start_view: Callable[..., Any],

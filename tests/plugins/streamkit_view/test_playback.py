@@ -76,11 +76,14 @@ def test_a_codec_that_browsers_do_not_have_is_shown_in_images(streamkit_data: Pa
     assert "browsers decode no video/x-" in unplayable(str(divx), with_records=True)
 
 
-def test_a_video_that_is_to_be_turned_is_shown_in_images(turned_video: Path) -> None:
-    """Browsers show the packets as they are, and the boxes are those of turned frames."""
-    assert pipeline_for(str(turned_video)) == ("images.pipe", "filesrc location")
-    assert unplayable(str(turned_video)) == ""
-    assert "browsers do not turn the frames" in unplayable(str(turned_video), with_records=True)
+def test_records_of_turned_frames_are_those_of_their_video(tmp_path: Path, turned_video: Path) -> None:
+    """The page turns the packets of 64 x 48 px as `decode` turns the frames."""
+    records = tmp_path / "tracks.jsonl"
+    tracks = f"decode ! particletrack window=10,10,20,20 ! tracksink location={records}"
+    Pipeline.parse(f"filesrc location={turned_video} ! {tracks}").run(timeout_s=60)
+    assert '"width":48,"height":64' in records.read_text()
+    assert size_conflict(str(records), str(turned_video)) == ""
+    assert unplayable(str(turned_video), with_records=True) == ""
 
 
 def test_the_video_of_another_run_is_refused(tmp_path: Path) -> None:

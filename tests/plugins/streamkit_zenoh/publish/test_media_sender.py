@@ -7,7 +7,7 @@ from pathlib import Path
 import av
 import zenoh
 
-from streamkit import Message, MessageKind, Pipeline, decode_record
+from streamkit import Pipeline, decode_record
 from streamkit_zenoh.wire.encodings import decode_json
 from streamkit_zenoh.wire.numbering import read_attachment
 from streamkit_zenoh.wire.video_header import VideoHeader
@@ -64,14 +64,3 @@ def test_the_first_packet_waits_for_a_receiver_that_comes_later(
         assert pipeline.wait(30)
     stamps = [read_attachment(sample.attachment.to_bytes())[0] for sample in packets if sample.attachment]
     assert [stamp.number for stamp in stamps if stamp] == list(range(30))
-
-
-def test_packets_that_do_not_say_that_they_are_turned_are_warned_of(key: str, turned_video: Path) -> None:
-    """Receivers show the camera's packets as they are, and records are those of turned frames."""
-    messages: list[Message] = []
-    text = f"filesrc location={turned_video} ! tee name=t ! decode ! zenohsink name=z key={key} tracks=false"
-    with Pipeline.parse(f"{text}  t. ! queue ! z.video") as pipeline:
-        pipeline.bus.watch(messages.append)
-        pipeline.run(timeout_s=60)
-    warnings = [message.text for message in messages if message.kind is MessageKind.WARNING]
-    assert [text for text in warnings if "to be turned for display" in text and "the pad video" in text]

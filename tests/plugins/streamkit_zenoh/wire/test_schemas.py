@@ -38,7 +38,7 @@ FIELDS = {
     "TrackRecord": "schema source seq epoch pts_ns? capture_ns? capture_origin? published_ns? age_ms? width? "
     "height? registration? tracks dropped",
     "VideoHeader": "schema source seq epoch pts_ns? duration_ns? capture_ns? published_ns keyframe? codec? "
-    "codec_data? width? height?",
+    "codec_data? width? height? flipped? rotation?",
 }
 
 

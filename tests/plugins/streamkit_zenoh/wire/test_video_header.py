@@ -68,3 +68,13 @@ def test_an_invalid_header_is_refused() -> None:
     nested = video_header(Frame(b"", Caps(H264)), "a", 1)[:-1] + b',"more":' + b"[" * 100_000
     with pytest.raises(ValueError, match="recursion"):
         decode_json(nested, VideoHeader)
+
+
+def test_the_header_says_how_the_frame_is_to_be_turned() -> None:
+    """As the caps do, in each packet; the size is that of the packet's frame."""
+    caps = Caps(f"{H264}, width=640, height=480, rotation=90, flipped=true")
+    header = decode_json(video_header(Frame(b"", caps), "uav/1", 456), VideoHeader)
+    assert (header.rotation, header.flipped, header.width, header.height) == (90, True, 640, 480)
+    upright = video_header(Frame(b"", Caps(H264)), "uav/1", 456)
+    assert b"rotation" not in upright
+    assert b"flipped" not in upright
