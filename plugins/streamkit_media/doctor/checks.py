@@ -102,6 +102,9 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     decoded = try_decoding(seen.kept)
     speed = _decoding_check(decoded, found.rate if is_live else None)
     checks = [_format_check(seen, transport, decoded.size), speed]
+    if others := seen.unread_videos:
+        text = f"one is looked at; video-stream={others[0]} of the source reads another of {others}"
+        checks.append(note("videos", text, others=others))
     if decoded.interlaced:
         checks.append(note("fields", INTERLACED))
     if decoded.pixel_shape:

@@ -12,8 +12,8 @@ from urllib.parse import urlsplit, urlunsplit
 
 from streamkit import StreamkitError, choose_source, mask_secrets
 from streamkit.output.names import FileNames, is_network, local_path
-from streamkit_media.container import check_file, open_container, other_videos, video_stream
-from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_usable, note, stream_checks
+from streamkit_media.container import check_file, open_container, video_stream
+from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_usable, stream_checks
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.files.completeness import declared_length_s, tolerance_s
@@ -144,7 +144,6 @@ def _examine_file(location: str, timeout_s: float) -> Report:
         return _telemetry_file(location, checks, seen.error)
     if len(seen.packets) >= FILE_PACKETS and not is_network(location):
         seen.shortfall = _end_of(location, timeout_s)
-    checks += _other_videos(location)
     checks += stream_checks(seen, is_live=False, transport="")
     if len(seen.packets) == 1:
         return _report(where, checks, _one_frame_line(location, seen))
@@ -166,16 +165,6 @@ def _end_of(location: str, timeout_s: float) -> str:
             end = watch("filesrc", {"location": location, "start_s": begin_s}, max(timeout_s, 10.0), None)
             return end.shortfall
     return ""
-
-
-def _other_videos(location: str) -> list[Check]:
-    """A note on the videos of a file that are not looked at."""
-    with suppress(StreamkitError), open_container(location) as container:
-        stream = video_stream(container, location)
-        if others := other_videos(container, stream):
-            text = f"stream {stream.index} is looked at; filesrc video-stream= reads another of {others}"
-            return [note("videos", text, others=others)]
-    return []
 
 
 def telemetry_beside(location: str) -> Path | None:

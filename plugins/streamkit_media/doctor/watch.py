@@ -31,6 +31,7 @@ class Seen:
         self.origins = Counter[str]()  # of the capture times
         self.telemetry: dict[str, TelemetryReader] = {}  # a reader for each telemetry pad
         self.carrier = ""  # of a live stream: tcp, udp or its scheme
+        self.unread_videos: list[int] = []  # streams of further videos
         self.error = ""  # the one that ended it, or ""
         self.shortfall = ""  # of a file that is cut short: where it ends, and where it should
 
@@ -100,6 +101,7 @@ def watch(
             pipeline.play()
             _record(pipeline, seen, pads, until_s, seconds, most_packets)
             seen.carrier = getattr(pipeline["s"], "carrier", "")
+            seen.unread_videos = pipeline["s"].unread_videos
             error = pipeline.error
     except StreamkitError as failure:
         error = failure

@@ -108,6 +108,7 @@ class FileSrc(Source):
                 raise ResourceError(f"{error}, got {self._where!r}") from None
         self._caps: dict[StreamKind, Caps] = {}
         self._orientation: dict[str, int | bool] = {}
+        self.unread_videos: list[int] = []  # streams of further videos, unless one is chosen
         with self._open() as container:
             self._kinds, self._duration_us = kinds_of(container), container.duration
             if self._video_is_wanted():
@@ -115,10 +116,12 @@ class FileSrc(Source):
                 self._orientation = display_orientation(container, video)
                 self._begin_ns = round((video.start_time or 0) * (video.time_base or 0) * SECOND_NS)
                 self._packet_caps(video, StreamKind.VIDEO)
-                if self.video_stream is None and (others := other_videos(container, video)):
+                if self.video_stream is None:
+                    self.unread_videos = other_videos(container, video)
+                if self.unread_videos:
                     self.post_warning(
-                        f"{self._where}: video stream {video.index} is read, and not {others}; "
-                        f"write video-stream={others[0]} to read another"
+                        f"{self._where}: video stream {video.index} is read, and not {self.unread_videos}; "
+                        f"write video-stream={self.unread_videos[0]} to read another"
                     )
 
     def query_begin_ns(self) -> int:

@@ -57,7 +57,7 @@ class LiveConnection:
         self._ending = threading.Event()
         # caps of the streams that are there, and further videos, known before the first packet is queued
         self.found: dict[StreamKind, Caps] = {}
-        self.unread: list[int] = []
+        self.unread_videos: list[int] = []
         self._received: Counter[StreamKind] = Counter()
         # The number of the next packet of each kind; a connection that follows another begins with a gap.
         self._expected = dict.fromkeys(kinds, -1 if stamps.next_seq else 0)
@@ -138,7 +138,7 @@ class LiveConnection:
     def _read_from(self, container: InputContainer) -> None:
         source = self._source
         video = source.video_of(container)
-        self.unread = other_videos(container, video) if source.video_index is None else []
+        self.unread_videos = other_videos(container, video) if source.video_index is None else []
         streams = [
             (video if kind is StreamKind.VIDEO else stream, kind)
             for stream, kind in streams_of(container, self._kinds)

@@ -37,6 +37,9 @@ class LiveSource(Endpoint, Source):
     """Base of live sources: override `make_input`; `templates` are the pads besides `src`.
 
     The video comes out of `src`, or of `video` by the name that it has in `filesrc`.
+
+    Attributes:
+        unread_videos: streams of the videos that are not read, unless one is chosen.
     """
 
     src = CODED_CAPS
@@ -71,6 +74,7 @@ class LiveSource(Endpoint, Source):
         """Checks the location; the connection is made by the source's thread."""
         self._abandoned: list[LiveConnection] = []
         self._epoch = -1
+        self.unread_videos: list[int] = []
         self._stamps = PacketStamps(self.clock)
         self._kinds = frozenset(map(StreamKind, (pad.name for pad in self.templates)))
         super().start()
@@ -167,10 +171,11 @@ class LiveSource(Endpoint, Source):
                 self._epoch += 1
                 self._delay.reset()
                 self._add_pads(connection.found)
-                if connection.unread and self._epoch == 0:
+                self.unread_videos = connection.unread_videos
+                if self.unread_videos and self._epoch == 0:
                     self.post_warning(
-                        f"{self._where}: one video is read, and not {connection.unread}; "
-                        f"write video-stream={connection.unread[0]} to read another"
+                        f"{self._where}: one video is read, and not {self.unread_videos}; "
+                        f"write video-stream={self.unread_videos[0]} to read another"
                     )
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))

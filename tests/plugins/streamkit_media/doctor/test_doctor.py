@@ -270,7 +270,7 @@ def test_other_videos_of_a_file_are_named(tmp_path: Path) -> None:
             container.mux(stream.encode(av.VideoFrame(64, 48, "yuv420p")))
             container.mux(stream.encode(None))
     (found,) = (check for check in examine(str(path), 1, 5, "auto").checks if check.name == "videos")
-    assert found.text == "stream 0 is looked at; filesrc video-stream= reads another of [1]"
+    assert found.text == "one is looked at; video-stream=1 of the source reads another of [1]"
 
 
 def test_the_size_of_a_stream_joined_between_keyframes_is_that_of_its_frames() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
+from streamkit_media.doctor.examine import examine
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 from tests.waiting import next_state
 
@@ -61,6 +62,8 @@ def test_a_video_that_is_not_read_is_named(start_gstreamer: Start, port: int, co
         pipeline.play()
         assert len(list(islice(pipeline["out"], 3))) == 3
     assert sum("one video is read, and not [" in text for text in warnings) == count - 1
+    checks = examine(f"udp://127.0.0.1:{port}", seconds=1.0, timeout_s=10.0, transport="tcp").checks
+    assert [len(check.facts["others"]) for check in checks if check.name == "videos"] == [1] * (count - 1)
 
 
 def test_a_further_video_is_read_where_it_is_chosen(start_gstreamer: Start, port: int) -> None:
