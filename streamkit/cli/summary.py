@@ -25,6 +25,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         reasons: how many of those, by reason.
         results: what elements have made, by name; `tracks` are those that were confirmed.
         files: number of the files written, by location, which is a pattern where there are several.
+        incomplete: locations whose last file lacks frames that arrived, because its sink has failed.
     """
 
     schema: Literal["streamkit.summary/1"] = "streamkit.summary/1"
@@ -34,6 +35,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     reasons: dict[str, int] = {}
     results: dict[str, int]
     files: dict[str, int]
+    incomplete: list[str] = []
 
 
 def summarise(statistics: RunStatistics) -> RunSummary:
@@ -54,6 +56,7 @@ def summarise(statistics: RunStatistics) -> RunSummary:
         reasons=dict(reasons),
         results=dict(results),
         files={row.location: count for row in statistics.elements if (count := row.results.get("files"))},
+        incomplete=[row.location for row in statistics.elements if row.location and row.has_failed],
     )
 
 
@@ -85,10 +88,16 @@ def as_text(summary: RunSummary, written: Mapping[str, Sequence[str]] | None = N
     for name, count in summary.results.items():
         label = LABELS.get(name, name)
         words.append(f"{count} {label.removesuffix('s') if count == 1 else label}")
-    names = {name: " to ".join((written or {}).get(name, [name])) for name in summary.files}
     files = [
-        f"{count} files {names[name]}" if count > 1 else names[name] for name, count in summary.files.items()
+        _files_text(count, " to ".join((written or {}).get(name, [name])), is_part=name in summary.incomplete)
+        for name, count in summary.files.items()
     ]
     if files:
         words.append(f"wrote {' and '.join(files)}")
     return ", ".join(words)
+
+
+def _files_text(count: int, names: str, *, is_part: bool) -> str:
+    if count == 1:
+        return f"part of {names}" if is_part else names
+    return f"{count} files {names}" + (" (the last in part)" if is_part else "")

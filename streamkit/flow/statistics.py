@@ -64,6 +64,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
         outcomes: frames by what the element has found of each, such as the status of its registration.
         location: the file or pattern of an element that has written files, else "".
         written: paths of the first and the last file of a sink; of one file, or none, just those.
+        has_failed: whether a call of it has raised an error; the last file then lacks frames that arrived.
         errors, warnings: messages posted.
         busy_ns: working time, ns. Of a source: time to produce frames, 0 for a live one. Of a queue: time of
             upstream to push frames, including waits.
@@ -88,6 +89,7 @@ class ElementStatistics(msgspec.Struct, frozen=True):
     queue: QueueLevels | None
     pads: list[PadStatistics]
     written: list[str] = []
+    has_failed: bool = False
 
     @property
     def total_dropped(self) -> int:

@@ -132,6 +132,7 @@ def collect_statistics(
             queue=element.pending.levels() if isinstance(element, FrameHolder) else None,
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
             written=[mask_secrets(path) for path in paths],
+            has_failed=element.has_failed,
         )
 
     return {element: row(element) for element in list(graph.elements)}  # branches may join meanwhile

@@ -1,6 +1,9 @@
 """The one line at the end of a run says what it has made."""
 
 import json
+import resource
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,6 +11,7 @@ import pytest
 from click.testing import Result
 
 from streamkit.cli.summary import RunSummary, as_text, dropped_text
+from tests.slowness import patience
 
 TRACKING = (
     "dronetestsrc num-buffers=30 seed=1 ! video/x-raw, width=320, height=240 "
@@ -30,6 +34,7 @@ def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path
         "reasons": {},
         "results": {"tracks": 1},
         "files": {f"{tmp_path}/tracks.jsonl": 1, f"{tmp_path}/image-%05d.jpg": 30},
+        "incomplete": [],
     }
 
 
@@ -56,6 +61,23 @@ def test_files_written_are_named_in_place_of_the_pattern(
     assert launch("videotestsrc num-buffers=1 ! textoverlay text=a ! fakesink").exit_code == 0
 
 
+def test_a_file_that_could_not_be_finished_is_named_as_a_part(tmp_path: Path) -> None:
+    """As where the disk is full: it has fewer frames than have arrived. Limited here by the kernel."""
+    description = (
+        f"videotestsrc num-buffers=9 ! video/x-raw, format=GRAY8 ! filesink location={tmp_path}/out.raw"
+    )
+    command = [sys.executable, "-m", "streamkit", "launch", "--summary", "json", description]
+
+    def limit_size() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+    done = subprocess.run(
+        command, preexec_fn=limit_size, capture_output=True, text=True, timeout=patience(60), check=False
+    )
+    assert (done.returncode, json.loads(done.stdout)["incomplete"]) == (1, [f"{tmp_path}/out.raw"])
+    assert done.stderr.endswith(f", wrote part of {tmp_path}/out.raw\n")
+
+
 def test_words() -> None:
     """One track, two tracks; drops only where there are some; the number of files where there are several."""
     made = RunSummary(elapsed_s=2.0, frames=10, dropped=0, results={"tracks": 1}, files={})
@@ -68,6 +90,10 @@ def test_words() -> None:
         "10 frames in 2.0 s, 5.0/s, dropped 3 (no target with a place: 1; queue full: 2), "
         "2 confirmed tracks, wrote a and 3 files b-%d"
     )
+    made = RunSummary(
+        elapsed_s=0.0, frames=1, dropped=0, results={}, files={"a": 1, "b-%d": 3}, incomplete=["a", "b-%d"]
+    )
+    assert as_text(made) == "1 frame in 0.0 s, wrote part of a and 3 files b-%d (the last in part)"
     assert dropped_text({"queue full": 2}) == "2 (queue full)"
 
 
