@@ -66,7 +66,8 @@ class FileSrc(Source):
     telemetry), `subtitle` (DJI telemetry) and `audio`, where the file has them. Of several videos FFmpeg's
     best is read, and a warning names the others, unless `video-stream` chooses one. Times are the file's own,
     exact to the nanosecond; where they go back, as where recordings are joined, they continue, with a
-    warning. A file of bare KLV packets has none: they come out of `klv` without times. Video
+    warning. `start-s` goes by the file's own times: `filesrc ! packetsink` first makes a copy whose times
+    ascend. A file of bare KLV packets has none: they come out of `klv` without times. Video
     that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
 
     Example:
