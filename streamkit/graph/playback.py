@@ -142,7 +142,7 @@ class Playback:
     def stop(self) -> None:
         """Stops reporting hangs and the end of the stream; reports transforms that gave no frame."""
         self._is_stopping = True
-        if self.is_streaming:
+        if self.is_streaming and self.error is None:  # a failed run ends before what elements hold comes out
             for name, text in silent_transforms(self.rows(0)).items():
                 self._bus.post(Message(MessageKind.WARNING, name, text, {"code": "shortfall"}))
         if self._watchdog is not None:

@@ -63,6 +63,15 @@ def test_advice_for_authors_is_not_given_to_users(tmp_path: Path) -> None:
     assert texts["decode0"] == "none of 9 frames came out"
 
 
+def test_a_failed_run_is_not_said_to_have_given_nothing(tmp_path: Path) -> None:
+    """The frames of an encoder come at EOS, and the first one meets the failure."""
+    text = f"videotestsrc num-buffers=10 ! encode ! filesink location={tmp_path}/out.mp4"
+    with Pipeline.parse(text) as pipeline:
+        with pytest.raises(ElementFailure, match="write packetsink location="):
+            pipeline.run(timeout_s=60)
+        assert [message for message in iter(lambda: pipeline.bus.pop(0), None) if message.is_shortfall] == []
+
+
 class Counting(Sink):
     """Looks at the statistics now and then, and fails at its 900th frame."""
 
