@@ -21,6 +21,7 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
+from streamkit_media import vp9
 from streamkit_media.failures import InvalidMedia
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import UrlInput
@@ -75,10 +76,14 @@ class RtspInput(UrlInput):
 
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
-        if not self._is_in_pieces:
-            yield from super().packets(container, streams)
-            return
         video = self.video_of(container)
+        if not self._is_in_pieces:
+            is_vp9 = video.codec_context.name == "vp9"
+            for packet in super().packets(container, streams):
+                if is_vp9 and packet.stream_index == video.index:
+                    packet.is_keyframe = vp9.is_keyframe(memoryview(packet))
+                yield packet
+            return
         units = AccessUnits(video)
         for piece, is_last in self._marked(read_packets(container, *streams)):
             if piece.stream_index == video.index:

@@ -5,9 +5,11 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice, pairwise
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import av
 import pytest
 
 from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
@@ -149,6 +151,17 @@ def test_a_real_servers_refusal_is_reported(real_server: Any, user: str, path: s
     assert reason in error
     assert user.partition(":")[2] not in error
     assert elapsed < MARGIN_S
+
+
+def test_vp9_can_be_recorded(real_server: Any, tmp_path: Path) -> None:
+    """FFmpeg marks none of its keyframes, with which a recording begins."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/vp9"
+    text = f"rtspsrc location={location} ! identity eos-after=40 ! packetsink location={tmp_path}/vp9.mkv"
+    Pipeline.parse(text).run(timeout_s=60)
+    with av.open(str(tmp_path / "vp9.mkv")) as container:
+        keyframes = [packet.is_keyframe for packet in container.demux(video=0) if packet.size]
+    assert sum(keyframes) >= 2
+    assert len(keyframes) > 20
 
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
