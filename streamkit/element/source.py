@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from typing_extensions import override
@@ -112,7 +112,10 @@ class Source(Element):
     def _push_all(self) -> None:
         if not self._await_next():  # a live source starts only when the pipeline plays
             return
-        frames = iter(self.frames())
+        made = self.frames()
+        if not isinstance(made, Iterable):
+            raise TypeError(f"frames() must yield frames, as a generator does, got {type(made).__name__}")
+        frames = iter(made)
         main = next(self.src_pads(), None)  # None: the stream brings the pads
         try:
             while self._await_next():

@@ -156,7 +156,10 @@ def check_layout(frame: Frame) -> None:
 
     Raises:
         ValueError: shape or type differ.
+        TypeError: the caps are text.
     """
+    if not isinstance(frame.caps, Caps):
+        raise TypeError(f"the caps of a frame must be Caps, got {frame.caps!r}: write Caps({frame.caps!r})")
     data, structures = frame.data, frame.caps.structures
     shape = getattr(data, "shape", None)
     if shape is None or not structures or structures[0].name != "video/x-raw":

@@ -61,6 +61,29 @@ def test_what_is_no_frame_is_refused(register: Register, item: Any, kind: str) -
         run_to_end("bare ! appsink name=out")
 
 
+@pytest.mark.parametrize(
+    ("made", "rule"),
+    [
+        (None, r"frames\(\) must yield frames, as a generator does, got NoneType"),
+        ([Frame(b"", "a/b")], r"the caps of a frame must be Caps, got 'a/b': write Caps\('a/b'\)"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_a_beginner_forgets_is_named(register: Register, made: Any, rule: str) -> None:
+    """A `yield`; that caps are no text."""
+
+    class Beginners(Source):
+        """Lacks something."""
+
+        src = "ANY"
+
+        def frames(self) -> Any:
+            return made
+
+    register(beginners=Beginners)
+    with pytest.raises(ElementFailure, match=rule):
+        run_to_end("beginners ! appsink name=out")
+
+
 def test_numbers_and_arrival_times_of_the_source_are_kept(register: Register) -> None:
     """The engine does not overwrite them."""
 
