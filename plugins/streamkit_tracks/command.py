@@ -131,7 +131,7 @@ def convert(
     sink = "mcapsink" if kind == "mcap" else f"tracksink format={kind} points={points}"
     try:
         with until_reader_leaves(), named_file(file) as path, json_lines(path) as records:
-            number = check_run(file, max((number for number, _ in RecordFile(records)), default=1), run)
+            number = check_run(file, max((number for number, _ in RecordFile(records)), default=0), run)
             if kind == "parquet":
                 write_parquet(records, number, output)
             else:
@@ -252,6 +252,8 @@ def table_lines(found: list[TargetSummary]) -> list[str]:
 
 def check_run(file: Path, count: int, wanted: int | None) -> int:
     """The number of the run to read of `count`, by default the last; exits where there is no such run."""
+    if not count:
+        exit_with_error(f"{file}: no record in it")
     if wanted is not None and wanted > count:
         exit_with_error(f"{file}: no run {wanted}, it has {count}")
     if wanted is None and count > 1:

@@ -45,8 +45,6 @@ def report(
         exit_with_error(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
     try:
         found = read_run(file, run)
-        if not found.times_s:
-            exit_with_error(f"{file}: no record in it")
         costs = "" if stats is None else cost_table(read_statistics(stats))
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
         write_page(found, file.name, output, frame, crops, costs)
@@ -58,13 +56,13 @@ def report(
 
 
 def read_run(file: Path, wanted: int | None) -> RecordedRun:
-    """A run of a file, by default the last; exits where the file has no such run.
+    """A run of a file, by default the last; exits where there is no such run.
 
     Raises:
         OSError: the file cannot be read.
         StreamError: a line is no track record.
     """
-    found, number = RecordedRun(), 1
+    found, number = RecordedRun(), 0
     for run, record in RecordFile(file):
         if wanted is None and run > number:
             found = RecordedRun()

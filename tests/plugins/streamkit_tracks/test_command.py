@@ -93,6 +93,9 @@ def test_runs_are_told_apart(records: Path, tmp_path: Path) -> None:
     assert run("convert", str(both), str(written), "--run", "1").stderr == ""
     assert len(written.read_text().splitlines()) == 20
     assert "no run 3, it has 2" in run("convert", str(both), str(written), "--run", "3").stderr
+    both.write_bytes(b"")
+    done = run("convert", str(both), str(written))
+    assert (done.returncode, done.stderr) == (1, f"error: {both}: no record in it\n")
 
 
 @pytest.mark.timeout(200)
