@@ -120,8 +120,8 @@ def check_file(location: str) -> None:
         ) from None
     if stat.S_ISDIR(status.st_mode):
         raise ResourceError(
-            f"{location}: a file is needed, this is a directory; name a file in it, or use "
-            "multifilesrc location=DIR/%06d.jpg for numbered images"
+            f"{location}: a file is needed, this is a directory; name a file in it; of numbered images, "
+            "streamkit doctor DIR/FIRST.jpg gives the multifilesrc that reads all"
         )
     if not stat.S_ISREG(status.st_mode):
         kind = "a pipe, socket or device"
