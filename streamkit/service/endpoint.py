@@ -110,4 +110,5 @@ def _listen(address: str, app: Callable[..., Iterable[bytes]]) -> Any:
     try:
         return make_server(host.strip("[]"), int(port), app, ThreadingServer, QuietHandler)
     except OSError as error:
-        raise ResourceError(f"metrics cannot be served at {address}: {error.strerror or error}") from error
+        reason = error.strerror or error
+        raise ResourceError(f"metrics cannot be served at {address}: {reason}; name another") from error
