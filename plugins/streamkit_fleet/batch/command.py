@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import glob
 import re
 import signal
@@ -24,6 +25,7 @@ from streamkit import (
     write_remedy,
 )
 from streamkit.masking import presentable
+from streamkit.output.claim import Claim
 
 if TYPE_CHECKING:
     from streamkit_fleet.batch.driver import FileResult
@@ -67,10 +69,7 @@ def batch(
         exit_with_error(f"no file matches {pattern!r}", 2)
     from streamkit_fleet.cluster import connected
 
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        exit_with_error(f"--output {output}: cannot be written: {error.strerror}{write_remedy(error)}")
+    folder_claim = _claim_folder(output)
     try:
         with connected(address, cores=cores), BatchProgress(len(files)) as progress:
             from streamkit_fleet.batch.driver import BatchDriver
@@ -86,8 +85,25 @@ def batch(
         exit_with_error(str(error))
     except KeyboardInterrupt:
         exit_with_error("interrupted; the same command does what is left", 130)
+    finally:
+        folder_claim.release()
     typer.echo(f"{len(files) - progress.failed} of {len(files)} files are done: {output}", err=True)
     raise typer.Exit(int(progress.failed > 0))
+
+
+def _claim_folder(folder: Path) -> Claim:
+    """Makes the folder for results, which one batch at a time may write to; exits where it may not."""
+    found = Claim()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        found.take(folder)
+    except OSError as error:
+        if error.errno == errno.EBUSY:
+            exit_with_error(
+                f"--output {folder}: another batch writes there; wait for its end, or name another"
+            )
+        exit_with_error(f"--output {folder}: cannot be written: {error.strerror}{write_remedy(error)}")
+    return found
 
 
 class BatchProgress:
@@ -159,10 +175,14 @@ def missing_variable(text: str, given: Mapping[str, str]) -> str:
 
 
 def _results(pattern: str, suffix: str) -> dict[str, str]:
-    """The path of the result in the output folder, by the absolute path of each file that matches."""
+    """The path of the result in the output folder, by the absolute path of each file that matches.
+
+    A link to a file that is gone, as on a disk that is not mounted, is none to leave out in silence.
+    """
     fixed = Path(pattern)
     while glob.has_magic(str(fixed)):
         fixed = fixed.parent
     base = fixed if fixed.is_dir() else fixed.parent
-    found = sorted(path for path in map(Path, glob.glob(pattern, recursive=True)) if path.is_file())
+    there = map(Path, glob.glob(pattern, recursive=True))
+    found = sorted(path for path in there if path.is_file() or not path.exists())
     return {str(path.absolute()): f"{path.relative_to(base)}{suffix}" for path in found}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -97,8 +98,8 @@ class BatchDriver:
 
     def run(self) -> None:
         """Works until every file is done, failed or left out."""
-        for left in (self._folder / PARTS).glob(f"*{UNFINISHED}*"):  # by workers that were killed
-            left.unlink(missing_ok=True)
+        for left in (self._folder / PARTS).glob(f"{UNFINISHED}*"):  # by workers that were killed
+            shutil.rmtree(left, ignore_errors=True)
         try:
             asyncio.run(self._run())
         finally:

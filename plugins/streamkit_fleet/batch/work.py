@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from streamkit_fleet.batch.join import join_records
 from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
 
 PARTS = ".parts"  # folder of unfinished results
-UNFINISHED = "unfinished-"  # begins the name of a part that is being made
+UNFINISHED = "unfinished-"  # begins the name of a folder in which a part is being made
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +36,14 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
     target = Path(folder) / PARTS / f"{plan.key}-{number}{recipe.suffix}"
     if target.exists():
         return Outcome(str(target), shortfalls=_read_shortfalls(target))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = target.with_name(f"{UNFINISHED}{os.getpid()}-{target.name}")
+    # Records name the file that they are written to: it has the name of the result.
+    unfinished = (
+        target.parent / f"{UNFINISHED}{os.getpid()}-{target.stem}" / f"{Path(plan.path).name}{recipe.suffix}"
+    )
     began_s = time.process_time()
     messages: list[Message] = []
     try:
+        unfinished.parent.mkdir(parents=True)
         with _pipeline(plan, plan.parts[number], recipe, unfinished) as pipeline:
             pipeline.bus.watch(messages.append)
             pipeline.run()
@@ -54,7 +58,7 @@ def run_part(plan: Plan, number: int, recipe: BatchRecipe, folder: str) -> Outco
     except (StreamkitError, OSError) as error:
         return Outcome("", str(error), time.process_time() - began_s)
     finally:
-        unfinished.unlink(missing_ok=True)
+        shutil.rmtree(unfinished.parent, ignore_errors=True)
     return Outcome(str(target), cpu_s=time.process_time() - began_s, shortfalls=found)
 
 

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
+from streamkit.output.claim import Claim
 from streamkit_fleet.batch.command import missing_variable, unused_variables
 
 
@@ -64,3 +65,18 @@ def test_a_folder_of_results_that_cannot_be_made_is_named(tmp_path: Path) -> Non
     result = CliRunner().invoke(make_app(), command)
     assert result.exit_code == 1
     assert f"--output {output}: cannot be written: Not a directory; check that" in result.stderr
+
+
+def test_a_folder_has_one_batch_at_a_time(tmp_path: Path) -> None:
+    """Two would take each other's parts away; the second is refused before Ray starts."""
+    (tmp_path / "a.mp4").touch()
+    (tmp_path / "copy.pipe").write_text("filesrc location=${input} ! filesink location=${output}")
+    command = ["batch", str(tmp_path / "*.mp4"), "-f", str(tmp_path / "copy.pipe"), "--output", str(tmp_path)]
+    first = Claim()
+    first.take(tmp_path)
+    result = CliRunner().invoke(make_app(), command)
+    first.release()
+    assert result.exit_code == 1
+    assert result.stderr == (
+        f"error: --output {tmp_path}: another batch writes there; wait for its end, or name another\n"
+    )

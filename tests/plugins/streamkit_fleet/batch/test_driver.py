@@ -114,11 +114,20 @@ def test_results_are_those_of_a_serial_run_and_a_further_batch_does_what_is_left
     assert (out / "b.mp4.h264").read_bytes() == serial.read_bytes()
     shutil.copy(archive / "a.mp4", archive / "bad.mp4")
     parts = out / ".parts"
-    parts.mkdir()
-    for name in ("unfinished-1-key-0.h264", ".unfinished-1-key-0.h264.1.partial"):
-        (parts / name).write_text("its worker was killed")
+    (parts / "unfinished-1-key-0").mkdir(parents=True)
+    for name in ("a.mp4.h264", ".a.mp4.h264.1.partial"):
+        (parts / "unfinished-1-key-0" / name).write_text("its worker was killed")
     assert batch(archive)[0] == 0
     assert not parts.exists()
+
+
+def test_a_link_to_a_file_that_is_gone_has_failed(archive: Path) -> None:
+    """As to a disk that is not mounted: it is listed, and tried again on request."""
+    (archive / "gone.mp4").symlink_to("nowhere")
+    code, printed = batch(archive, pattern="gone.mp4")
+    assert code == 1
+    assert "gone.mp4: FileNotFoundError: " in printed
+    assert "0 of 1 files are done" in printed
 
 
 def test_the_command_of_the_page(tmp_path: Path, clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,3 +19,11 @@ def test_a_part_of_an_interrupted_batch_keeps_its_shortfalls(tmp_path: Path) -> 
     assert finish([again], str(tmp_path / "result.raw")) == ""
     assert (tmp_path / "result.raw").exists()
     assert not list((tmp_path / PARTS).iterdir())
+
+
+def test_records_name_the_file_that_they_end_in(tmp_path: Path) -> None:
+    """As those of `launch` do, and not one of a part, which has another name in each batch."""
+    text = "videotestsrc num-buffers=2 ! particletrack window=9,9,9,9 ! tracksink location=${output}"
+    recipe = BatchRecipe(text, {}, ".jsonl", 0, 0)
+    outcome = run_part(Plan("/day/clip 1.mp4", "key", 1.0, (ClipPart(),)), 0, recipe, str(tmp_path))
+    assert '"source":"clip 1.mp4"' in Path(outcome.path).read_text()
