@@ -116,10 +116,14 @@ class Channel:
 
         Raises:
             ValueError: there is none.
+            ChannelClosed: `close` was called since.
         """
-        if not self._descriptors:
-            raise ValueError("a message announces a descriptor that has not come")
-        return self._descriptors.popleft()
+        try:
+            return self._descriptors.popleft()
+        except IndexError:
+            if self._socket.fileno() < 0:
+                raise self._closed() from None
+            raise ValueError("a message announces a descriptor that has not come") from None
 
     def shut_down(self) -> None:
         """Makes both sides see the end; safe in any thread."""
@@ -127,10 +131,11 @@ class Channel:
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Closes the socket and the descriptors that were not taken; only once no thread uses the channel."""
+        """Closes the socket and the descriptors that were not taken; a thread that reads sees the end."""
         self._socket.close()
-        while self._descriptors:
-            os.close(self._descriptors.popleft())
+        with contextlib.suppress(IndexError):
+            while True:
+                os.close(self._descriptors.popleft())
 
     def _closed(self) -> ChannelClosed:
         self.is_closed = True

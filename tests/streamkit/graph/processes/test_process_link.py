@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from streamkit import Caps, Frame
@@ -79,6 +80,37 @@ def test_a_reader_that_connects_while_eos_is_sent_gets_it_too(monkeypatch: pytes
     thread.join(LIMIT_S)
     assert readers[1].pads["src"].is_eos
     for link in (writer, *readers):
+        link.disconnect()
+
+
+def test_a_writer_may_be_started_again_twice_while_a_frame_is_taken() -> None:
+    """As while the process downstream is started again: what the first one has sent since is lost."""
+    reader = ProcessLink("reader")
+    reader.reads = True
+    is_taken, may_go_on = threading.Event(), threading.Event()
+    received: list[int] = []
+
+    def push(frame: Frame) -> None:
+        received.append(frame.seq)
+        is_taken.set()
+        assert may_go_on.wait(LIMIT_S)
+
+    reader.pads["src"].push = push
+    writers = [writer_to(reader)]
+    put = writers[0].receiver(writers[0].pads["sink"])
+    for seq in range(2):  # each needs a slot of its own, with its descriptor
+        put(Frame(np.zeros(1000 * (seq + 1), np.uint8), Caps("a/b"), seq=seq))
+    thread = threading.Thread(target=reader.stream)
+    thread.start()
+    assert is_taken.wait(LIMIT_S)
+    writers += [writer_to(reader) for _ in range(2)]
+    may_go_on.set()
+    writers[2].receiver(writers[2].pads["sink"])(Frame(np.zeros(1000, np.uint8), Caps("a/b"), seq=7))
+    writers[2].receive_event(writers[2].pads["sink"], EOS)
+    thread.join(LIMIT_S)
+    assert received == [0, 7]
+    assert reader.pads["src"].is_eos
+    for link in (*writers, reader):
         link.disconnect()
 
 
