@@ -71,7 +71,11 @@ class Encode(Transform):
                 f"this FFmpeg has no encoder for {self.settings.codec}; choose another codec="
             ) from None
         except MEDIA_ERRORS as error:
-            raise StreamError(f"{self.settings.codec} could not be encoded: {reason_of(error)}") from error
+            size = f"{frame.caps.integer('width')} x {frame.caps.integer('height')} px"
+            raise StreamError(
+                f"{self.settings.codec} could not encode frames of {size}: {reason_of(error)}; "
+                "another codec= or size may do"
+            ) from error
         self._held[ticks] = frame.replace(data=None)
         if len(self._held) > HELD_LIMIT:
             self._held.popitem(last=False)

@@ -132,6 +132,13 @@ def test_pixels_of_another_shape_than_the_caps_are_refused() -> None:
         encoder.push(frame)
 
 
+def test_a_size_that_a_codec_does_not_take_is_named() -> None:
+    """H.265 is of blocks of 8 px; FFmpeg says of smaller frames that the argument is invalid."""
+    rule = r"h265 could not encode frames of 7 x 5 px: .*; another codec= or size may do"
+    with Harness("encode", codec="h265") as harness, pytest.raises(ElementFailure, match=rule):
+        harness.push(ramp(0, size=(7, 5)))
+
+
 def test_odd_sizes_are_extended() -> None:
     """A frame of 33 x 21 becomes one of 34 x 22."""
     with Harness("encode", live=True) as encoder:
