@@ -264,7 +264,7 @@ class FileSrc(Source):
             if self.stopping.is_set():
                 return begin_ns
             if not count:
-                raise StreamError(f"{where}: {error}; the file is damaged or cut short") from None
+                raise StreamError(f"{where}: {error}; {self._unread_remedy()}") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
         if part.joints and not begin_ns:
             more = f", and {len(part.joints) - 1} more times" if len(part.joints) > 1 else ""
@@ -274,6 +274,11 @@ class FileSrc(Source):
             )
         self._report_end("" if begin_ns else part.shortfall(), count, shown)
         return part.end_ns
+
+    def _unread_remedy(self) -> str:
+        if is_network(self.location):
+            return "the server may not serve parts of a file, as an index at its end needs; download it first"
+        return "the file is damaged or cut short"
 
     def _report_end(self, cut: str, count: int, shown: int) -> None:
         """Warns of what is missing at the end of a round; an error where no frame was shown at all."""

@@ -3,6 +3,7 @@ import json
 import random
 import re
 import resource
+import shutil
 import socket
 import threading
 import time
@@ -483,3 +484,13 @@ def test_telemetry_of_joined_recordings_stays_with_its_video(clip: Path, tmp_pat
     video, telemetry = (_times(joined, pad)[0] for pad in ("video", "klv"))
     assert len(video) == 300
     assert sum(time not in video for time in telemetry) <= 2  # the first of a part comes before its picture
+
+
+def test_a_server_that_serves_no_parts_is_not_taken_for_a_damaged_file(
+    make_video: Callable[..., Path], tmp_path: Path, serve_folder: str
+) -> None:
+    """As Python's own: an index at the end of the file leads back to its beginning."""
+    video = make_video("large.mov", 40, (320, 240), codec="mjpeg", pixel_format="yuvj420p")
+    shutil.copy(video, tmp_path)
+    with pytest.raises(ElementFailure, match=r"reading failed: .*; the server may not serve parts of a file"):
+        Pipeline.parse(f"filesrc location={serve_folder}/large.mov ! fakesink").run(timeout_s=30)
