@@ -83,7 +83,7 @@ def _check_links(graph: Graph, element: Element, added: Graph) -> None:
 
 def _check_files(graph: Graph) -> None:
     try:
-        check_files(graph.elements)
+        check_files(graph)
     except FileConflict as error:
         raise DescriptionError("could-not-set-property", str(error)) from None
 

@@ -153,7 +153,7 @@ class GraphBuilder:
 
     def _check_files(self) -> None:
         try:
-            check_files(self.graph.elements)
+            check_files(self.graph)
         except FileConflict as error:
             place = self._places.get(error.element, Place())
             raise DescriptionError("could-not-set-property", str(error), place) from None

@@ -6,12 +6,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from streamkit.element.base import Element
 from streamkit.element.property_owner import check_attributes
 from streamkit.errors import PropertyError
 from streamkit.output.file import is_special
 from streamkit.output.names import FileNames, is_network, local_path
+
+if TYPE_CHECKING:
+    from streamkit.graph.graph import Graph
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,20 +35,27 @@ class FileOfElement:
         return my_names.matches(its_names.path(0, 0)) or its_names.matches(my_names.path(0, 0))
 
 
-def check_files(elements: Iterable[Element]) -> None:
+def check_files(graph: Graph) -> None:
     """Checks the properties of elements, and the files they name.
 
     Raises:
-        FileConflict: an element refuses its properties, or a file that it writes is also that of another.
+        FileConflict: an element refuses its properties, a file that it writes is also that of another, or it
+            may write none.
     """
-    members = list(elements)
-    for element in members:
+    for element in list(graph.elements):
         try:
             check_attributes(element)
             element.check_properties()
         except PropertyError as error:
             raise FileConflict(element, str(error)) from error
-    for first, second in combinations(_files(members), 2):
+    files = list(named_files(list(graph.elements)))
+    for file in files:
+        home = graph.homes.get(file.element)
+        if file.is_written and home is not None and home.sandbox:
+            name = file.element.name
+            rule = "a bin with sandbox=true writes no file"
+            raise FileConflict(file.element, f"location={file.location}: {rule}; put {name} outside of it")
+    for first, second in combinations(files, 2):
         writer, other = (second, first) if second.is_written else (first, second)
         if writer.is_written and writer.element is not other.element and writer.is_same(other):
             verb = "written" if other.is_written else "read"
@@ -57,7 +68,7 @@ def check_files(elements: Iterable[Element]) -> None:
 
 def user_of(file: Path, elements: Iterable[Element]) -> str:
     """Name of the element that reads or writes a file; "" if none does."""
-    for known in _files(elements):
+    for known in named_files(elements):
         if known.is_same(FileOfElement(known.element, str(file), is_written=True)):
             return known.element.name
     return ""
@@ -71,7 +82,8 @@ class FileConflict(PropertyError):
         self.element = element
 
 
-def _files(elements: Iterable[Element]) -> Iterator[FileOfElement]:
+def named_files(elements: Iterable[Element]) -> Iterator[FileOfElement]:
+    """The files that properties of elements name, but for devices, pipes and URLs."""
     for element in elements:
         for declaration in element.properties.values():
             location = vars(element).get(declaration.attribute) if declaration.file else None

@@ -129,7 +129,7 @@ class Pipeline:
                 return
             self.graph.check_links()
             try:
-                check_files(self.graph.elements)
+                check_files(self.graph)
             except FileConflict as error:
                 raise error.element.failure(error) from None
             self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)

@@ -13,7 +13,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 from streamkit.crossing.channel import Channel, ChannelClosed
@@ -22,6 +21,7 @@ from streamkit.crossing.values import ValueDecoder, ValueEncoder
 from streamkit.errors import ResourceError, StateError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.build import build
+from streamkit.graph.files import named_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.processes.connection import COUNTS
@@ -40,6 +40,7 @@ from streamkit.graph.processes.orders import (
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.sandbox import enter_sandbox
 from streamkit.handoff.bounded_queue import POLL_S
+from streamkit.output.names import local_path
 
 PR_SET_PDEATHSIG = 1
 # These wait for elements: they run one after another in a thread of their own, the others at once.
@@ -99,7 +100,7 @@ class Child:
                 )
             resource.setrlimit(resource.RLIMIT_DATA, (most, most))
         if home.sandbox:
-            missing = enter_sandbox(files_of(graph))
+            missing = enter_sandbox(readable_files(graph))
             if missing:
                 text = f"sandbox: {missing}"
                 self._pipeline.bus.post(Message(MessageKind.WARNING, home.name, text))
@@ -177,15 +178,13 @@ class Child:
         return ValueEncoder().encode(getattr(self._pipeline.graph.elements[number], method)())
 
 
-def files_of(graph: Graph) -> Iterator[str]:
+def readable_files(graph: Graph) -> Iterator[str]:
     """The files that properties of local elements name, and the folders of those that stand for several."""
-    for element in graph.local():
-        for declaration in element.properties.values():
-            value = getattr(element, declaration.attribute) if declaration.file == "read" else None
-            if value:
-                yield value.removeprefix("file://")
-                if "%" in value or "*" in value:
-                    yield str(Path(value).parent)
+    for file in named_files(graph.local()):
+        path = local_path(file.location)
+        yield str(path)
+        if "%" in path.name or "*" in path.name:
+            yield str(path.parent)
 
 
 def end_with_parent(parent: int) -> None:

@@ -59,6 +59,15 @@ def test_a_file_of_a_property_can_be_read_in_the_sandbox(tmp_path: Path) -> None
     assert frames[0]
 
 
+def test_a_file_cannot_be_written_in_the_sandbox(tmp_path: Path) -> None:
+    """The start says so; the kernel would refuse the first frame as if the folder had other rights."""
+    file = tmp_path / "out.raw"
+    text = f"fakesrc num-buffers=3 ! ( process=true sandbox=true filesink location={file} )"
+    rule = f"location={file}: a bin with sandbox=true writes no file; put filesink0 outside"
+    with Pipeline.parse(text) as pipeline, pytest.raises(ElementFailure, match=rule):
+        pipeline.run(LIMIT_S)
+
+
 def test_memory_is_limited() -> None:
     """An element that takes too much fails; the main process does not notice."""
     text = "fakesrc num-buffers=200 ! ( process=true memory-mb=1500 hungry ) ! fakesink"
