@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import resource
 from collections.abc import Iterable, Iterator
 
 from av.codec.codec import UnknownCodecError
@@ -171,9 +172,12 @@ class Decode(Transform):
         self._report_damage()
         if self._packets and not self._frames_decoded:
             reason = f": {self._errors[0]}" if self._errors else ""
+            # FFmpeg reports frames for which there is no memory as invalid data.
+            is_limited = resource.getrlimit(resource.RLIMIT_DATA)[0] != resource.RLIM_INFINITY
             raise StreamError(
                 f"none of {self._packets} packets of {self.sink_caps.name} could be decoded{reason}; "
                 "the video is damaged, encrypted or cut short"
+                + (", or memory-mb= is too low for its frames" if is_limited else "")
             )
 
     def stop(self) -> None:

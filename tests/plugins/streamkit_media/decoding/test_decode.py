@@ -1,5 +1,6 @@
 import os
 import random
+import resource
 import time
 from collections.abc import Callable
 from fractions import Fraction
@@ -252,6 +253,15 @@ def test_nothing_decodable_is_an_error(small_video: Path) -> None:
         with pytest.raises(
             ElementFailure, match=r"none of 12 packets of video/x-h264 could be decoded: Invalid"
         ):
+            harness.drain()
+
+
+def test_a_limit_of_memory_is_named_as_a_cause(small_video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FFmpeg calls large frames for which there is no memory invalid data."""
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (300 << 20, 300 << 20))
+    with Harness("decode") as harness:
+        harness.push(packets_of(small_video)[0].replace(data=b"\xff" * 50))
+        with pytest.raises(ElementFailure, match=r"or cut short, or memory-mb= is too low for its frames"):
             harness.drain()
 
 
