@@ -11,6 +11,8 @@ from streamkit.geometry.scaling import scaling_homography
 from streamkit_video.pixel_formats import FORMATS, PLANAR, ByteArray, map_planes
 from streamkit_video.reframing import FloatArray, ReframingTransform, Size
 
+SIDES = ("width", "height")
+FOR_ANY_SIZE = Caps(f"video/x-raw, format={{ {', '.join(name for name in FORMATS if name not in PLANAR)} }}")
 MAX_SIDE = 32767
 """Limit of OpenCV's resize, px."""
 
@@ -60,6 +62,8 @@ class VideoScale(ReframingTransform):
     def transform_caps(self, caps: Caps, direction: str) -> Caps:
         if caps.is_any:
             return self.pads["sink"].template.caps
+        if direction == "src":
+            caps = possible_formats(caps)
         side = IntRange(1, MAX_SIDE)
         return caps | caps.with_fields(width=side, height=side)
 
@@ -85,6 +89,17 @@ class VideoScale(ReframingTransform):
     @override
     def reframed(self, data: ByteArray, pixel_format: str, after: Size) -> ByteArray:
         return scale_image(data, pixel_format, after, self.method)
+
+
+def possible_formats(caps: Caps) -> Caps:
+    """Caps without I420 and NV12 where the size is odd, if any other format is left."""
+    odd = tuple(
+        structure
+        for structure in caps.structures
+        if any(isinstance(side := structure.fields.get(name), int) and side % 2 for name in SIDES)
+    )
+    left = Caps(tuple(one for one in caps.structures if one not in odd)) | (Caps(odd) & FOR_ANY_SIZE)
+    return left if odd and not left.is_empty else caps
 
 
 def scale_image(data: ByteArray, pixel_format: str, size: Size, method: ScaleMethod) -> ByteArray:

@@ -72,9 +72,21 @@ def test_an_odd_size_is_a_clear_error() -> None:
         StreamkitError, match=r"videoscale0: I420 needs an even width and height, got 31x40: use"
     ):
         frames_of(
-            "videotestsrc ! video/x-raw, format=I420, width=64, height=48 "
-            "! videoscale ! video/x-raw, width=31, height=40"
+            "videotestsrc num-buffers=1 ! video/x-raw, format=I420, width=64, height=48 "
+            "! videoscale ! video/x-raw, format=I420, width=31, height=40"
         )
+
+
+@pytest.mark.parametrize("source", ["I420", "{ I420, BGR }", "NV12"])
+def test_an_odd_size_takes_another_format(source: str) -> None:
+    """Where none is asked for, one that keeps the colours; else from a converter, which is inserted."""
+    (frame,) = frames_of(
+        f"videotestsrc num-buffers=1 pattern=red ! video/x-raw, format={source}, width=64, height=48 "
+        "! videoscale ! video/x-raw, width=31, height=41"
+    )
+    assert frame.caps["format"] == "BGR"
+    assert frame.data.shape == (41, 31, 3)
+    assert np.abs(frame.data.astype(int) - (0, 0, 255)).max() <= 3
 
 
 def test_truth_stays_true() -> None:
