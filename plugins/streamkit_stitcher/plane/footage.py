@@ -37,6 +37,11 @@ class Footage:
         # The last frames, each with its motion to the one before.
         self._recent: deque[tuple[WorkingImage, FloatArray]] = deque(maxlen=_CALM_FRAMES)
 
+    @property
+    def is_video(self) -> bool:
+        """Whether the last frame continued the one before it, or the stream is a video for good."""
+        return self._kind is _Kind.VIDEO
+
     def is_abrupt(self, image: WorkingImage) -> bool:
         """Whether a frame is unlike the one before it, and the frames before are alike where they overlap."""
         if len(self._recent) < _CALM_FRAMES or _are_alike(self._recent[-1][0], image):

@@ -27,6 +27,7 @@ class Tie:
         patches: int64[k], numbers of the patches in the host, below 2**20.
         host_points: float64[k, 2], their positions in the host, px.
         points: float64[k, 2], their positions in the observer, px.
+        corner_std: predicted error of the observer in the host at the worst corner, px.
         correlation: of both keyframes over all their shared ground, -1 to 1.
     """
 
@@ -35,6 +36,7 @@ class Tie:
     patches: IndexArray
     host_points: FloatArray
     points: FloatArray
+    corner_std: float = 0.0
     correlation: float = 1.0
 
     def thinned(self, most: int) -> "Tie":
@@ -65,7 +67,6 @@ class KeyframeGraph:
         self.homographies: dict[int, FloatArray] = {}
         self.planes: dict[int, int] = {}
         self._ties: dict[int, list[Tie]] = {}
-        self._families: dict[int, int] = {}  # of planes that left one another
 
     @property
     def tied(self) -> tuple[int, ...]:
@@ -80,15 +81,6 @@ class KeyframeGraph:
         self._ties[index] = list(ties)
         if len(self._ties) > self._max_tied:
             del self._ties[next(iter(self._ties))]
-
-    def note_tilt(self, plane: int, number: int) -> None:
-        """Notes that the plane `number` begins with a frame that `plane` stretches."""
-        self._families[number] = self._families.setdefault(plane, plane)
-
-    def differ_in_tilt(self, plane: int, other: int) -> bool:
-        """Whether one of two planes left the other, or both a third one, as that stretched a frame."""
-        family = self._families.get(plane)
-        return family is not None and family == self._families.get(other)
 
     def tie(self, tie: Tie) -> None:
         """Adds a tie found later, unless its keyframes are no longer adjusted."""
@@ -138,10 +130,6 @@ class KeyframeGraph:
                 self.homographies[index] = normalised(change @ self.homographies[index])
                 self.planes[index] = number
         self.added[number] += self.added.pop(plane, 0)
-        if plane in self._families and plane != number:
-            family = self._families.pop(plane)
-            kept = self._families.setdefault(number, family)
-            self._families.update((own, kept) for own, old in self._families.items() if old == family)
 
     def problem(self, free: Collection[int], references: Collection[int]) -> Problem | None:
         """The adjustment of some keyframes, except the references; those they are tied to are fixed.

@@ -68,7 +68,7 @@ class KeyframeMap:
         self._count = self._active = 0
         self._shape = 0, 0
         self._newest: tuple[GreyArray, ...] = ()  # the newest keyframe and its halvings
-        self._loop_closed = False
+        self._loop_closed = self._is_survey = False
         self._pending: Future[_Adjusted] | None = None
         # All results are asked for, so that no failure goes unseen.
         self._adjuster, self._executor = (
@@ -128,10 +128,6 @@ class KeyframeMap:
         """Makes a stored keyframe the active one, and its plane the current one."""
         self._active, self.plane = keyframe.index, keyframe.plane
 
-    def note_tilt(self, number: int) -> None:
-        """Notes that the plane `number` begins next, as the current one stretches its first frame."""
-        self._graph.note_tilt(self.plane, number)
-
     def add(
         self,
         images: Sequence[GreyArray],
@@ -171,14 +167,15 @@ class KeyframeMap:
         return keyframe
 
     def begin_adjustment(
-        self, relocalised: bool = False, whole: bool = False, is_sparse: bool = False
+        self, relocalised: bool = False, whole: bool = False, is_survey: bool = False
     ) -> None:
         """Begins adjusting the newest keyframes; the previous result must have been adopted.
 
         Args:
             relocalised: whether the newest was matched by features, so that it may lie anywhere.
             whole: whether up to 60 keyframes are adjusted, as after a loop closure.
-            is_sparse: whether frames are far apart, so that patches of leaning trees and houses do not match.
+            is_survey: whether the newest is a photograph: these are far apart, so that patches of leaning
+                trees and houses do not match.
         """
         if self._settings.window <= 0:
             return
@@ -188,7 +185,7 @@ class KeyframeMap:
         candidates = [one for one in overlapping if one.index < keyframe.index - 2 and one.index not in tied]
         candidates = candidates[:_LOOP_CANDIDATES]
         tried = {keyframe.index, *tied, *(one.index for one in candidates)}
-        period = 1 if relocalised or is_sparse else _SEARCH_PERIOD
+        period = 1 if relocalised or is_survey else _SEARCH_PERIOD
         is_searched = keyframe.index % period == 0
         others = [
             one
@@ -201,7 +198,7 @@ class KeyframeMap:
         movable = [index for index in self._graph.tied if self._graph.planes[index] == self.plane]
         free = movable[-(_WHOLE_LIMIT if whole or self._loop_closed else self._settings.window) :]
         problem = self._graph.problem(free, self._references.values())
-        self._loop_closed = False
+        self._loop_closed, self._is_survey = False, is_survey
         if problem is None and not candidates and not others:
             return
         newest, settings = self._newest, self._adjustment()
@@ -235,7 +232,7 @@ class KeyframeMap:
             self._graph.tie(tie)
         self._loop_closed = self._loop_closed or is_far
         self._graph.move(homographies)
-        for change, moved, kept in joins(across, self._graph, self.plane, self._shape):
+        for change, moved, kept in joins(across, self._graph, self.plane, self._shape, self._is_survey):
             self._graph.rebase(change, moved, kept)
             self._references.pop(moved, None)
             self._loop_closed = True

@@ -30,8 +30,8 @@ _COARSE: Final = 8.0
 
 def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
     """The tie of a match of the keyframe `observer` on `keyframe`."""
-    tie = Tie(keyframe.index, observer, match.patches, match.key_points, match.frame_points)
-    return tie.thinned(_MAX_TIE_POINTS)
+    points = match.key_points, match.frame_points
+    return Tie(keyframe.index, observer, match.patches, *points, match.corner_std).thinned(_MAX_TIE_POINTS)
 
 
 def close_loops(

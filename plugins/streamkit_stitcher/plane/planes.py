@@ -74,6 +74,7 @@ class Planes:
         """Continues with another plane, unrelated to the current one: a new one, or that of `number`."""
         self.number = self._new_number() if number is None else number
         self.before, self.has_jumped = IDENTITY, True
+        self.change = self.rebase = None
         if number is None and not self.keeps_earlier:
             self.retire()
 
@@ -98,7 +99,7 @@ class Planes:
         images: Sequence[GreyArray],
         to_reference: FloatArray,
         level: int,
-        is_sparse: bool,
+        is_survey: bool,
     ) -> FloatArray:
         """Changes the reference where a new keyframe makes that due, and begins an adjustment.
 
@@ -108,7 +109,6 @@ class Planes:
         if is_stretched(to_reference, shape):
             # The keyframe starts a plane that is related to the previous one.
             self.number, self.has_opened = self._new_number(), True
-            keyframes.note_tilt(self.number)
             if not self.keeps_earlier:
                 self.retire()
             self.start(images, level)
@@ -123,7 +123,7 @@ class Planes:
             self._move(change)
             self._follow_number(anchor, change)
             to_reference = normalised(change @ to_reference)
-        keyframes.begin_adjustment(anchor.features is not None, reference is not None, is_sparse)
+        keyframes.begin_adjustment(anchor.features is not None, reference is not None, is_survey)
         return to_reference
 
     def _new_number(self) -> int:

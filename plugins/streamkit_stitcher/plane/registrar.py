@@ -262,8 +262,8 @@ class FrameRegistrar:
             self._planes.adopt(anchor, found.change)
         to_reference, is_measured = found.to_reference, found.match is not None
         if found.is_keyframe:
-            is_sparse, self._since_key = self._since_key == 1, 0
-            to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level, is_sparse)
+            self._since_key, is_survey = 0, not self._footage.is_video
+            to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level, is_survey)
         self._last, self._planes.last_to_plane = self._working_image(images), to_reference
         before = self._planes.before
         to_previous = normalised(inverse(before) @ to_reference)

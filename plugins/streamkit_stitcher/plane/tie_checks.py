@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from streamkit.geometry.homography import FloatArray, normalised, project, scale_change
-from streamkit_stitcher.plane.frame_registration import is_stretched
+from streamkit_stitcher.plane.frame_registration import OK_STD, is_stretched
 from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
 from streamkit_stitcher.registration.motion_models import MotionModel, least_squares
 
@@ -26,10 +26,11 @@ _MIN_JOIN_CORRELATION: Final = 0.15
 # Planes of more keyframes than this are about level, and differ by a similarity; the few ties of one overlap
 # would bend the rest of them.
 _FEW_KEYFRAMES: Final = 2
-_MAX_JOIN_ERROR: Final = 0.1
-# Planes of which one left the other, as that stretched a frame, differ in tilt, which no similarity explains:
-# root mean square distance of their tie points, px of the frame. What is joined is as right as `ok` promises.
-_MAX_TILT_ERROR: Final = 2.0
+# Largest misfit of a join, the root mean square distance of its tie points. Of a video, px: that of a
+# similarity is a tilt, which is worst at the corners, that of a homography is relief. Of photographs, by the
+# width: they are adjusted together in the end.
+_MAX_VIDEO_MISFITS: Final = {MotionModel.SIMILARITY: OK_STD, MotionModel.HOMOGRAPHY: 2.0}
+_MAX_SURVEY_MISFIT: Final = 0.05
 
 
 def accepted_ties(
@@ -68,7 +69,7 @@ def accepted_ties(
 
 
 def joins(
-    ties: Sequence[Tie], graph: KeyframeGraph, current: int, shape: tuple[int, int]
+    ties: Sequence[Tie], graph: KeyframeGraph, current: int, shape: tuple[int, int], is_survey: bool
 ) -> Iterator[tuple[FloatArray, int, int]]:
     """The changes that bring planes together, each to be applied to the graph before the next is asked for.
 
@@ -79,18 +80,24 @@ def joins(
         graph: the keyframes of all planes.
         current: number of the current plane.
         shape: of the frames.
+        is_survey: whether the frames are photographs.
 
     Yields:
         float64[3, 3], old plane to new, the number of the plane that moves, and of the one that it joins.
     """
+    survey_misfits = dict.fromkeys(_MAX_VIDEO_MISFITS, _MAX_SURVEY_MISFIT * shape[1])
+    misfits = survey_misfits if is_survey else _MAX_VIDEO_MISFITS
     for tie in sorted(ties, key=lambda tie: -len(tie.patches)):
         planes = graph.planes
-        if tie.host not in planes or tie.observer not in planes or not _is_reliable(tie):
+        is_known = tie.host in planes and tie.observer in planes
+        # Frames of a video are ok on both planes, and have to be on the joined one.
+        is_precise = is_survey or tie.corner_std <= OK_STD
+        if not (is_known and is_precise and _is_reliable(tie)):
             continue
         host, observer = planes[tie.host], planes[tie.observer]
         if host != observer:
             moved, kept = sorted((host, observer), key=lambda plane: (graph.added[plane], plane == current))
-            change = _change(tie, graph, moved, shape)
+            change = _change(tie, graph, moved, shape, misfits)
             if change is None:
                 continue
             yield change, moved, kept
@@ -103,23 +110,26 @@ def _is_reliable(tie: Tie) -> bool:
     return count >= _MANY_POINTS or (count >= _MIN_JOIN_POINTS and tie.correlation >= _MIN_JOIN_CORRELATION)
 
 
-def _change(tie: Tie, graph: KeyframeGraph, moved: int, shape: tuple[int, int]) -> FloatArray | None:
-    """The change of the plane that moves, or None where it would stretch a frame or ignore a tilt."""
+def _change(
+    tie: Tie,
+    graph: KeyframeGraph,
+    moved: int,
+    shape: tuple[int, int],
+    misfits: Mapping[MotionModel, float],
+) -> FloatArray | None:
+    """The change of the plane that moves; None where it stretches a frame or exceeds `misfits`, px."""
     source = project(graph.homographies[tie.observer], tie.points)
     target = project(graph.homographies[tie.host], tie.host_points)
     kept = tie.host
     if graph.planes[tie.host] == moved:
         source, target, kept = target, source, tie.observer
     scale = scale_change(graph.homographies[kept], shape)
-    differ = graph.differ_in_tilt(graph.planes[tie.host], graph.planes[tie.observer])
     for model in (MotionModel.SIMILARITY, MotionModel.HOMOGRAPHY)[graph.added[moved] <= _FEW_KEYFRAMES :]:
         change = least_squares(model, source, target)
         if change is None:
             continue
-        errors = np.hypot(*(project(change, source) - target).T) / scale
-        if errors.max() > _MAX_JOIN_ERROR * shape[1]:
-            continue
-        if differ and np.sqrt(np.mean(errors**2)) > _MAX_TILT_ERROR:
+        misfit = float(np.sqrt(np.mean(np.sum((project(change, source) - target) ** 2, axis=1)))) / scale
+        if misfit > misfits[model]:
             continue
         places = [change @ graph.homographies[index] for index, own in graph.planes.items() if own == moved]
         if not any(is_stretched(normalised(matrix), shape) for matrix in places):

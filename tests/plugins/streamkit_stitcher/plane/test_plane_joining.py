@@ -15,23 +15,20 @@ SHAPE = (450, 640)
 PLACES = [(200 + 300 * number, 300) for number in range(8)]
 
 
+def looking(place, lean, shape):
+    """The homography of a camera at x y, whose far side is 1 + `lean` times as deep as the middle."""
+    height, width = shape
+    to_middle = translation(-np.array([width - 1, height - 1]) / 2)
+    leaning = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, lean / (height / 2), 1.0]])
+    return normalised(translation(np.asarray(place, dtype=np.float64)) @ leaning @ to_middle)
+
+
 def looking_up_and_down(count, shape):
     """Homographies to the ground of a camera whose far side is up to 1.4 times as deep as the middle."""
-    height, width = shape
     index = np.arange(count)
     tilts = np.interp(index, [0, count / 3, 2 * count / 3, count], [0.0, 0.38, 0.38, 0.28])
     ways = 900 - 4.0 * np.maximum(0, index - 0.4 * count)
-    to_middle = translation(-np.array([width - 1, height - 1]) / 2)
-    return np.array(
-        [
-            normalised(
-                translation(np.array([1000.0, way]))
-                @ np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, tilt / (height / 2), 1.0]])
-                @ to_middle
-            )
-            for tilt, way in zip(tilts, ways, strict=True)
-        ]
-    )
+    return np.array([looking((1000.0, way), tilt, shape) for tilt, way in zip(tilts, ways, strict=True)])
 
 
 def registered(ground, registrar, order):
@@ -115,3 +112,31 @@ def test_a_plane_that_another_stretches_is_not_joined_to_it_by_a_similarity(
         assert found.status in {RegistrationStatus.OK, RegistrationStatus.STILL}
         assert flight.error(on_first, index, start) < 2.0
     assert list(starts) == [0, 1]
+
+
+@pytest.mark.parametrize(("lean", "last"), [(0.0, 0), (-0.1, 2)])
+def test_a_video_joins_planes_only_where_that_puts_its_frames_right(
+    ground, make_flight, make_registrar, lean, last
+):
+    """A video shows a road, then something else, then the road from aside, at the same tilt or another.
+
+    At first only a strip along one edge shows both, which says little of the other side of the frame.
+    """
+    shape, first, other = (360, 640), 52, 6
+    there = [looking((600.0 + 15 * index, 500.0), 0.0, shape) for index in range(first)]
+    back = [looking((1000.0, 1000.0 - 10 * index), lean, shape) for index in range(50)]
+    to_ground = np.array([*there, *there[:other], *back])
+    flight = replace(make_flight(ground, len(to_ground), shape, cars=0), to_ground=to_ground)
+    elsewhere = replace(flight, ground=np.ascontiguousarray(ground[:, ::-1]))
+    registrar = make_registrar(reference=ReferenceChoice.FIRST, keyframe_overlap=0.9)
+    found = []
+    for index in range(len(flight)):
+        shown = elsewhere if first <= index < first + other else flight
+        found.append(registrar.register(shown.frame(index)))
+    start = first + other
+    assert [found[index].reference for index in (0, first, start, -1)] == [0, 1, 2, last]
+    for index in range(start + 1, len(found)):
+        began = start if found[index].reference == 2 else 0
+        step = normalised(np.linalg.inv(found[began].to_reference) @ found[index].to_reference)
+        assert found[index].status is RegistrationStatus.OK
+        assert flight.error(step, index, began) < 2.0
