@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from streamkit.geometry.homography import translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.plane.settings import ReferenceChoice
@@ -285,3 +286,25 @@ def test_the_same_frames_give_the_same_homographies(flight, make_registrar):
         registrar = make_registrar()
         runs.append([registrar.register(flight.frame(index)).to_reference for index in range(0, 60, 4)])
     assert np.array_equal(runs[0], runs[1])
+
+
+@pytest.mark.parametrize(("shake_px", "least"), [(0.0, 14), (5.0, 0)])
+def test_interlaced_frames_are_ok_where_the_camera_moves_evenly(
+    ground, make_flight, registrar, shake_px, least
+):
+    """A frame is right between its two moments; where its fields jump apart there is none, and it is weak."""
+    shape, random = (360, 640), np.random.default_rng(4)
+    places = (
+        np.array([600.0, 500.0]) + np.outer(np.arange(32), [3.0, 1.0]) + random.normal(0, shake_px, (32, 2))
+    )
+    fields = replace(make_flight(ground, 32, shape, cars=0), to_ground=np.array([*map(translation, places)]))
+    middles = replace(fields, to_ground=np.array([*map(translation, (places[::2] + places[1::2]) / 2)]))
+    found = []
+    for index in range(len(middles)):
+        frame = fields.frame(2 * index)
+        frame[1::2] = fields.frame(2 * index + 1)[1::2]
+        found.append(registrar.register(frame))
+    called = [index for index in range(1, len(found)) if found[index].status is RegistrationStatus.OK]
+    assert len(called) >= least
+    assert all(middles.error(found[index].to_reference, index) < 2.0 for index in called)
+    assert shake_px == 0 or len(called) < 4

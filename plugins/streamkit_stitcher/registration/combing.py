@@ -1,0 +1,40 @@
+"""Interlaced frames, whose even and odd rows, the two fields, show two moments."""
+
+from typing import Final
+
+import cv2
+import numpy as np
+
+from streamkit.geometry.homography import FloatArray, GreyArray
+from streamkit_stitcher.registration.correlation import band_pass
+
+# Columns that are compared, and ratio of the differences of neighbouring rows to those of every second row:
+# at most 0.8 in progressive frames of 45 sequences, and 1 in white noise.
+_COLUMNS: Final = 64
+_COMBED: Final = 1.1
+# Standard deviations, px of a field, between which textures are compared.
+_FINE: Final = 1.5
+_COARSE: Final = 6.0
+
+
+def field_shift(grey: GreyArray) -> FloatArray | None:
+    """The motion from the even rows to the odd ones, px of the frame, x y; None where a frame is not combed.
+
+    Source: Kuglin and Hines, The phase correlation image alignment method, 1975.
+    """
+    if not is_combed(grey):
+        return None
+    rows = len(grey) // 2
+    even, odd = (band_pass(np.ascontiguousarray(grey[first::2][:rows]), _FINE, _COARSE) for first in (0, 1))
+    window = cv2.createHanningWindow(even.shape[::-1], cv2.CV_64F)
+    (x, y), _ = cv2.phaseCorrelate(even, odd, window)
+    return np.array([x, 2 * y + 1])
+
+
+def is_combed(grey: GreyArray) -> bool:
+    """Whether neighbouring rows differ more than those of the same field, as a moving camera makes them."""
+    part = grey[:, :: max(1, grey.shape[1] // _COLUMNS)].astype(np.int16)
+    twice = 2 * part[2:-2]
+    near = np.abs(twice - part[1:-3] - part[3:-1]).sum()
+    far = np.abs(twice - part[:-4] - part[4:]).sum()
+    return bool(near > _COMBED * far)
