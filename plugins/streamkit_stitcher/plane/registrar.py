@@ -5,17 +5,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from streamkit.geometry.homography import (
     IDENTITY,
     FloatArray,
     GreyArray,
-    centre,
     corner_shift,
     inverse,
     normalised,
-    project,
 )
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.anchoring import SURE_SHARE, KeyframeAnchor, Placement, placed
@@ -27,7 +23,7 @@ from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.registration.combing import field_shift
+from streamkit_stitcher.registration.combing import field_error
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
     WorkingImage,
@@ -272,7 +268,7 @@ class FrameRegistrar:
         self._last, self._planes.last_to_plane = self._working_image(images), to_reference
         before = self._planes.before
         to_previous = normalised(inverse(before) @ to_reference)
-        found = replace(found, std=math.hypot(found.std, self._field_error(images[0], to_previous)))
+        found = replace(found, std=math.hypot(found.std, field_error(images[0], to_previous)))
         status = self._status(to_previous, found)
         if status is RegistrationStatus.STILL:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.
@@ -284,15 +280,6 @@ class FrameRegistrar:
         self._lost = 0
         self._unmeasured = 0 if is_measured else self._unmeasured + 1
         return self._publish(to_previous, to_reference, status, found, is_measured)
-
-    def _field_error(self, grey: GreyArray, to_previous: FloatArray) -> float:
-        """How far each field of an interlaced frame is from where an even motion would have it, px."""
-        shift = field_shift(grey)
-        if shift is None:
-            return 0.0
-        middle = centre(self._shape)
-        step = middle - project(to_previous, middle[np.newaxis])[0]
-        return float(np.hypot(*(shift - step / 2))) / 2
 
     def _status(self, to_previous: FloatArray, found: Placement) -> RegistrationStatus:
         """How reliable a placed frame is."""

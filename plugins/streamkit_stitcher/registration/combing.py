@@ -1,11 +1,12 @@
 """Interlaced frames, whose even and odd rows, the two fields, show two moments."""
 
+import math
 from typing import Final
 
 import cv2
 import numpy as np
 
-from streamkit.geometry.homography import FloatArray, GreyArray
+from streamkit.geometry.homography import FloatArray, GreyArray, centre, project
 from streamkit_stitcher.registration.correlation import band_pass
 
 # Columns that are compared, and ratio of the differences of neighbouring rows to those of every second row:
@@ -15,6 +16,26 @@ _COMBED: Final = 1.1
 # Standard deviations, px of a field, between which textures are compared.
 _FINE: Final = 1.5
 _COARSE: Final = 6.0
+
+
+def field_error(grey: GreyArray, to_previous: FloatArray) -> float:
+    """How far the fields of a frame are from where an even motion would have them; 0 where it is not combed.
+
+    Either field may be the earlier one. The frame is measured between them, where an even motion is right.
+
+    Args:
+        grey: uint8[h, w], the frame.
+        to_previous: float64[3, 3], the frame to the previous one.
+
+    Returns:
+        px of the frame, at its middle.
+    """
+    shift = field_shift(grey)
+    if shift is None:
+        return 0.0
+    middle = centre((grey.shape[0], grey.shape[1]))
+    half_step = (middle - project(to_previous, middle[np.newaxis])[0]) / 2
+    return min(math.dist(shift, half_step), math.dist(shift, -half_step)) / 2
 
 
 def field_shift(grey: GreyArray) -> FloatArray | None:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from streamkit_stitcher.registration.combing import field_shift, is_combed
+from streamkit.geometry.homography import IDENTITY, translation
+from streamkit_stitcher.registration.combing import field_error, field_shift, is_combed
 
 
 def interlaced(ground, x, y):
@@ -17,6 +18,16 @@ def interlaced(ground, x, y):
 def test_the_motion_between_the_fields_is_found(ground, x, y):
     """To a pixel: the rows of a field are two apart."""
     assert field_shift(interlaced(ground, x, y)) == pytest.approx([x, y], abs=1.0)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_fields_of_an_even_motion_are_right_whichever_comes_first(ground, order):
+    """A frame moves by twice what one field does; a jump of the fields alone is half of it off."""
+    frame = interlaced(ground, 8, 0)
+    moved = translation(np.array([-order * 16.0, 0.0]))
+    assert field_error(frame, moved) < 0.5
+    assert field_error(frame, IDENTITY) == pytest.approx(4.0, abs=0.5)
+    assert field_error(interlaced(ground, 0, 0), moved) == 0.0
 
 
 def test_a_progressive_frame_is_not_combed(ground):
