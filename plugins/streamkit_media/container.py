@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 import struct
 import time
@@ -32,6 +33,7 @@ UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lav
 # Only these containers have an orientation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
 LOOK_PACKETS = 8
+ADDRESS = re.compile(r"(?:[^/@]+@)?[\w.-]+:\d+(?:/|$)")  # of a server, without a protocol
 
 
 def with_credentials(location: str, user: str, password: str) -> str:
@@ -110,9 +112,10 @@ def check_file(location: str) -> None:
             with path.open("rb"):
                 pass
     except FileNotFoundError:
-        raise ResourceError(
-            f"{location}: a file must be there, none is; check the path (relative ones start at {path.cwd()})"
-        ) from None
+        remedy = f"check the path (relative ones start at {path.cwd()})"
+        if ADDRESS.match(location):
+            remedy += ", or begin the address of a camera with rtsp://"
+        raise ResourceError(f"{location}: a file must be there, none is; {remedy}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ResourceError(

@@ -38,6 +38,17 @@ def test_a_missing_file_is_reported(tmp_path: Path) -> None:
         open_container(str(tmp_path / "none.mp4"))
 
 
+@pytest.mark.parametrize(
+    "address", ["10.0.0.7:554/live", "camera.local:8554", "NAME:SECRET@10.0.0.7:554/live"]
+)
+def test_an_address_without_a_protocol_is_no_file(address: str) -> None:
+    """The remedy says how the address of a camera begins; a time in a name is none."""
+    with pytest.raises(ResourceError, match=r"or begin the address of a camera with rtsp://"):
+        check_file(address)
+    with pytest.raises(ResourceError, match=r"relative ones start at .*\)$"):
+        check_file("flights/12:30/none.mp4")
+
+
 def test_a_directory_is_reported(tmp_path: Path) -> None:
     """The error says that it is a directory and names the element for numbered frames."""
     with pytest.raises(ResourceError, match=r"a file is needed, this is a directory; .*multifilesrc"):
