@@ -146,7 +146,9 @@ def _bind(listen: str) -> tuple[str, socket.socket]:
         family, *_, address = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)[0]
         return host, socket.create_server(address, family=family, backlog=BACKLOG)
     except OSError as error:
-        exit_with_error(f"--listen {listen}: {error.strerror or error}; name another address")
+        is_unknown = isinstance(error, socket.gaierror)  # its numbers are not those of the system
+        reason = error.strerror if is_unknown else os.strerror(error.errno or 0)
+        exit_with_error(f"--listen {listen}: {reason}; name another address")
 
 
 def _url(host: str, port: int, token: str) -> str:

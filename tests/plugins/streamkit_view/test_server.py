@@ -388,4 +388,4 @@ def test_a_port_in_use_is_reported(server: Any) -> None:
     listen = "{}:{}".format(*server.address)
     done = CliRunner().invoke(make_app(), ["view", "uav/1", "--listen", listen])
     assert done.exit_code == 1
-    assert f"--listen {listen}: Address already in use" in done.stderr
+    assert f"--listen {listen}: Address already in use; name another" in done.stderr
