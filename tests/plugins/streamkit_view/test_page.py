@@ -365,8 +365,8 @@ def test_the_time_line_goes_back_and_returns(
     slider = browser.find_element(By.ID, "back")
     with Pipeline.parse(LIVE.format(key=key, rate=25)) as pipeline:
         pipeline.play()
-        wait_for(lambda: slider.is_displayed() and int(slider.get_attribute("min")) <= -4)
-        live_s = shown_s()
+        wait_for(lambda: slider.is_displayed() and int(slider.get_attribute("min")) <= -4 and shown_s() > 0)
+        live_s = max(shown_s(), newest_s())
         for _ in range(3):
             slider.send_keys(Keys.ARROW_LEFT)
         wait_for(lambda: text(browser, "back-text") == "0:03 ago" and 0 <= shown_s() < live_s)
