@@ -65,8 +65,9 @@ class Waits:
                 return False
         return True
 
-    def wait_while_paused(self, flushes: int) -> bool:
+    def wait_while_paused(self, flushes: int | None = None) -> bool:
         """Waits until the pipeline plays; False if it stops, flushes, or has begun to since `flushes`."""
+        flushes = self.flushes if flushes is None else flushes
         with self.waiting():
             self.wait_for_state(lambda: self.timing.running.is_set() or self.must_give_up(flushes))
         return not self.must_give_up(flushes)
