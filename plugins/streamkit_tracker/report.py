@@ -26,7 +26,7 @@ REPORTED = (
 )  # fmt: skip
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
-MANUAL_STD = 0.1  # px, of a match with a target that keeps its appearance
+DRAWN_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a target that changes shape
 
 
@@ -87,7 +87,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
     # of the point in the target that its template sits on: no match corrects it
     sides = np.sqrt(rows["window"][:, 2] * rows["window"][:, 3])
     creep = np.array([model.evidence.usual_distance for model in models]) * CREEP
-    stds = np.where(rows["drawn"], MANUAL_STD + creep * sides, centroid_std(sides))
+    stds = np.where(rows["drawn"], DRAWN_STD + creep * sides, centroid_std(sides))
     covariances = np.where(tentative, 0.0, stds**2)[:, None, None] * IDENTITY
     # the window of a target drawn by hand is where it was recognised, else where it is predicted
     predicted = ~(rows["drawn"] & rows["recognised"] & (rows["state"] == CONFIRMED))
