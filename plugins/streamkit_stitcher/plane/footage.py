@@ -63,7 +63,7 @@ class Footage:
 
         One that has jumped does so in a video only: the overlap of two photographs does not fix the frame.
         """
-        if is_jump and self._kind is not _Kind.VIDEO:
+        if is_jump and not self.is_video:
             return False
         self._kind, self._continued = _Kind.VIDEO, self._continued + 1
         return True
