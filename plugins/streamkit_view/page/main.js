@@ -22,6 +22,7 @@ const RECORDS_LIMIT = 400;
 const STALE_NS = 250e6;
 const ROUNDING_NS = 6e5; // half of Matroska's millisecond, and the ticks of other containers
 const PLAUSIBLE_AGE_MS = 600_000;
+const WAITING_LIMIT = 2; // frames: two that come within one refresh of the screen are shown by two refreshes
 
 const screen = new Screen(document.getElementById("video"), document.getElementById("stream"));
 const overlay = document.getElementById("overlay");
@@ -64,11 +65,11 @@ function resetFeed() {
 
 // What the page shows begins anew: another feed, or another time.
 function resetVideo() {
-  page.next?.image.close();
+  page.waiting?.forEach(({ image }) => image.close());
   player.reset();
   followed.clear();
   Object.assign(page, {
-    records: new Map(), trails: new Trails(), newest: null, shown: null, next: null, frames: 0, rate: 0, skipped: 0,
+    records: new Map(), trails: new Trails(), newest: null, shown: null, waiting: [], frames: 0, rate: 0, skipped: 0,
     asksStills: true, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
   });
   page.needsDrawing = true;
@@ -188,8 +189,8 @@ function showVideo(frame, header) {
 }
 
 function present(image, header, width, height) {
-  page.next?.image.close();
-  page.next = { image, header, width, height };
+  page.waiting.push({ image, header, width, height });
+  if (page.waiting.length > WAITING_LIMIT) page.waiting.shift().image.close();
   page.needsDrawing = true;
 }
 
@@ -212,10 +213,10 @@ function draw() {
   if (!page.needsDrawing) return;
   page.needsDrawing = false;
   // The frame on which a box is being drawn stays.
-  if (page.next && !pointer.box) {
-    const { image, header, width, height } = page.next;
+  if (page.waiting.length && !pointer.box) {
+    const { image, header, width, height } = page.waiting.shift();
     screen.show(image, width, height, header);
-    page.next = null;
+    page.needsDrawing = page.waiting.length > 0;
     page.frames += 1;
     page.shown = { header, width, height, ...recordFor(header) };
     noteDelay(header);
