@@ -159,11 +159,12 @@ def check_good(server: Server) -> float:
         page.send(json.dumps({"control": GOOD}))
         while waiting and time.monotonic() - began < ANSWER_LIMIT_S:
             message = page.recv(ANSWER_LIMIT_S)
-            if isinstance(message, str):
-                found: dict[str, Any] = json.loads(message)
-                waiting.discard(found["type"])
-                if found["type"] == "control":
-                    assert found["body"]["reply"]["properties"][0]["value"] == GOOD["value"], found
+            if isinstance(message, bytes):  # its head follows the head's length
+                message = message[4 : 4 + int.from_bytes(message[:4], "little")].decode()
+            found: dict[str, Any] = json.loads(message)
+            waiting.discard(found["type"])
+            if found["type"] == "control":
+                assert found["body"]["reply"]["properties"][0]["value"] == GOOD["value"], found
     assert not waiting, f"a good page gets no {' and no '.join(waiting)}"
     return time.monotonic() - began
 
