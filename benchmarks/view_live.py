@@ -133,7 +133,9 @@ def watch(records: Records, publisher: int, seconds: float) -> None:
         spent = {at: thread_times(pid) - before[at] for at, pid in roots.items()}
         print(f"with a page:     {records.describe(first)}")
         skipped = browser.execute_script("return streamkit.page.skipped")
-        print(f"page:            {frames / took_s:.1f} frames/s, {skipped} skipped in all")
+        delay_ms = browser.execute_script("return streamkit.medianDelay()")
+        rate = f"{frames / took_s:.1f} frames/s, {skipped} skipped in all"
+        print(f"page:            {rate}; record published to frame shown median {delay_ms:.1f} ms")
         for at, times in spent.items():
             print(f"{at + ':':<16} {describe_times(times, took_s, max(frames, 1))}", flush=True)
         view.terminate()
