@@ -130,12 +130,7 @@ def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
 def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:
     """Largest distance any of the four image corners moves under `matrix`, in px."""
     points = corners(shape)
-    return _farthest(project(matrix, points), points)
-
-
-def _farthest(points: FloatArray, others: FloatArray) -> float:
-    """Largest distance of two points of the same row, float64[n, 2] each."""
-    return max(map(math.dist, points.tolist(), others.tolist()))
+    return max(map(math.dist, project(matrix, points).tolist(), points.tolist()))
 
 
 def is_convex(quadrilateral: FloatArray) -> bool:
@@ -182,9 +177,7 @@ def is_plausible(
     scale = determinant / (i + (g * width + h * height) / 2) ** 3
     if not 1 / max_area_scale < scale < max_area_scale:
         return False
-    frame = corners(shape)
-    moved = project(matrix, frame)
-    return is_convex(moved) and _farthest(moved, frame) < max_step * width
+    return is_convex(project(matrix, corners(shape))) and corner_shift(matrix, shape) < max_step * width
 
 
 def overlap(matrix: FloatArray, shape: tuple[int, int]) -> float:
