@@ -20,7 +20,7 @@ from rendered_traffic import FRAMES, KINDS, SHAPE, WARM_UP, Score, Traffic
 from streamkit import Frame, Registration, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_differencer.differencer import Differencer
-from streamkit_differencer.element import motion as motion_of
+from streamkit_differencer.element import motion_of
 from streamkit_differencer.settings import DifferencerSettings, ObjectSettings
 
 ByteImage = npt.NDArray[np.uint8]

@@ -129,8 +129,8 @@ class Canvas:
         elif motion.reference != self._reference:
             known = None
         placed = normalised(on_plane if known is None else known @ on_plane)
-        corners = self._corners(placed)
-        if corners is None:
+        corners, depths = project(placed, self._outline), self._outline @ placed[2, :2] + placed[2, 2]
+        if not (depths.min() * depths.max() > 0.0 and is_convex(corners)):
             return None
         change, canvas_change = CanvasChange.NEW, IDENTITY
         if known is not None:
@@ -139,12 +139,6 @@ class Canvas:
         self._plane_to_canvas = normalised(placed @ inverse(on_plane))
         self._reference = motion.reference
         return FramePosition(change, canvas_change, placed)
-
-    def _corners(self, placed: FloatArray) -> FloatArray | None:
-        """The frame's corners on the canvas, float64[4, 2]; None if they are not a convex quadrilateral."""
-        depth = self._outline @ placed[2, :2] + placed[2, 2]
-        corners = project(placed, self._outline)
-        return corners if depth.min() * depth.max() > 0.0 and is_convex(corners) else None
 
     def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[CanvasChange, FloatArray]:
         (width, height), (x, y) = self.size, corners.T.tolist()

@@ -132,15 +132,24 @@ class Differencer:
         Returns:
             None if the frame could not be placed; the model then stays as it is.
         """
-        working = self._downsampled(image)
+        if image.shape != self._shape:
+            self._set_shape(image.shape[0], image.shape[1])
+        working = downsampled(image, self._scale)
         scene = working if motion or self.hidden is None else without_hidden(working, self.hidden)
         # An element that registers frames reports cuts, too.
         cut = Cut.NONE if motion else self._cuts.update(scene, self.settings.background.frame_threshold)
         if cut is Cut.CONFIRMED:
             self._forget()
-        position = None if cut is Cut.SUSPECTED else self._place(working, motion or self._measured(scene))
+        camera_motion = None if cut is Cut.SUSPECTED else motion or self._measured(scene)
+        if camera_motion is None:
+            return None
+        if self._canvas is None:
+            self._canvas = Canvas((working.shape[1], working.shape[0]), self._scale)
+        position = self._canvas.place(camera_motion)
         if position is None:
             return None
+        if position.change is not CanvasChange.NONE:
+            self._change_canvas(position, self._canvas.size)
         frame = self._drawn(image, working, position, motion.quality if motion else 1.0)
         self._model.settings, view = self.settings.background, None
         if motion:
@@ -154,15 +163,13 @@ class Differencer:
             event = ModelChange.RESET
         return Result(objects, mask, position.change, event)
 
-    def _downsampled(self, image: ByteImage) -> ByteImage:
-        """The frame at working resolution; one of another size begins a new model."""
-        if image.shape != self._shape:
-            self.reset()
-            self._shape = image.shape[0], image.shape[1]
-            wanted = self.settings.working_scale or automatic_scale(image.shape[1])
-            self._scale = wanted if min(image.shape) >= MIN_WORKING_PX * wanted else 1
-            self._frame_to_working = inverse(working_to_frame(self._scale))
-        return downsampled(image, self._scale)
+    def _set_shape(self, height: int, width: int) -> None:
+        """Takes the size of the next frames, px, and begins a new model."""
+        self.reset()
+        self._shape = height, width
+        wanted = self.settings.working_scale or automatic_scale(width)
+        self._scale = wanted if min(height, width) >= MIN_WORKING_PX * wanted else 1
+        self._frame_to_working = inverse(working_to_frame(self._scale))
 
     def _measured(self, working: ByteImage) -> Motion | None:
         """The motion of a frame without registration; None if it is unknown."""
@@ -175,27 +182,17 @@ class Differencer:
         # Negative numbers keep these planes apart from those of a registration.
         return Motion(to_reference, reference=-1 - self._camera.plane)
 
-    def _place(self, working: ByteImage, motion: Motion | None) -> FramePosition | None:
-        """Places a frame on the canvas, and moves what is kept there along with it."""
-        if motion is None:
-            return None
-        if self._canvas is None:
-            self._canvas = Canvas((working.shape[1], working.shape[0]), self._scale)
-        position = self._canvas.place(motion)
-        if position is None:
-            return None
-        change = position.canvas_change
-        if position.change is CanvasChange.NONE:
-            return position
+    def _change_canvas(self, position: FramePosition, size: tuple[int, int]) -> None:
+        """Begins anew on another canvas of this width and height, or moves what is kept along with it."""
         if position.change is CanvasChange.NEW:
-            self._model = BackgroundModel(self._canvas.size, self.settings.background, self._scale)
+            self._model = BackgroundModel(size, self.settings.background, self._scale)
             self._persistence = Persistence()
             self._view.restart()
-            return position
+            return
+        change = position.canvas_change
         self._model.move(change, is_scroll=position.change is CanvasChange.SCROLL)
         self._persistence.boxes = mapped_boxes(change, self._persistence.boxes)
         self._view.move(change)
-        return position
 
     def _drawn(
         self, image: ByteImage, working: ByteImage, position: FramePosition, quality: float

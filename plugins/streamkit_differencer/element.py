@@ -151,7 +151,7 @@ class FrameDiff(Transform):
         hidden = frame.get(HiddenPixels)
         self._differencer.settings = self.settings
         self._differencer.hidden = None if hidden is None else hidden.mask
-        return self._differencer.update(luma(frame), motion(registration))
+        return self._differencer.update(luma(frame), motion_of(registration))
 
     def _report(self, result: Result | None) -> None:
         """Posts what changed with this frame."""
@@ -179,7 +179,7 @@ class FrameDiff(Transform):
         self._crowded = bool(dropped)
 
 
-def motion(registration: Registration | None) -> Motion | None:
+def motion_of(registration: Registration | None) -> Motion | None:
     """A frame's registration as the differencer takes it; None where the frame has none."""
     if registration is None:
         return None

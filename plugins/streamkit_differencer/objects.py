@@ -94,11 +94,11 @@ def find_objects(
     inside, labels = closed(inside, labels)
     place = first_row, first_column, CELL_SIZE // scale
     table = measure_objects(foreground, inside, labels, count, *place, settings.min_area)
-    found = measured(table[table[:, PIXELS] > 0.0], scale)
-    reported = np.flatnonzero((found.changes >= settings.min_change) | settings.stopped)
-    order = reported[np.argsort(-found.areas[reported], kind="stable")]
-    kept = order[: max_objects or settings.max_objects]
-    return replace(chosen(found, kept), dropped=order.size - kept.size)
+    table = table[table[:, PIXELS] > 0.0]
+    table = table[(table[:, CHANGED] / table[:, PIXELS] >= settings.min_change) | settings.stopped]
+    largest_first = np.argsort(-table[:, PIXELS], kind="stable")
+    kept = largest_first[: max_objects or settings.max_objects]
+    return replace(measured(table[kept], scale), dropped=len(table) - len(kept))
 
 
 def measured(table: FloatArray, scale: int) -> Objects:
