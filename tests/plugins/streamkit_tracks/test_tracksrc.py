@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from streamkit import ElementFailure, MessageKind, Pipeline
+from tests.frames import frames_of
 
 VIDEO = "videotestsrc num-buffers=12 ! video/x-raw, width=320, height=240, framerate=25/1"
 
@@ -15,9 +16,7 @@ def test_records_come_back_as_they_were_written(tmp_path: Path) -> None:
     Pipeline.parse(f"{VIDEO} ! tracksink location={path}").run(timeout_s=120)
     Pipeline.parse(f"tracksrc location={path} ! tracksink location={copy}").run(timeout_s=30)
     assert copy.read_bytes() == path.read_bytes()
-    with Pipeline.parse(f"tracksrc location={path} ! appsink name=out") as pipeline:
-        pipeline.play()
-        frames = list(pipeline["out"])
+    frames = frames_of(f"tracksrc location={path}")
     assert [frame.pts for frame in frames] == [number * 40_000_000 for number in range(12)]
 
 

@@ -8,16 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from streamkit import Frame, Pipeline
+from streamkit import Frame
 
 needs_gstreamer = pytest.mark.skipif(shutil.which("gst-launch-1.0") is None, reason="needs gst-launch-1.0")
-
-
-def frames_of(description: str) -> list[Frame]:
-    """All frames of a pipeline without its sink."""
-    with Pipeline.parse(f"{description} ! appsink name=out") as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
 
 
 def by_gstreamer(frame: Frame, line: str, shape: tuple[int, ...]) -> np.ndarray:

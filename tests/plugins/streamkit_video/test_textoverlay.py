@@ -8,7 +8,7 @@ import pytest
 from streamkit import Capture, Frame, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_video.textoverlay import ClockOverlay, TimeOverlay, font_size
-from tests.plugins.streamkit_video.peer import frames_of
+from tests.frames import frames_of
 
 WIDTH, HEIGHT = 320, 240
 

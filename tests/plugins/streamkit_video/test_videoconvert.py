@@ -5,17 +5,11 @@ import itertools
 import numpy as np
 import pytest
 
-from streamkit import Caps, Frame, Pipeline, StreamkitError, raw_video_caps
+from streamkit import Caps, Frame, StreamkitError, raw_video_caps
 from streamkit.testing import Harness
+from tests.frames import frames_of
 
 FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
-
-
-def frames_of(description: str) -> list[Frame]:
-    """All frames of a pipeline without its sink."""
-    with Pipeline.parse(f"{description} ! appsink name=out") as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
 
 
 @pytest.mark.parametrize(("source", "target"), list(itertools.product(FORMATS, FORMATS)))

@@ -16,7 +16,8 @@ from streamkit import (
 )
 from streamkit.testing import Harness
 from streamkit_video import TrueRegistration, TrueTargets
-from tests.plugins.streamkit_video.peer import by_gstreamer, frames_of, needs_gstreamer
+from tests.frames import frames_of
+from tests.plugins.streamkit_video.peer import by_gstreamer, needs_gstreamer
 
 SOURCE = "videotestsrc num-buffers=2 pattern=smpte ! video/x-raw, format={}, width=64, height=48"
 

@@ -10,7 +10,8 @@ from streamkit import Detections, Frame, Registration, Track, Tracks, TrackState
 from streamkit.testing import Harness
 from streamkit_video import TrueTargets
 from streamkit_video.videoflip import VideoDirection, flip_homography
-from tests.plugins.streamkit_video.peer import by_gstreamer, frames_of, needs_gstreamer
+from tests.frames import frames_of
+from tests.plugins.streamkit_video.peer import by_gstreamer, needs_gstreamer
 
 SOURCE = "videotestsrc num-buffers=1 pattern=smpte ! video/x-raw, format={}, width=64, height=48"
 BY_NUMPY: dict[str, Callable[[np.ndarray], np.ndarray]] = {

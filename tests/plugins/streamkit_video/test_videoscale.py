@@ -4,17 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit import Frame, Pipeline, StreamkitError, raw_video_caps
+from streamkit import Frame, StreamkitError, raw_video_caps
 from streamkit.testing import Harness
 from streamkit_video import TrueRegistration, TrueTargets
 from streamkit_video.videoscale import ScaleMethod
-
-
-def frames_of(description: str) -> list[Frame]:
-    """All frames of a pipeline without its sink."""
-    with Pipeline.parse(f"{description} ! appsink name=out") as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
+from tests.frames import frames_of
 
 
 @pytest.mark.parametrize("method", [str(method) for method in ScaleMethod])

@@ -5,18 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from streamkit import Frame, MessageKind, Pipeline, StreamkitError
+from streamkit import MessageKind, Pipeline, StreamkitError
 from streamkit_video import paced_source
 from streamkit_video.patterns import Pattern
+from tests.frames import frames_of
 
 FORMATS = ("I420", "NV12", "BGR", "RGB", "BGRA", "RGBA", "GRAY8")
-
-
-def frames_of(description: str) -> list[Frame]:
-    """All frames of a pipeline without its sink."""
-    with Pipeline.parse(f"{description} ! appsink name=out") as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
 
 
 def test_its_default_is_gstreamers() -> None:

@@ -22,6 +22,7 @@ from streamkit import (
     Transform,
 )
 from streamkit.testing import Harness
+from tests.frames import frames_of
 
 RAW = Caps("video/x-raw, format=GRAY8, width=4, height=2")
 Register = Callable[..., None]
@@ -86,10 +87,7 @@ def test_configure_comes_before_the_first_frame_and_again_with_new_caps() -> Non
 def test_several_output_frames_are_sent_in_order(register: Register) -> None:
     """A generator may yield any number of frames."""
     register(halves=Halves)
-    text = "fakesrc num-buffers=3 ! video/x-raw,width=8 ! halves ! halves ! appsink name=out"
-    with Pipeline.parse(text) as pipeline:
-        pipeline.play()
-        frames = list(pipeline["out"])
+    frames = frames_of("fakesrc num-buffers=3 ! video/x-raw,width=8 ! halves ! halves")
     assert [f.seq for f in frames] == [0] * 4 + [1] * 4 + [2] * 4
     assert {f.caps["width"] for f in frames} == {2}
 

@@ -2,14 +2,8 @@
 
 import pytest
 
-from streamkit import Frame, Pipeline
-
-
-def frames_of(text: str) -> list[Frame]:
-    """What reaches the appsink."""
-    with Pipeline.parse(f"{text} ! appsink name=out max-buffers=0") as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
+from streamkit import Pipeline
+from tests.frames import frames_of
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from streamkit import ElementFailure, Frame, FrameFlags, Message, MessageKind, Pipeline, Pose
+from tests.frames import frames_of
 from tests.slowness import patience
 
 MakeVideo = Callable[..., Path]
@@ -23,10 +24,7 @@ MakeVideo = Callable[..., Path]
 
 def decoded(location: object, properties: str = "") -> list[Frame]:
     """All frames of a file, decoded."""
-    text = f'filesrc location="{location}" {properties} ! decode ! appsink name=out max-buffers=0'
-    with Pipeline.parse(text) as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
+    return frames_of(f'filesrc location="{location}" {properties} ! decode')
 
 
 def _several_videos(path: Path, count: int) -> None:

@@ -6,17 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from streamkit import Frame, Pipeline, StreamkitError
+from streamkit import Pipeline, StreamkitError
 from streamkit_video import TrueRegistration, TrueTargets
+from tests.frames import frames_of
 
 SMALL = "video/x-raw, width=160, height=120"
-
-
-def frames_of(description: str) -> list[Frame]:
-    """All frames of a pipeline without its sink."""
-    with Pipeline.parse(f"{description} ! appsink name=out") as pipeline:
-        pipeline.play()
-        return list(pipeline["out"])
 
 
 def test_its_default_is_720p_grey() -> None:
