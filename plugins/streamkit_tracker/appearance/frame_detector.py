@@ -47,13 +47,11 @@ class ScoreMap:
         apart = self.positions - position
         return np.asarray(np.hypot(apart[..., 0], apart[..., 1]) / self.side)
 
-    def score_at(self, position: FloatArray) -> float:
-        """The best score at x y, float64[2], px."""
-        return float(self.scores.max(initial=-np.inf, where=self.distances(position) <= NEAR))
-
-    def score_elsewhere(self, position: FloatArray) -> float:
-        """The best score of what is not the target at x y, float64[2], px."""
-        return float(self.scores.max(initial=-np.inf, where=self.distances(position) > APART))
+    def best_scores(self, position: FloatArray) -> tuple[float, float]:
+        """The best score at x y, float64[2], px, and the best of what is not the target there."""
+        distances = self.distances(position)
+        here = self.scores.max(initial=-np.inf, where=distances <= NEAR)
+        return float(here), float(self.scores.max(initial=-np.inf, where=distances > APART))
 
     def best_position(self) -> FloatArray:
         """Centre x y of the best score, float64[2], px."""

@@ -6,7 +6,7 @@ import math
 
 from streamkit_tracker.appearance.correlation_filter import MIN_SHARPNESS
 from streamkit_tracker.appearance.filter_copies import FilterCopies
-from streamkit_tracker.appearance.frame_detector import FrameDetector, ScoreMap
+from streamkit_tracker.appearance.frame_detector import FrameDetector
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.window_geometry import FloatArray
 
@@ -69,15 +69,16 @@ class Redetector:
         found = self._known.copy()
         found[:2] = window[:2]
         score_map = self._detector.score(sampler, found)
-        is_in_place = self._is_in_place(score_map, window[:2])
+        here, elsewhere = score_map.best_scores(window[:2])
+        is_in_place = self._learnt < TRUSTED or here > elsewhere
         self._misses = 0 if is_in_place else self._misses + 1
         if is_seen and is_in_place and copies.is_sure(is_contradicted=False):
-            self._remember(score_map, window[:2])
+            self._remember(here, elsewhere)
             self._detector.learn(score_map, sampler, window)
             self._agreeing = 0
             return None
         found[:2] = score_map.best_position()
-        if not self._is_distinct(score_map, found[:2]):
+        if not self._is_distinct(*score_map.best_scores(found[:2])):
             self._agreeing = 0
             return None
         followed = copies.sharpness_near(sampler, window) if is_seen else MIN_SHARPNESS
@@ -95,19 +96,14 @@ class Redetector:
         self._preference = self._preference + preference if is_same else preference
         self._agreed_position = position
 
-    def _is_in_place(self, score_map: ScoreMap, position: FloatArray) -> bool:
-        """Whether the detector finds the target at x y, float64[2], by itself."""
-        return self._learnt < TRUSTED or score_map.score_at(position) > score_map.score_elsewhere(position)
-
-    def _remember(self, score_map: ScoreMap, position: FloatArray) -> None:
-        """Takes the scores of a target at x y, float64[2], for usual ones."""
-        here, elsewhere = score_map.score_at(position), score_map.score_elsewhere(position)
+    def _remember(self, here: float, elsewhere: float) -> None:
+        """Takes the best score at the target, and that of the background, for usual ones."""
         self._learnt += 1
         rate = max(USUAL_RATE, 1 / self._learnt)
         self._usual_score += rate * (here - self._usual_score)
         self._usual_elsewhere += rate * (max(elsewhere, 0.0) - self._usual_elsewhere)
 
-    def _is_distinct(self, score_map: ScoreMap, position: FloatArray) -> bool:
-        """Whether the score at x y, float64[2], is like the target's, and above that of all others."""
+    def _is_distinct(self, here: float, elsewhere: float) -> bool:
+        """Whether the best score at a position is like the target's, and above the best elsewhere."""
         least = (self._usual_score + self._usual_elsewhere) / 2
-        return score_map.score_at(position) > max(least, DISTINCT * score_map.score_elsewhere(position), 0.0)
+        return here > max(least, DISTINCT * elsewhere, 0.0)
