@@ -164,6 +164,11 @@ def other_videos(container: InputContainer, chosen: VideoStream) -> list[int]:
     ]
 
 
+def unread_remedy(unread: list[int]) -> str:
+    """The rest of a warning that names the video that is read: which others are not, and how to read one."""
+    return f"and not {unread}; write video-stream={unread[0]} to read another"
+
+
 def display_orientation(container: InputContainer, stream: VideoStream) -> dict[str, int | bool]:
     """How a file's video is to be turned for display, as fields of caps; empty where it is not.
 

@@ -29,6 +29,7 @@ from streamkit_media.container import (
     display_orientation,
     open_container,
     other_videos,
+    unread_remedy,
     video_stream,
 )
 from streamkit_media.files.file_part import FilePart
@@ -121,8 +122,8 @@ class FileSrc(Source):
                     self.unread_videos = other_videos(container, video)
                 if self.unread_videos:
                     self.post_warning(
-                        f"{self._where}: video stream {video.index} is read, and not {self.unread_videos}; "
-                        f"write video-stream={self.unread_videos[0]} to read another"
+                        f"{self._where}: video stream {video.index} is read, "
+                        + unread_remedy(self.unread_videos)
                     )
 
     def query_begin_ns(self) -> int:

@@ -19,6 +19,7 @@ from streamkit import (
     StreamError,
 )
 from streamkit_media.codecs import CODED_CAPS
+from streamkit_media.container import unread_remedy
 from streamkit_media.failures import ConnectionLost
 from streamkit_media.live.connection import LiveConnection
 from streamkit_media.live.endpoint import Endpoint, Reconnect
@@ -174,8 +175,7 @@ class LiveSource(Endpoint, Source):
                 self.unread_videos = connection.unread_videos
                 if self.unread_videos and self._epoch == 0:
                     self.post_warning(
-                        f"{self._where}: one video is read, and not {self.unread_videos}; "
-                        f"write video-stream={self.unread_videos[0]} to read another"
+                        f"{self._where}: one video is read, {unread_remedy(self.unread_videos)}"
                     )
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))
