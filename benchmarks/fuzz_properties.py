@@ -49,11 +49,11 @@ def kept_inside(value: Any) -> Any:
 
 def make_case() -> fuzz_watch.Case:
     """The function that gives each case."""
-    from streamkit.element.registry import element_class, installed_elements
+    from streamkit.element.registry import available_elements, element_class
 
     pairs = [
         (factory, name)
-        for factory in installed_elements()
+        for factory in available_elements()
         for name, item in element_class(factory).properties.items()
         if not item.readonly
     ]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from streamkit.cli.inspect import describe_element, example_command
-from streamkit.element.registry import installed_elements
+from streamkit.element.registry import available_elements
 
 TARGET = Path(__file__).with_name("elements")
 PACKAGE = "streamkit"
@@ -81,7 +81,7 @@ def documents() -> dict[str, str]:
     def room_of(facts: dict[str, Any]) -> str:
         return str(facts["class"]).partition(":")[0].partition(".")[0]
 
-    names = [entry.name for entry in installed_elements().values() if entry.package == PACKAGE]
+    names = [entry.name for entry in available_elements().values() if entry.package == PACKAGE]
     facts = sorted(map(describe_element, names), key=lambda item: (room_of(item), item["name"]))
     rooms = {room: list(elements) for room, elements in groupby(facts, room_of)}
     pages = {f"{page_name(room)}.md": room_page(room, elements) for room, elements in rooms.items()}

@@ -136,7 +136,7 @@ def make_environment(tmp_path_factory: pytest.TempPathFactory) -> Callable[[], F
 
 
 def _forget() -> None:
-    registry.installed_elements.cache_clear()
+    registry.available_elements.cache_clear()
     registry.element_class.cache_clear()
 
 

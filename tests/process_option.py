@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from streamkit import DescriptionError, Pipeline
-from streamkit.element.registry import installed_elements
+from streamkit.element.registry import available_elements
 from streamkit.graph import build as build_module
 from streamkit.graph.graph import Graph
 from streamkit.graph.tokens import DescriptionLexer
@@ -41,7 +41,7 @@ def use_processes(factory: str, monkeypatch: pytest.MonkeyPatch) -> None:
         graph = build(text, variables, taken)
         if taken or all(element.factory != factory for element in graph.elements):  # branches have none
             return graph
-        entries = [installed_elements().get(element.factory) for element in graph.elements]
+        entries = [available_elements().get(element.factory) for element in graph.elements]
         if any(entry is not None and entry.target.startswith(OF_A_TEST) for entry in entries):
             pytest.skip("an element of this test is in no package")
         try:

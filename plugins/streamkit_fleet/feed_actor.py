@@ -21,12 +21,12 @@ STOP_LIMIT_S = 35.0  # the end of the stream has 30 s, as by `--watchdog-s`, and
 
 
 class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """How a feed is.
+    """State and counters of a feed.
 
     Attributes:
         state: starting, playing, waiting (to start again), ended, failed, refused (no room); restarting if it
             does not answer.
-        ready: whether it is of use; `reason` says what is missing.
+        ready: whether it plays and delivers; `reason` says what is missing.
         cores: that it needs to hold its frame rate, as measured; 0 before.
         restarts: of the pipeline in this process, and one more if Ray has started the process again.
         frames, dropped: since the pipeline started.
@@ -79,7 +79,7 @@ class FeedActor:
     # Called through Ray.
 
     def status(self) -> FeedStatus:
-        """How it is now."""
+        """Its state and counters now."""
         reason, rows = self._reason, []
         if self._state == "playing" and self._monitor is not None:
             reason, rows = self._monitor.not_ready_reason(), self._monitor.pipeline.statistics()

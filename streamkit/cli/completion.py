@@ -17,9 +17,9 @@ ELEMENT = re.compile(r"[a-z][\w-]*")
 
 def complete_element(incomplete: str) -> list[str]:
     """Names of elements that begin with a word."""
-    from streamkit.element.registry import installed_elements
+    from streamkit.element.registry import available_elements
 
-    return _beginning_with(installed_elements(), incomplete)
+    return _beginning_with(available_elements(), incomplete)
 
 
 def complete_description(words: Sequence[str], incomplete: str, *, in_quotes: bool = False) -> list[str]:

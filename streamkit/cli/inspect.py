@@ -56,9 +56,9 @@ def inspect(
 
 
 def _list_all(*, as_json: bool) -> None:
-    from streamkit.element.registry import installed_elements
+    from streamkit.element.registry import available_elements
 
-    entries = installed_elements().values()
+    entries = available_elements().values()
     if as_json:
         rows = [
             {"name": entry.name, "package": entry.package, "version": entry.version, "class": entry.target}
@@ -90,10 +90,10 @@ def describe_element(name: str) -> dict[str, Any]:
         DescriptionError: the element does not exist.
         PluginBroken: it cannot be loaded.
     """
-    from streamkit.element.registry import element_class, installed_elements
+    from streamkit.element.registry import available_elements, element_class
 
     found = element_class(name)
-    entry = installed_elements()[name]
+    entry = available_elements()[name]
     doc = ATTRIBUTES.sub("", python_inspect.cleandoc(found.__doc__ or ""))  # not for users
     prose, _, example = doc.partition("Example:")
     return {

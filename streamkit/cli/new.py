@@ -74,9 +74,9 @@ def check_free_name(name: str) -> None:
             f"there is a package {package!r} in this environment, which the new one would hide; "
             f"take another name, such as 'my-{name}'"
         )
-    from streamkit.element.registry import installed_elements
+    from streamkit.element.registry import available_elements
 
-    taken = installed_elements().get(element_name(name))
+    taken = available_elements().get(element_name(name))
     if taken is not None:
         fail_usage(
             f"there is an element {taken.name!r} already, of {taken.package} {taken.version}; "

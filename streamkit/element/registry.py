@@ -49,18 +49,18 @@ def register_element(found: ElementClass, name: str = "") -> ElementClass:
             f"an element's name must be letters a to z, digits, _ or -, not - first, got {name!r}; "
             f'write register_element({found.__name__}, "NAME")'
         )
-    entry = installed_elements().get(name)
+    entry = available_elements().get(name)
     if entry is not None and not is_registered(name):
         raise ValueError(f"{entry.where} is installed; register {found.__name__} by another name")
     _registered[name] = found
-    installed_elements.cache_clear()
+    available_elements.cache_clear()
     element_class.cache_clear()
     return found
 
 
 @functools.cache
-def installed_elements() -> dict[str, PluginEntry]:
-    """All elements of all installed packages by name, streamkit's own win; and those that are registered."""
+def available_elements() -> dict[str, PluginEntry]:
+    """Elements of installed packages, and those of the running program, by name; streamkit's own win."""
     registered = [
         PluginEntry("element", name, f"{found.__module__}:{found.__qualname__}")
         for name, found in _registered.items()
@@ -78,14 +78,14 @@ def element_class(name: str) -> type[Element]:
     """
     if is_registered(name):
         return _registered[name]
-    entry = installed_elements().get(name)
+    entry = available_elements().get(name)
     if entry is None:
         from streamkit.element.gstreamer_names import gstreamer_hint
 
         raise DescriptionError(
             "no-such-element",
             f'no element "{name}"',
-            hint=gstreamer_hint(name) or did_you_mean(name, installed_elements()),
+            hint=gstreamer_hint(name) or did_you_mean(name, available_elements()),
         )
     if entry.rivals and not entry.is_own:
         raise PluginBroken(f"{entry.rivalry}; uninstall one of them")
@@ -127,7 +127,7 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
         _check_constructor(found)
         if is_registered(factory):
             raise  # with the traceback, for its author
-        raise installed_elements()[factory].broken("made", cause) from cause
+        raise available_elements()[factory].broken("made", cause) from cause
     element.factory = factory
     return element
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import urllib.parse
 
-from streamkit.element.registry import element_class, installed_elements
+from streamkit.element.registry import available_elements, element_class
 from streamkit.errors import DescriptionError, Place, PluginBroken
 from streamkit.masking import mask_secrets
 
@@ -25,10 +25,10 @@ def factory_for(url: str, *, as_source: bool, place: Place) -> str:
         )  # fmt: skip
     scheme = scheme.lower()
     plain = f"{scheme}{'src' if as_source else 'sink'}"
-    if plain in installed_elements():
+    if plain in available_elements():
         return plain
     found: list[tuple[int, str]] = []
-    for name in installed_elements():
+    for name in available_elements():
         if name.endswith("src" if as_source else "sink"):
             with contextlib.suppress(PluginBroken, DescriptionError):
                 known = element_class(name)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from streamkit.element.base import Element
 from streamkit.element.pad_owner import walk
-from streamkit.element.registry import element_class, installed_elements, located, make_element
+from streamkit.element.registry import available_elements, element_class, located, make_element
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, ElementFailure, Place, did_you_mean
 from streamkit.flow.caps import Caps
 from streamkit.graph.addresses import factory_for, location_of
@@ -234,7 +234,7 @@ class GraphBuilder:
         with located(node.place):
             element_class(node.factory)  # its error comes before one of the name
         warnings = self.graph.warnings
-        entry = installed_elements()[node.factory]
+        entry = available_elements()[node.factory]
         if entry.rivals:
             warnings.append(("rival", f"{entry.rivalry}; that of {entry.package} is used"))
         name = name_in_text(node, warnings) or self._auto_name(node.factory)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from streamkit.element.branching import Split
 from streamkit.element.pad import Pad
-from streamkit.element.registry import installed_elements, located, make_element
+from streamkit.element.registry import available_elements, located, make_element
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
 from streamkit.graph.caps_conflict import caps_conflict
@@ -92,7 +92,7 @@ def _conflict(src: Pad, sink: Pad, places: dict[str, Place]) -> DescriptionError
 
 def _convert(graph: Graph, src: Pad, sink: Pad, offered: Caps, accepted: Caps, place: Place | None) -> bool:
     """Inserts a converter between raw-video pads that differ in format only; whether it did."""
-    if CONVERTER not in installed_elements() or not are_convertible(offered, accepted):
+    if CONVERTER not in available_elements() or not are_convertible(offered, accepted):
         return False
     with located(place):
         taken = {element.name for element in graph.elements}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 
-from streamkit.element.registry import element_class, installed_elements
+from streamkit.element.registry import available_elements, element_class
 from streamkit.errors import DescriptionError, PluginBroken
 from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
 from streamkit.masking import MASK, credential_spans, is_secret_name
@@ -47,7 +47,7 @@ def secret_assignments(text: str) -> tuple[str, ...]:
 
 
 def _is_declared_secret(factory: str, name: str) -> bool:
-    if factory not in installed_elements():  # no search for a similar name: a text may have thousands
+    if factory not in available_elements():  # no search for a similar name: a text may have thousands
         return False
     try:
         declaration = element_class(factory).declaration_of(name)

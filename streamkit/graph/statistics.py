@@ -12,7 +12,7 @@ from streamkit.element.base import Element
 from streamkit.element.frame_queue import FrameHolder
 from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
-from streamkit.element.registry import installed_elements
+from streamkit.element.registry import available_elements
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
 from streamkit.flow.messages import MessageKind
@@ -144,7 +144,7 @@ def silent_transforms(rows: dict[Element, ElementStatistics]) -> dict[str, str]:
     To return None is how a transform leaves a frame out, and also what a forgotten `return` does. Only
     elements of other packages have a user who can write it.
     """
-    entries = installed_elements()
+    entries = available_elements()
     for_authors = (
         ", and none is counted as dropped: where `transform` is to pass frames on, `return` them; else count "
         "them with `count_drop`"

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from streamkit import Pipeline
 from streamkit.cli.drawing import Counters, as_dot, as_mermaid
 from streamkit.cli.main import make_app
-from streamkit.element.registry import element_class, installed_elements, make_element
+from streamkit.element.registry import available_elements, element_class, make_element
 from streamkit.errors import DescriptionError
 from streamkit.graph.build import build
 
@@ -40,7 +40,7 @@ def text_properties(factory: str) -> list[str]:
     return [item.spelling for item in known if item.kind is str and not item.readonly]
 
 
-ELEMENTS = [name for name in installed_elements() if text_properties(name)]
+ELEMENTS = [name for name in available_elements() if text_properties(name)]
 
 
 def description(factory: str, assignment: str) -> str:

@@ -18,7 +18,7 @@ from streamkit import (
     Source,
     Transform,
 )
-from streamkit.element.registry import installed_elements
+from streamkit.element.registry import available_elements
 from streamkit.graph.graph import Graph
 from streamkit.graph.pipeline import State, StateChange
 
@@ -48,7 +48,7 @@ def test_the_order_follows_the_links() -> None:
 
 def core_examples() -> Iterator[str]:
     """The example line of every core element."""
-    for name, entry in installed_elements().items():
+    for name, entry in available_elements().items():
         if "streamkit.elements." in entry.target:
             yield name
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from streamkit.cli.description import join_arguments
-from streamkit.element.registry import installed_elements
+from streamkit.element.registry import available_elements
 from streamkit.errors import DescriptionError
 from streamkit.graph.bins import BIN_CLASSES, Bin
 from streamkit.graph.build import build
@@ -58,7 +58,7 @@ def text_of(case: dict[str, Any]) -> str:
 
 def concerns_other_elements(case: dict[str, Any]) -> bool:
     """Whether a case is about an element that is not installed here."""
-    known = {*installed_elements(), *BIN_CLASSES}
+    known = {*available_elements(), *BIN_CLASSES}
     used = {element["factory"] for element in case.get("elements", [])}
     if case["expect"].get("error_class") in PROPERTY_ERRORS:  # then it is "missing" because it was not made
         used |= set(case.get("missing_elements", []))

@@ -97,8 +97,8 @@ def frame_header(frame: Frame, source: str, published_ns: int, dropped: int, sha
         picture_width=shape[1],
         picture_height=shape[0],
         duration_ns=frame.duration,
-        motion=None if registration is None else _motion(registration),
-        detections=None if detections is None else _detections(detections),
+        motion=None if registration is None else _motion_record(registration),
+        detections=None if detections is None else _detection_records(detections),
         are_objects=detections is not None and detections.are_objects,
         pose=None if pose is None else msgspec.to_builtins(pose),
     )
@@ -136,13 +136,13 @@ def image_frame(image: NDArray[np.uint8], header: FrameHeader, arrival_ns: int, 
     if header.motion is not None:
         items.append(registration_of(header.motion))
     if header.detections is not None:
-        items.append(_as_detections(header.detections, header.are_objects))
+        items.append(_detections_of(header.detections, header.are_objects))
     if header.pose is not None:
         items.append(msgspec.convert(header.pose, Pose))
     return scale_metadata(frame.attach(*items), scaling, scaling) if items else frame
 
 
-def _motion(item: Registration) -> MotionRecord:
+def _motion_record(item: Registration) -> MotionRecord:
     fields = msgspec.to_builtins(item, enc_hook=_finite_rows)
     if not math.isfinite(item.rmse):
         fields["rmse"] = None
@@ -153,7 +153,7 @@ def _finite_rows(matrix: FloatArray) -> list[list[float]] | None:
     return matrix.tolist() if np.isfinite(matrix).all() else None
 
 
-def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
+def _detection_records(item: Detections) -> tuple[DetectionRecord, ...]:
     columns = (column.tolist() for column in (item.centroids, item.boxes, item.areas, item.scores))
     labels = item.labels or (None,) * len(item)
     names = DetectionRecord.__struct_fields__
@@ -161,7 +161,7 @@ def _detections(item: Detections) -> tuple[DetectionRecord, ...]:
     return msgspec.convert(rows, tuple[DetectionRecord, ...])
 
 
-def _as_detections(rows: tuple[DetectionRecord, ...], are_objects: bool) -> Detections:
+def _detections_of(rows: tuple[DetectionRecord, ...], are_objects: bool) -> Detections:
     labels = tuple(row.label or "" for row in rows)
     return Detections(
         centroids=np.array([row.centroid for row in rows], dtype=np.float64).reshape(-1, 2),

@@ -16,7 +16,7 @@ from typer.testing import CliRunner, Result
 
 from streamkit import Frame, Property, Transform
 from streamkit.cli.main import make_app
-from streamkit.element.registry import installed_elements
+from streamkit.element.registry import available_elements
 
 Register = Callable[..., None]
 
@@ -69,7 +69,7 @@ def test_the_list_says_what_each_element_does(register: Register) -> None:
     assert all(text.endswith(".") for text in rows.values())
 
 
-@pytest.mark.parametrize("name", sorted(installed_elements()))
+@pytest.mark.parametrize("name", sorted(available_elements()))
 def test_the_example_can_be_pasted(name: str) -> None:
     """A shell gives launch the description as one argument, quotes and all."""
     found = facts(name)

@@ -10,7 +10,7 @@ import pytest
 from streamkit import Element, Frame, Pipeline, PropertyError, Transform, register_element
 from streamkit.element.entries import PluginEntry
 from streamkit.element.gstreamer_names import BY_NAME, ELEMENTS
-from streamkit.element.registry import element_class, installed_elements, make_element
+from streamkit.element.registry import available_elements, element_class, make_element
 from streamkit.errors import DescriptionError, PluginBroken
 
 Register = Callable[..., None]
@@ -18,7 +18,7 @@ Register = Callable[..., None]
 
 def test_our_own_elements_come_through_entry_points() -> None:
     """No element is built in: each has package, version and class."""
-    entries = installed_elements()
+    entries = available_elements()
     assert {"queue", "tee", "identity", "fakesrc", "fakesink", "capsfilter", "appsrc", "appsink"} <= set(
         entries
     )
@@ -49,10 +49,10 @@ def test_no_package_replaces_an_element_silently(tmp_path: Path, monkeypatch: py
             f"[streamkit.elements]\n{own}contested = streamkit.elements.identity:Identity\n"
         )
     monkeypatch.syspath_prepend(tmp_path)
-    installed_elements.cache_clear()
+    available_elements.cache_clear()
     element_class.cache_clear()
     try:
-        assert installed_elements()["fakesink"].package == "streamkit"
+        assert available_elements()["fakesink"].package == "streamkit"
         (note,) = Pipeline.parse("fakesrc ! fakesink").graph.warnings
         assert re.fullmatch(
             "element 'fakesink' is in streamkit .*, and in abc-plugin 1.5; that of streamkit is used", note[1]
@@ -62,7 +62,7 @@ def test_no_package_replaces_an_element_silently(tmp_path: Path, monkeypatch: py
             make_element("contested")
         assert not Pipeline.parse("fakesrc ! identity ! appsink").graph.warnings
     finally:
-        installed_elements.cache_clear()
+        available_elements.cache_clear()
         element_class.cache_clear()
 
 
@@ -93,9 +93,9 @@ def test_names_of_gstreamer_lead_to_ours() -> None:
             element_class(name)
     with pytest.raises(DescriptionError, match=r"gst-launch-1\.0 libcamerasrc !"):
         element_class("libcamerasrc")
-    known = installed_elements().keys() | {"nothing", "no"}  # "nothing is needed", "no window"
+    known = available_elements().keys() | {"nothing", "no"}  # "nothing is needed", "no window"
     assert {re.split("[ ,;]", words)[0] for words in ELEMENTS} <= known
-    assert not BY_NAME.keys() & installed_elements().keys()
+    assert not BY_NAME.keys() & available_elements().keys()
 
 
 def test_elements_are_made_with_name_and_properties() -> None:
@@ -172,7 +172,7 @@ def test_the_first_of_two_elements_with_one_name_is_used(register: Register) -> 
     """A second package cannot replace an element."""
     register(twice="first:Thing")
     register(twice="second:Thing")
-    assert installed_elements()["twice"].target == "first:Thing"
+    assert available_elements()["twice"].target == "first:Thing"
 
 
 def inverting(sign: int) -> type[Transform]:

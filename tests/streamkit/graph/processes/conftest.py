@@ -172,9 +172,9 @@ def misbehaving(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Non
     lines = [f"{element} = {name}:{element.capitalize()}" for element in NAMES]
     (info / "entry_points.txt").write_text("\n".join(["[streamkit.elements]", *lines, ""]))
     monkeypatch.syspath_prepend(tmp_path)
-    registry.installed_elements.cache_clear()
+    registry.available_elements.cache_clear()
     registry.element_class.cache_clear()
     yield
     sys.modules.pop(name, None)
-    registry.installed_elements.cache_clear()
+    registry.available_elements.cache_clear()
     registry.element_class.cache_clear()

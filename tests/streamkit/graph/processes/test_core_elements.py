@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from streamkit.element.registry import element_class, installed_elements
+from streamkit.element.registry import available_elements, element_class
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.processes.placement import IN_MAIN
 from streamkit.graph.states import State
@@ -16,7 +16,7 @@ LIMIT_S = 80.0
 
 def examples() -> Iterator[Any]:
     """The example line of every core element, with the element in a bin with a process."""
-    for name, entry in installed_elements().items():
+    for name, entry in available_elements().items():
         if "streamkit.elements." in entry.target and name not in IN_MAIN:
             doc = element_class(name).__doc__ or ""
             example = " ".join(doc.partition("Example:")[2].strip().partition("\n\n")[0].split())
