@@ -26,6 +26,7 @@ from streamkit import (
     Transform,
     luma,
 )
+from streamkit.geometry.boxes import parse_turned_box
 from streamkit.geometry.homography import inverse, is_invertible
 from streamkit_kernels import start_kernels
 from streamkit_tracker.appearance.feature_template import Space
@@ -88,7 +89,7 @@ class ParticleTrack(Transform):
     def start(self) -> None:
         """Begins without targets."""
         start_kernels("streamkit_tracker", warm_up, is_live=self.query_live(), report=self.post_warning)
-        self._start_window = None if self.window is None else parse_window(self.window, self.name)
+        self._start_window = self._parsed_window()
         self._tracker = MultiTargetTracker(self.settings)
         self._last: Frame | None = None
 
@@ -101,7 +102,7 @@ class ParticleTrack(Transform):
         if name != "window":
             return
         try:
-            window = None if self.window is None else parse_window(self.window, self.name)
+            window = self._parsed_window()
         except PropertyError:
             vars(self)["window"] = self._accepted_window
             raise
@@ -130,30 +131,15 @@ class ParticleTrack(Transform):
         self.results["tracks"] = self._tracker.targets.confirmed
         return frame.attach(Tracks(tuple(track(report) for report in reports)))
 
+    def _parsed_window(self) -> FloatArray | None:
+        try:
+            return None if self.window is None else parse_turned_box(self.window)
+        except ValueError as error:
+            raise PropertyError(f"{self.name}: property window {error}") from None
+
     def _evicted(self) -> int:
         tracker: MultiTargetTracker | None = self.__dict__.get("_tracker")
         return 0 if tracker is None else tracker.evicted
-
-
-def parse_window(text: str, element: str) -> FloatArray:
-    """Window float64[5] of "x,y,w,h" or "x,y,w,h,angle"; x, y is the top-left pixel of the unrotated window.
-
-    Raises:
-        PropertyError: it is not four or five finite numbers with a positive size.
-    """
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    sound = len(numbers) in (4, 5) and np.isfinite(numbers).all() and min(numbers[2:4]) > 0
-    if not sound:
-        raise PropertyError(
-            f'{element}: property window must be "x,y,w,h" or "x,y,w,h,angle" with w and h above 0, '
-            f'got "{text}"; for example window=100,80,48,32'
-        )
-    left, top, width, height = numbers[:4]
-    angle = numbers[4] if len(numbers) == 5 else 0.0
-    return np.array([left + (width - 1) / 2, top + (height - 1) / 2, width, height, angle])
 
 
 def track(report: TargetReport) -> Track:

@@ -33,9 +33,9 @@ from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.record_sink import require_library
 
-Form = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
-FORMS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
-ENDINGS = ", ".join(FORMS)
+FileFormat = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
+FORMATS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
+ENDINGS = ", ".join(FORMATS)
 RecordsArgument = Annotated[
     Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
 ]
@@ -115,8 +115,9 @@ def convert(
     output: Annotated[
         Path, typer.Argument(help=f"File to write: {ENDINGS}; .txt is MOT. - is the standard output.")
     ],
-    form: Annotated[
-        Form | None, typer.Option("--format", help="In place of the suffix; by default that, of - jsonl.")
+    file_format: Annotated[
+        FileFormat | None,
+        typer.Option("--format", help="Instead of the suffix's; for -, jsonl."),
     ] = None,
     run: RunOption = None,
     points: Annotated[
@@ -124,7 +125,7 @@ def convert(
     ] = False,
 ) -> None:
     """Converts the tracks of a finished run to another format, by the suffix of the output."""
-    kind = form or ("jsonl" if str(output) == STANDARD_OUTPUT else FORMS.get(output.suffix.lower()))
+    kind = file_format or ("jsonl" if str(output) == STANDARD_OUTPUT else FORMATS.get(output.suffix.lower()))
     if kind is None:
         rule = f"the name must end in {ENDINGS}, it ends in {output.suffix!r}; or give --format"
         exit_with_error(f"{output}: {rule}")
@@ -163,7 +164,7 @@ def json_lines(file: Path) -> Iterator[Path]:
     """
     suffix = file.suffix.lower()
     if suffix not in READERS:
-        if suffix in FORMS and suffix != ".jsonl":
+        if suffix in FORMATS and suffix != ".jsonl":
             exit_with_error(f"{file}: {suffix} cannot be read; give one of .jsonl, {', '.join(READERS)}")
         yield file
         return

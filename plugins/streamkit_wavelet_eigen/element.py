@@ -25,6 +25,7 @@ from streamkit import (
     luma,
     write_remedy,
 )
+from streamkit.geometry.boxes import parse_turned_box
 from streamkit.output.file import check_writable
 from streamkit_wavelet_eigen.appearance import AppearanceModel, AppearanceSettings
 from streamkit_wavelet_eigen.feature_space import learn_space
@@ -32,7 +33,7 @@ from streamkit_wavelet_eigen.gallery import empty_gallery, read_gallery
 from streamkit_wavelet_eigen.model_file import Model, load_model, save_model
 from streamkit_wavelet_eigen.recipe import PRESETS
 from streamkit_wavelet_eigen.target_features import TargetFeatures
-from streamkit_wavelet_eigen.windows import cut_windows, parse_window, rotated_boxes
+from streamkit_wavelet_eigen.windows import cut_windows, rotated_boxes
 
 
 class TargetSource(StrEnum):
@@ -101,7 +102,7 @@ class WaveletEigen(Transform):
         self._counts: Counter[str] = Counter()
         self._appearance = None
         try:
-            self._window = None if self.window is None else parse_window(self.window)
+            self._window = None if self.window is None else parse_turned_box(self.window)[None]
         except ValueError as error:
             raise PropertyError(f"{self.name}: property window {error}") from error
         settings, model = self._initial_settings()

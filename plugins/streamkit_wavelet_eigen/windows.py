@@ -46,27 +46,6 @@ def rotated_boxes(centroids: NDArray[np.float64], boxes: NDArray[np.float64]) ->
     return np.column_stack([centroids, boxes[:, 2:] - boxes[:, :2], np.zeros(len(boxes))])
 
 
-def parse_window(text: str) -> NDArray[np.float64]:
-    """The rotated box float64[1, 5] of a window `x,y,w,h` or `x,y,w,h,angle`.
-
-    x and y are its left and top, w and h its size in px; the angle about its centre is in rad.
-
-    Raises:
-        ValueError: the text has another form.
-    """
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (4, 5) or not np.isfinite(numbers).all() or min(numbers[2:4]) <= 0:
-        raise ValueError(
-            f"must be x,y,w,h or x,y,w,h,angle with w and h above 0, got {text!r}; "
-            "write for example window=100,80,40,20"
-        )
-    left, top, width, height, angle = [*numbers, 0.0][:5]
-    return np.array([[left + (width - 1) / 2, top + (height - 1) / 2, width, height, angle]])
-
-
 def cut_windows(
     image: NDArray[np.uint8], boxes: NDArray[np.float64], patch: int, margin: float = 1.25
 ) -> Windows:

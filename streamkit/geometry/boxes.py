@@ -1,4 +1,4 @@
-"""Boxes in an image: the upright box around a turned one, and how much upright boxes overlap."""
+"""Boxes in an image: turned ones, the upright box around one, and how much upright boxes overlap."""
 
 from __future__ import annotations
 
@@ -19,6 +19,27 @@ def upright_sides(length: float, width: float, angle: float) -> tuple[float, flo
     """
     cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
     return length * cosine + width * sine, length * sine + width * cosine
+
+
+def parse_turned_box(text: str) -> FloatArray:
+    """The turned box float64[5], x y length width angle, that a person gives as "x,y,w,h" or "x,y,w,h,angle".
+
+    In the text x and y are the left and top pixel of the box before it is turned about its centre; px, rad.
+
+    Raises:
+        ValueError: it is not four or five finite numbers with a positive size.
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (4, 5) or not all(map(math.isfinite, numbers)) or min(numbers[2:4]) <= 0:
+        raise ValueError(
+            f'must be "x,y,w,h" or "x,y,w,h,angle" with w and h above 0, got "{text}"; '
+            "for example 100,80,48,32"
+        )
+    left, top, width, height, angle = [*numbers, 0.0][:5]
+    return np.array([left + (width - 1) / 2, top + (height - 1) / 2, width, height, angle])
 
 
 def box_iou(first: FloatArray, second: FloatArray) -> FloatArray:

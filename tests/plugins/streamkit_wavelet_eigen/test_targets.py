@@ -67,5 +67,5 @@ def test_a_given_window_covers_its_pixels() -> None:
 )
 def test_what_is_no_window_is_refused(text: str) -> None:
     """The error names the element, shows the text and gives an example."""
-    with pytest.raises(PropertyError, match=r"waveleteigen0: property window .* write for example window="):
+    with pytest.raises(PropertyError, match=r"waveleteigen0: property window .* for example 100,"):
         Harness("waveleteigen", name="waveleteigen0", window=text)
