@@ -1,4 +1,4 @@
-"""Silence: what receivers say when no record comes."""
+"""SilenceMonitor: what receivers say when no record comes."""
 
 from collections.abc import Callable
 
@@ -6,13 +6,13 @@ SILENCE_S = 5.0  # time without a record
 MAX_KEYS = 8  # that are named
 
 
-class Silence:
-    """The time since the last record, and once in it the reason why none may come.
+class SilenceMonitor:
+    """Measures the time since the last record, and says once why none may come.
 
     Args:
         now_s: the clock.
         has_publisher: whether a publisher of the key is there.
-        published_keys: the keys of all publishers; it takes a second, and is called once in a silence.
+        published_keys: the keys of all publishers; it takes a second, and is called once while none comes.
     """
 
     def __init__(
@@ -23,20 +23,20 @@ class Silence:
     ) -> None:
         self._now_s = now_s
         self._has_publisher, self._published_keys = has_publisher, published_keys
-        self.end()
+        self.reset()
 
-    def end(self) -> None:
-        """A record has come."""
+    def reset(self) -> None:
+        """Notes that a record has come."""
         self._began_s = self._now_s()
         self._noted_publisher: bool | None = None  # whether one was there at the last note
 
     @property
     def seconds(self) -> float:
-        """How long it lasts."""
+        """Time since the last record, s."""
         return self._now_s() - self._began_s
 
-    def news(self) -> str:
-        """How long it lasts and why, to follow "no record"; "" while it is short or nothing is new."""
+    def reason(self) -> str:
+        """For how long none came and why, to follow "no record"; "" while that is short or known already."""
         if self.seconds <= SILENCE_S or self._has_publisher() == self._noted_publisher:
             return ""
         self._noted_publisher = self._has_publisher()

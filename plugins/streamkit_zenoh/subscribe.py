@@ -15,7 +15,7 @@ import typer
 
 from streamkit import exit_with_error, write_remedy
 from streamkit.output.pipe import until_reader_leaves
-from streamkit_zenoh.silence import Silence, others_text
+from streamkit_zenoh.silence import SilenceMonitor, others_text
 
 if TYPE_CHECKING:
     from streamkit_zenoh.subscribe_output import Printer
@@ -108,7 +108,9 @@ def _print_all(
 ) -> tuple[int, str]:
     """Exit code and error."""
     printed, there_s = 0, time.monotonic()
-    silence = Silence(time.monotonic, lambda: subscriber.counts.publishers > 0, subscriber.published_keys)
+    silence = SilenceMonitor(
+        time.monotonic, lambda: subscriber.counts.publishers > 0, subscriber.published_keys
+    )
     while not stopped() and (count is None or printed < count):
         update = subscriber.update(POLL_S)
         printer.refresh()
@@ -116,7 +118,7 @@ def _print_all(
         if not is_gone:
             there_s = time.monotonic()
         if update is not None:
-            silence.end()
+            silence.reset()
             if update.record is not None:
                 printed += 1
                 printer.show(update.record)
@@ -128,8 +130,8 @@ def _print_all(
             time.sleep(POLL_S)
         elif timeout_s is not None and silence.seconds > timeout_s:
             return 1, f"no record has come within {timeout_s:g} s{_remedy(subscriber)}"
-        elif news := silence.news():
-            printer.note(f"no record{news}")
+        elif reason := silence.reason():
+            printer.note(f"no record{reason}")
     return 0, ""
 
 

@@ -22,7 +22,7 @@ from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
 from streamkit_zenoh.presence import published_keys
 from streamkit_zenoh.receiver import MessageReceiver, ReceivedMessage
 from streamkit_zenoh.session import SessionElement, close_session
-from streamkit_zenoh.silence import Silence
+from streamkit_zenoh.silence import SilenceMonitor
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_message, encoding_of
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
@@ -111,7 +111,7 @@ class ZenohSrc(SessionElement, Source):
         assert receiver is not None, "start() precedes frames"
         assert session is not None, "it has a receiver"
         passed = 0
-        silence = Silence(
+        silence = SilenceMonitor(
             lambda: self.clock_ns() / 1e9,
             lambda: receiver.counts().publishers > 0,
             lambda: published_keys(session, LOOK_LIMIT_S),
@@ -121,7 +121,7 @@ class ZenohSrc(SessionElement, Source):
             self._count_drops(receiver)
             frame = None if message is None else self._frame(receiver, message)
             if frame is not None:
-                silence.end()
+                silence.reset()
                 passed += 1
                 yield frame
             elif message is None and receiver.queue.is_over:
@@ -135,8 +135,8 @@ class ZenohSrc(SessionElement, Source):
                     f"no record at {self._expression} for {self.timeout_s:g} s; "
                     "start the publisher, with the same key and an endpoint that meets this one"
                 )
-            elif news := silence.news():
-                self.post_message("note", text=f"no record at {self._expression}{news}")
+            elif reason := silence.reason():
+                self.post_message("note", text=f"no record at {self._expression}{reason}")
 
     @override
     def interrupt(self) -> None:
