@@ -59,19 +59,16 @@ class ViewMotion:
     Attributes:
         translation: of the camera; None where it is too small, or nothing is tall.
         step: float64[2], the motion of the view's middle, px of the canvas.
+        is_flight: whether the view comes to new ground.
         working_to_canvas: float64[3, 3], the frame's pixels to the canvas.
         height: the largest h / (H - h) of tall objects.
     """
 
     translation: CameraTranslation | None
     step: FloatArray
+    is_flight: bool
     working_to_canvas: FloatArray
     height: float
-
-    @property
-    def is_flight(self) -> bool:
-        """Whether the view comes to new ground."""
-        return bool(np.hypot(*self.step) >= MIN_STEP_PX)
 
     def shifts(self, places: FloatArray) -> list[FloatArray]:
         """Vectors from places of the canvas to where what shows there may have been tau frames before.
@@ -160,7 +157,7 @@ class ViewMotionEstimator:
         middle, earlier = centre(shape)[None], self._positions[0]
         step = project(to_canvas, middle)[0] - project(earlier, middle)[0]
         translation = self._translation(inverse(to_canvas) @ earlier, shape) if height > 0.0 else None
-        return ViewMotion(translation, step, to_canvas, height)
+        return ViewMotion(translation, step, bool(np.hypot(*step) >= MIN_STEP_PX), to_canvas, height)
 
     def _translation(self, to_later: FloatArray, shape: tuple[int, int]) -> CameraTranslation | None:
         """The translation between two frames, from the ground's homography; None where it is too small."""

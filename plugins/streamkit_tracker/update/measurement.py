@@ -20,7 +20,7 @@ from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
-from streamkit_tracker.update.search import Kind, search
+from streamkit_tracker.update.search import SearchGroup, search
 from streamkit_tracker.window_geometry import (
     ANGLE,
     IDENTITY,
@@ -59,15 +59,15 @@ def measure(
     # no detection leads a target drawn by hand
     is_led = (rows["detection"][searched] >= 0) & ~rows["drawn"][searched]
     layers = [usual[led] for led in is_led.tolist()]
-    groups: dict[Kind, list[int]] = {}
+    groups: dict[SearchGroup, list[int]] = {}
     for number, (model, window) in enumerate(zip(models, searches["window"], strict=True)):
         assert model.template is not None
         factor = shrink_factor(window, model.patch, sampler.shape)
-        kind = Kind(type(model.template), model.patch, layers[number], factor)
-        groups.setdefault(kind, []).append(number)
-    for kind, members in groups.items():
+        group = SearchGroup(type(model.template), model.patch, layers[number], factor)
+        groups.setdefault(group, []).append(number)
+    for group, members in groups.items():
         alike = [models[number] for number in members]
-        found = search(sampler, alike, searches[members], kind, settings.sigma**2)
+        found = search(sampler, alike, searches[members], group, settings.sigma**2)
         _judge(table, searched[members], *found)
     for region in set(rows["detection"][rows["shared"]].tolist()):
         sharing = np.flatnonzero(rows["shared"] & (rows["detection"] == region))

@@ -1,4 +1,4 @@
-"""Searches the frame for targets by their appearance, those that are alike in one batch."""
+"""Searches the frame for targets by their appearance, those of a group in one batch."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ VISIBLE_ENOUGH = 0.5
 HIDDEN_PENALTY = 20.0
 
 
-class Kind(NamedTuple):
-    """What targets have in common that are searched together.
+class SearchGroup(NamedTuple):
+    """What the targets that are searched together have in common.
 
     Attributes:
         template: class of their templates.
@@ -49,23 +49,23 @@ def search(
     sampler: WindowSampler,
     models: list[TargetModel],
     searches: SearchRows,
-    kind: Kind,
+    group: SearchGroup,
     variance: float,
 ) -> tuple[Estimates, FloatArray, Float32Array]:
-    """Searches the sampler's frame for n targets of a kind, which do not influence each other.
+    """Searches the sampler's frame for n targets of a group, which do not influence each other.
 
     Args:
         sampler: holds the frame.
         models: of the targets.
         searches: n rows of `SEARCH`.
-        kind: of all of them.
+        group: of all of them.
         variance: of the residual of a rigid target.
 
     Returns:
         The estimates; of the estimated windows the distances from the templates, float64[n], and the patches,
         float32[n, p], grey levels minus 128.
     """
-    patch, crops = kind.patch, None
+    patch, crops = group.patch, None
     eigen = [model.template for model in models if isinstance(model.template, EigenTemplate)]
     features = [model.template for model in models if isinstance(model.template, FeatureTemplate)]
     rows, constants = np.array([each.rows for each in eigen]), np.array([each.constants for each in eigen])
@@ -75,7 +75,7 @@ def search(
         nonlocal crops
         flat = windows.reshape(-1, 5)
         # cut out around the first windows, those of the widest layer, with a margin for the others
-        crops = crops or sampler.crop(flat, kind.factor, len(windows), CROP_MARGIN)
+        crops = crops or sampler.crop(flat, group.factor, len(windows), CROP_MARGIN)
         if features:
             patches = sampler.sample(flat, patch, crops=crops).reshape(*windows.shape[:2], -1)
             return np.asarray(FeatureTemplate.distances(features, patches), np.float64), patches[:, 0]
@@ -84,7 +84,7 @@ def search(
         template_distances(
             crops.quads,
             crops.parts,
-            kind.factor,
+            group.factor,
             windows,
             unit_grid(patch),
             rows,
@@ -100,7 +100,7 @@ def search(
         generators,
         searches,
         lambda windows: log_scores(compare(windows)[0], variance, windows, searches, sampler.shape),
-        kind.layers,
+        group.layers,
     )
     distances, patches = compare(estimates.windows[:, None])
     return estimates, distances[:, 0], patches
