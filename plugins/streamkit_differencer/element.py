@@ -59,9 +59,9 @@ class FrameDiff(Transform):
     """Attaches a detection for every moving object: what differs from a background that it learns.
 
     A camera that flies needs `stitch` upstream; for one that is fixed, shakes or turns slowly framediff
-    measures the motion itself. Half a second after a piece of ground came into view its background is
-    known. Until then an earlier frame stands for it, in which things may be that move on and leave a ghost;
-    behind `stitch`, only known background counts in the first second.
+    measures the motion itself. The background of a piece of ground is known half a second after it came
+    into view. Until then an earlier frame takes its place, and an object in it that moves away leaves a
+    ghost; behind `stitch`, only known background counts in the first second.
     The score of a detection combines its contrast, its age in frames and the quality of the frame's
     registration. An object that has stopped is reported with `stopped=true`, until it is background. A frame
     that is corrupt or whose registration is lost gets no detections and does not update the background.

@@ -57,12 +57,12 @@ class ParticleTrack(Transform):
     Reads the frame's registration, detections and features where there are any. A detection seen `birth-hits`
     times that has moved over the ground becomes a confirmed track. Without detections a track is found by its
     appearance, then coasts with a growing covariance, no longer than `coast`, and where detections are
-    regions of motion no longer than it was detected; a detection continues it under its old id, even after it
-    was not reported any more. `window` starts one target by hand, also while playing; it needs no detections,
-    coasts while it is not seen, and is searched until `coast` has passed: in a circle that grows, and by a
-    detector trained on it in a large part of the frame. Targets end, each reported once as lost, on a cut, a
-    new plane without a mapping, a new frame size, or a new epoch without registration, but for those drawn by
-    hand that are still in their place in a frame of the same size.
+    regions of motion no longer than it was detected; a detection continues it under its old id, even when it
+    is no longer reported. `window` starts one target by hand, also while playing. It needs no detections,
+    coasts while it is not seen, and is searched for until `coast` has passed: in a growing circle, and by a
+    detector trained on it in a large part of the frame. All targets end, each reported once as lost, on a
+    cut, a new plane without a mapping, a new frame size, or a new epoch without registration; except on a new
+    frame size, a target drawn by hand goes on if its filter finds it in place.
 
     Example:
         dronetestsrc num-buffers=40 ! stitch ! framediff ! particletrack ! fakesink
