@@ -20,9 +20,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from streamkit.geometry.angles import wrap_bearing
+from streamkit.geometry.camera import rotation_matrix
 from streamkit_telemetry_formats.dji_cameras import focal_view
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.subrip import AircraftClock, SubtitleReader
@@ -144,24 +144,15 @@ def relative_angles(platform: Attitude, sensor: Attitude) -> Attitude:
         platform: pitch, roll, yaw, rad relative to horizon and north, as DJI writes them.
         sensor: the same.
     """
-    turned = rotation(*platform).T @ rotation(*sensor)
+    from_platform, from_sensor = (
+        rotation_matrix(yaw, pitch, roll) for pitch, roll, yaw in (platform, sensor)
+    )
+    turned = from_platform.T @ from_sensor
     elevation = math.asin(float(np.clip(-turned[2, 0], -1, 1)))
     if abs(turned[2, 0]) > 1 - 1e-9:  # straight up or down: azimuth and roll are one angle, called azimuth
         return wrap_bearing(math.atan2(-turned[0, 1], turned[1, 1])), elevation, 0.0
     azimuth, roll = math.atan2(turned[1, 0], turned[0, 0]), math.atan2(turned[2, 1], turned[2, 2])
     return wrap_bearing(azimuth), elevation, wrap_bearing(roll)
-
-
-def rotation(pitch: float, roll: float, yaw: float) -> NDArray[np.float64]:
-    """float64[3, 3], maps a body's axes (forward, right, down) to north, east, down; first roll, last yaw."""
-    (cp, sp), (cr, sr), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (pitch, roll, yaw))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 def _place(text: str, fields: dict[str, float]) -> tuple[float, float] | None:

@@ -60,15 +60,15 @@ def ground_coordinates(camera: Camera, pixels: FloatArray) -> FloatArray:
     rays = np.column_stack([np.ones(len(offsets)), offsets[:, 0] * across, offsets[:, 1] * down])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     # North, east, down.
-    directions = rays @ (_rotation(*camera.platform) @ _rotation(*camera.sensor)).T
+    directions = rays @ (rotation_matrix(*camera.platform) @ rotation_matrix(*camera.sensor)).T
     descent = np.where(directions[:, 2] >= MIN_DESCENT, directions[:, 2], math.nan)
     metres = directions[:, :2] * (camera.height_m / descent)[:, np.newaxis]
     degrees = metres / np.array(metres_per_degree(camera.latitude))
     return np.asarray(degrees + np.array([camera.latitude, camera.longitude]), dtype=np.float64)
 
 
-def _rotation(yaw: float, pitch: float, roll: float) -> FloatArray:
-    """float64[3, 3]: forward-right-down of the body to its parent, by yaw, then pitch, then roll."""
+def rotation_matrix(yaw: float, pitch: float, roll: float) -> FloatArray:
+    """float64[3, 3], a body's axes (forward, right, down) to its parent's: roll, then pitch, then yaw."""
     cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
     about_down = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     about_right = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])

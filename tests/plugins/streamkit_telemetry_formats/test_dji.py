@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit_telemetry_formats.dji import DjiTelemetry, relative_angles, rotation, sample_of
+from streamkit.geometry.camera import rotation_matrix
+from streamkit_telemetry_formats.dji import DjiTelemetry, relative_angles, sample_of
 from streamkit_telemetry_formats.sample import Sample
 
 FIRST = {
@@ -59,10 +60,9 @@ def test_attitude_and_gimbal_of_the_phantom() -> None:
     assert math.degrees(sample.roll or 0) == pytest.approx(-7.0)
     assert sample.sensor_angles is not None
     azimuth, elevation, roll = sample.sensor_angles
-    again = rotation(math.radians(2.7), math.radians(-7.0), math.radians(110.1)) @ rotation(
-        elevation, roll, azimuth
-    )
-    np.testing.assert_allclose(again, rotation(math.radians(-24.4), 0.0, math.radians(110.4)), atol=1e-12)
+    platform = rotation_matrix(*map(math.radians, (110.1, 2.7, -7.0)))
+    again = platform @ rotation_matrix(azimuth, elevation, roll)
+    np.testing.assert_allclose(again, rotation_matrix(*map(math.radians, (110.4, -24.4, 0.0))), atol=1e-12)
 
 
 def test_a_level_platform_leaves_the_gimbals_angles() -> None:
