@@ -21,7 +21,7 @@ from numba import types
 
 from streamkit_differencer.arrays import ByteLine, CountLine, FloatLine, Indices, find_set
 from streamkit_differencer.comparison import COMPARISON, Comparison
-from streamkit_differencer.equations import SET, update_background
+from streamkit_differencer.equations import SET, find_changes, update_background
 from streamkit_differencer.ground import (
     CANVAS_FRAME,
     GROUND,
@@ -104,7 +104,8 @@ def learn(frame: CanvasFrame, found: Comparison, ground: Ground, rates: Rates, l
         _find_averaged(marks[0], marks[1], states, known)
         update_background(background, values, known, alpha)
         learn_noise(values, rounded, known, marks[0], states, noise_rates, ground.deviation[row, part])
-        _find_others(values, rounded, np.uint8(limits.same), candidates)
+        # The test of equation 2, against the background: what shows another value than that.
+        find_changes(values, rounded, np.uint8(limits.same), candidates)
         _add_provisional(values, states, candidates, known)
         _find_open(values, marks[0], marks[1], states, candidates)
         _count(known, frames)
@@ -119,15 +120,6 @@ def _find_averaged(mask: ByteLine, quiet: ByteLine, valid: ByteLine, averaged: B
     for index in range(averaged.size):
         is_known = (valid[index] == np.uint8(KNOWN)) & (mask[index] == np.uint8(0))
         averaged[index] = quiet[index] if is_known else np.uint8(0)
-
-
-@compiled
-def _find_others(image: ByteLine, rounded: ByteLine, same: np.uint8, differs: ByteLine) -> None:
-    """What shows another value than the background."""
-    for index in range(differs.size):
-        value, known = image[index], rounded[index]
-        difference = np.uint8(max(value, known) - min(value, known))
-        differs[index] = SET if difference > same else np.uint8(0)
 
 
 @compiled
