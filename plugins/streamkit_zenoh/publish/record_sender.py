@@ -25,6 +25,8 @@ from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.publish.numbered_stream import Outgoing, Publisher, Reply, Sender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 
+RECORDED: tuple[type, ...] = (Tracks, Registration, Pose, Detections)  # metadata that a record is made of
+
 
 class RecordSender(Sender):
     """Makes and publishes the records of frames, and the status once a second and before the first record.
@@ -73,8 +75,15 @@ class RecordSender(Sender):
         """
         if self._fault is not None:
             self.raise_fault()
-        self.last_frame = _without_pixels(frame)
-        super().submit(self.last_frame)
+        if frame.caps.name != TRACKS_CAPS.name:
+            # Only what its record needs, so that a queue of frames holds no pixels.
+            kept = {kind: item for kind, item in frame.metadata.items() if kind in RECORDED}
+            frame = Frame(
+                b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture,
+                metadata=kept,
+            )  # fmt: skip
+        self.last_frame = frame
+        super().submit(frame)
 
     def end_with(self, fault: Exception) -> None:
         """Ends the stream: the next frame raises this, or what was given before it."""
@@ -168,14 +177,3 @@ class RecordSender(Sender):
         if frame.caps.name == TRACKS_CAPS.name and self._codec.encoding is Encoding.JSON:
             return record_line(frame)
         return self._codec.encode(record)
-
-
-def _without_pixels(frame: Frame) -> Frame:
-    """The frame with only what its record needs, so that a queue of frames holds no pixels."""
-    if frame.caps.name == TRACKS_CAPS.name:
-        return frame
-    wanted: tuple[type, ...] = (Tracks, Registration, Pose, Detections)
-    kept = {kind: item for kind, item in frame.metadata.items() if kind in wanted}
-    return Frame(
-        b"", frame.caps, pts=frame.pts, epoch=frame.epoch, seq=frame.seq, capture=frame.capture, metadata=kept
-    )
