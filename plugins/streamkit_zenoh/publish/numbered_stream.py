@@ -90,8 +90,8 @@ class NumberedStream:
         """The stamp that the next message will have."""
         return Stamp(self.publisher.run, self._next_number)
 
-    def stamp(self) -> Stamp:
-        """The stamp of the next message; its owner sends the message or counts it as dropped."""
+    def take_stamp(self) -> Stamp:
+        """Takes the stamp of the next message, which the caller sends or counts as dropped."""
         self._next_number += 1
         return Stamp(self.publisher.run, self._next_number - 1)
 
@@ -163,7 +163,7 @@ class Sender(NumberedStream):
 
     def submit(self, frame: Frame) -> None:
         """Queues a frame."""
-        item = Outgoing(frame, self.stamp(), self.publisher.utc_ns())
+        item = Outgoing(frame, self.take_stamp(), self.publisher.utc_ns())
         if not self.is_wanted():
             self.settle(item)
             return

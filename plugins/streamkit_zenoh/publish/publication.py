@@ -148,7 +148,7 @@ class Publication:
     def _publish_status(self) -> None:
         if self._status is not None and self._status.has_subscriber:
             payload = self._status_codec.encode(self._status_record())
-            self._status.put(payload, self._status.stamp().attachment())
+            self._status.put(payload, self._status.take_stamp().attachment())
 
     def _status_record(self, receiver: str | None = None) -> StatusRecord:
         records, frame = self.records, self.records.last_frame

@@ -42,7 +42,7 @@ def test_a_receiver_has_a_first_number(open_test_session: Opener, key: str) -> N
     numbers = []
     for name in ("early", "late", "early"):
         publisher.add_receiver(name)
-        numbers.append(publisher.stamp().number)
+        numbers.append(publisher.take_stamp().number)
     assert numbers == [0, 1, 2]
     first_numbers = {name: publisher.status(name).first_number for name in ("early", "late", "unknown")}
     assert first_numbers == {"early": 0, "late": 1, "unknown": None}
@@ -56,7 +56,7 @@ def test_a_receiver_has_a_first_number(open_test_session: Opener, key: str) -> N
 def test_a_message_that_is_sent_late_is_not_the_last(open_test_session: Opener, key: str) -> None:
     """A frame without a subscriber is settled at once, while one before it may still be sent."""
     sender = Sender(_owner(open_test_session(), key), "tracks", "application/json", capacity=4)
-    late, newest = (Outgoing(Frame(b"", Caps("x/y")), sender.stamp(), 0) for _ in range(2))
+    late, newest = (Outgoing(Frame(b"", Caps("x/y")), sender.take_stamp(), 0) for _ in range(2))
     assert sender.status().settled_number == 0
     sender.settle(newest)
     sender.settle(late)
