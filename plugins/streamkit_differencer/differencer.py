@@ -151,10 +151,13 @@ class Differencer:
         if position.change is not CanvasChange.NONE:
             self._change_canvas(position, self._canvas.size)
         frame = self._drawn(image, working, position, motion.quality if motion else 1.0)
-        self._model.settings, view = self.settings.background, None
+        background, view = self.settings.background, None
+        if background.tolerance < 0:
+            background = replace(background, tolerance=int(self._scale > 1))
+        self._model.settings = background
         if motion:
             # A camera that is fixed, shakes or turns has no parallax; one that flies has a registration.
-            interval, height = self.settings.background.frame_interval, self.settings.objects.parallax
+            interval, height = background.frame_interval, self.settings.objects.parallax
             view = self._view.update(frame.to_canvas, (working.shape[0], working.shape[1]), interval, height)
         found = self._model.update(frame.on_canvas, view)
         objects, mask = self._objects(frame, found)
@@ -185,7 +188,7 @@ class Differencer:
     def _change_canvas(self, position: FramePosition, size: tuple[int, int]) -> None:
         """Begins anew on another canvas of this width and height, or moves what is kept along with it."""
         if position.change is CanvasChange.NEW:
-            self._model = BackgroundModel(size, self.settings.background, self._scale)
+            self._model = BackgroundModel(size, self.settings.background)
             self._persistence = Persistence()
             self._view.restart()
             return
@@ -228,7 +231,7 @@ class Differencer:
         if len(objects) > settings.max_objects:
             objects = most_confident(objects, settings.max_objects)
         refined = refine_objects(objects, images)
-        if self._model.tolerance > 0:
+        if self._model.settings.tolerance > 0:
             # Small objects are found with their halo.
             trim(mask, frame.working, blocks, *contrast, HALO_SHARE, 0.0)
         mark_moving(mask, objects, scale)

@@ -29,20 +29,20 @@ _GROWTH = np.ones((7, 7), np.uint8)
 
 
 def find_foreground(
-    frame: CanvasFrame, ground: Ground, tolerance: int, settings: BackgroundSettings
+    frame: CanvasFrame, ground: Ground, settings: BackgroundSettings
 ) -> tuple[ByteImage, ByteImage, ByteImage]:
     """Foreground by equation 4; with a tolerance after a median, and grown through weak pixels.
 
     Args:
         frame: f(t) on the canvas.
         ground: what is known of the canvas.
-        tolerance: registration error to tolerate, px.
-        settings: of the thresholds.
+        settings: the thresholds, and the registration error to tolerate.
 
     Returns:
         Background, thresholds and foreground, see `comparison.Comparison`.
     """
     gain, lowest = settings.noise_gain * DEVIATION_RATIO, settings.foreground_threshold
+    tolerance = settings.tolerance
     background, thresholds, mask = compare_with_background(frame, ground, gain, lowest, tolerance)
     if tolerance > 0 and settings.hysteresis_ratio < 1.0:
         mask = cast("ByteImage", cv2.medianBlur(mask, 3))

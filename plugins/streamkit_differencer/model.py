@@ -35,15 +35,13 @@ class BackgroundModel:
 
     Attributes:
         size: width and height of the canvas, px.
-        settings: may be replaced between frames.
-        scale: frame pixels per canvas pixel.
+        settings: may be replaced between frames; a tolerance below 0 is none.
         flies: whether the camera flies over new ground.
         ground: the state of every pixel.
     """
 
     size: tuple[int, int]
     settings: BackgroundSettings
-    scale: int = 1
     flies: bool = False
     ground: Ground = field(init=False)
     _frames: int = 0
@@ -53,11 +51,6 @@ class BackgroundModel:
     def __post_init__(self) -> None:
         self.ground = Ground.unknown(self.size)
         self._history = deque(maxlen=self.settings.frame_interval)
-
-    @property
-    def tolerance(self) -> int:
-        """Registration error that the comparison tolerates, canvas px."""
-        return self.settings.tolerance if self.settings.tolerance >= 0 else int(self.scale > 1)
 
     def move(self, change: FloatArray, is_scroll: bool) -> None:
         """Moves everything onto another canvas, see `Ground.moved`."""
@@ -80,7 +73,7 @@ class BackgroundModel:
         gradient_gain = settings.gradient_gain if self.flies else 0.0
         threshold, quiet_frames = settings.change_threshold, settings.quiet_frames
         quiet = find_quiet_ground(frame, earlier, ground, threshold, gradient_gain, quiet_frames)
-        background, thresholds, mask = find_foreground(frame, ground, self.tolerance, settings)
+        background, thresholds, mask = find_foreground(frame, ground, settings)
         found = Comparison(background, thresholds, quiet, mask, follows_exposure)
         if view is not None and self._history:
             self.flies |= view.is_flight
@@ -104,7 +97,8 @@ class BackgroundModel:
         top, _, left, _ = frame.bounds
         places = np.asarray(blocks[:, 1::-1] + (left, top), np.float64)
         shifts = view.shifts(places)
-        shifted = find_parallax(frames, found.mask, blocks, count, max(self.tolerance, 1), shifts)
+        radius = max(self.settings.tolerance, 1)
+        shifted = find_parallax(frames, found.mask, blocks, count, radius, shifts)
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, image, ground.background[region])
 

@@ -15,9 +15,11 @@ def found(image, tolerance=0, ratio=0.5, known=255):
     """The foreground of an image before a black ground, with thresholds of 20."""
     ground = Ground.unknown(SHAPE[::-1])
     ground.valid[:] = known
-    settings = BackgroundSettings(foreground_threshold=20.0, noise_gain=0.0, hysteresis_ratio=ratio)
+    settings = BackgroundSettings(
+        foreground_threshold=20.0, noise_gain=0.0, tolerance=tolerance, hysteresis_ratio=ratio
+    )
     frame = CanvasFrame(image, (0, SHAPE[0], 0, SHAPE[1]), np.full((SHAPE[0], 2), (0, SHAPE[1])), True)
-    return find_foreground(frame, ground, tolerance, settings)[-1]
+    return find_foreground(frame, ground, settings)[-1]
 
 
 def test_weak_differences_count_beside_strong_ones():

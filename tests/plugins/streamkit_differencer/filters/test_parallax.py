@@ -27,8 +27,10 @@ def slides_in(now, before, learnt, known=EVERYWHERE):
     ground = Ground.unknown((160, 120))
     ground.background[:], ground.valid[:] = learnt, known
     frame = CanvasFrame(now, (0, 120, 0, 160), np.full((120, 2), (0, 160)), is_resampled=True)
-    settings = BackgroundSettings(foreground_threshold=12.0, noise_gain=0.0, hysteresis_ratio=1.0)
-    _, thresholds, mask = find_foreground(frame, ground, 1, settings)
+    settings = BackgroundSettings(
+        foreground_threshold=12.0, noise_gain=0.0, tolerance=1, hysteresis_ratio=1.0
+    )
+    _, thresholds, mask = find_foreground(frame, ground, settings)
     assert mask.any()
     blocks, count = components_of(mask)
     images = (now, learnt, known, before, thresholds)
