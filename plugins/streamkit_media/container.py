@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import stat
 import struct
 import time
@@ -17,7 +16,7 @@ from av.stream import Disposition
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
-from streamkit.output.names import is_network, local_path
+from streamkit.output.names import is_network, lacks_protocol, local_path
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit_media.failures import MEDIA_ERRORS, open_failure
 
@@ -33,7 +32,6 @@ UNWANTED_FORMATS = frozenset({"tty", "bin", "idf", "xbin", "adf", "concat", "lav
 # Only these containers have an orientation.
 ROTATING_FORMATS = frozenset({"mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm"})
 LOOK_PACKETS = 8
-ADDRESS = re.compile(r"(?:[^/@]+@)?[\w.-]+:\d+(?:/|$)")  # of a server, without a protocol
 
 
 def with_credentials(location: str, user: str, password: str) -> str:
@@ -113,7 +111,7 @@ def check_file(location: str) -> None:
                 pass
     except FileNotFoundError:
         remedy = f"check the path (relative ones start at {path.cwd()})"
-        if ADDRESS.match(location):
+        if lacks_protocol(location):
             remedy += ", or begin the address of a camera with rtsp://"
         raise ResourceError(f"{location}: a file must be there, none is; {remedy}") from None
     except (OSError, ValueError) as error:

@@ -94,6 +94,7 @@ def view(
 
 def _check_arguments(what: list[str], sources: list[str], video: str, settings: SessionSettings) -> None:
     """Exits with code 2 where an argument is no file, URL, key or endpoint, before the page is announced."""
+    from streamkit.output.names import lacks_protocol
     from streamkit_view.locations import wrong_address
     from streamkit_zenoh.configuration import base_configuration
     from streamkit_zenoh.keys import publication_root
@@ -104,6 +105,8 @@ def _check_arguments(what: list[str], sources: list[str], video: str, settings: 
         if reason := wrong_address(text):
             _refuse(reason)
     for text in {*what, video} - {*sources, ""}:
+        if lacks_protocol(text):
+            _refuse(f"{text} is the address of a server, without its protocol; begin it with rtsp://")
         if Path(text).is_dir():
             _refuse(f"{text} is a folder; give a file, or the key of a zenohsink as {text}/tracks")
         if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_file():

@@ -10,6 +10,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
+# NAME:PASSWORD@HOST, or HOST.DOMAIN:PORT.
+BARE_ADDRESS = re.compile(r"(?:[^/@:]+:\S*@[\w.-]+(?::\d+)?|[\w-]+(?:\.[\w-]+)+:\d+)(?:/|$)")
 NUMBER = re.compile(r"%0?\d*d")
 NUMBER_BESIDE_TIME = re.compile(r"%0\d+d")  # `%d` is the day there
 TIME = re.compile(r"%[YHM]")
@@ -21,6 +23,11 @@ FIELD = re.compile(r"(%0\d+d|%[A-Za-z%])")
 def is_network(location: str) -> bool:
     """Whether a location is reached over the network: any URL but `file://`."""
     return URL.match(location) is not None and not location.startswith("file://")
+
+
+def lacks_protocol(location: str) -> bool:
+    """Whether a location is a server's address that does not begin with a protocol, such as rtsp://."""
+    return "://" not in location and BARE_ADDRESS.match(location) is not None
 
 
 def local_path(location: str) -> Path:

@@ -9,7 +9,7 @@ from urllib.parse import SplitResult, urlsplit
 from typing_extensions import override
 
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
-from streamkit.output.names import is_network
+from streamkit.output.names import is_network, lacks_protocol
 from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
 from streamkit_media.live.datagraminput import DatagramInput
@@ -34,6 +34,11 @@ REMEDIES = {
     "(or GStreamer's srtsrc ! udpsink, or MediaMTX), and write uri=udp://127.0.0.1:5000",
     "v4l2": CAMERA,
 }
+FILE = "filesrc reads files; write filesrc location=FILE"
+NO_PROTOCOL = (
+    "an address must begin with its protocol; write uri=http://camera/video.mjpg, or for rtsp:// "
+    "rtspsrc location=rtsp://host:port/path"
+)
 
 
 class LiveSrc(LiveSource):
@@ -87,7 +92,7 @@ class LiveSrc(LiveSource):
         is_camera = self.location.startswith("/dev/video") or self.location.isdecimal()
         remedy = CAMERA if is_camera else REMEDIES.get(parts.scheme, "")
         if not remedy and self.location and not is_network(self.location):
-            remedy = "filesrc reads files; write filesrc location=FILE"
+            remedy = NO_PROTOCOL if lacks_protocol(self.location) else FILE
         if remedy:
             raise ResourceError(f"{self._where!r}: {remedy}")
         if parts.scheme != UDP:

@@ -1,7 +1,7 @@
 import pytest
 
 from streamkit import mask_secrets
-from streamkit.output.names import is_network
+from streamkit.output.names import is_network, lacks_protocol
 from streamkit_media.container import with_credentials
 
 
@@ -34,3 +34,25 @@ def test_is_network_distinguishes_urls_from_files() -> None:
     assert is_network("rtsp://cam/live")
     assert not is_network("file:///videos/a.mp4")
     assert not is_network("a:b.mp4")
+
+
+@pytest.mark.parametrize(
+    ("location", "expected"),
+    [
+        ("10.0.0.7:554/live", True),
+        ("camera.local:8554", True),
+        ("user:secret@host", True),
+        ("user:p@ss/word@host/live", True),
+        ("rtsp://user:secret@host/live", False),
+        ("rtsp://10.0.0.7:554/live", False),
+        ("file:///a.b:1/c", False),
+        ("flights/12:30/a.mp4", False),
+        ("12:30.mp4", False),
+        ("uav/1", False),
+        ("uav:1/x", False),
+        ("team@uav/1", False),
+    ],
+)
+def test_lacks_protocol_tells_a_bare_address_from_files_and_keys(location: str, expected: bool) -> None:
+    """A password, or a dotted host with a port, shows it; a time or an @ in a name does not."""
+    assert lacks_protocol(location) is expected

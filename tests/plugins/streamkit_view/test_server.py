@@ -365,6 +365,8 @@ def test_the_end_of_a_publisher_and_a_missing_one_are_told_apart(
         (("rtsp://a/b", "uav/1"), "give keys, or one file or URL"),
         (("uav/1", "--basemap", "none.tif"), "--basemap none.tif: No such file"),
         (("tests",), "tests is a folder; give a file, or the key of a zenohsink as tests/tracks"),
+        (("u:secret@host/live",), "***@host/live is the address of a server, without its protocol"),
+        (("10.0.0.7:554/live",), "10.0.0.7:554/live is the address of a server, without its protocol"),
         (("uav/*",), "a publisher's key must not have wildcards, got 'uav/*'"),
         (("uav/1", "uav/2", "uav/1/tracks"), "uav/1 is given twice"),
         (("uav//1",), "a key must be words joined by single slashes"),

@@ -281,6 +281,7 @@ REFUSED = {
     "flight.mp4": "write filesrc location=FILE",
     "file:///flight.mp4": "write filesrc location=FILE",
     "": "must begin with udp:// or tcp://",
+    "10.0.0.7:554/live": "an address must begin with its protocol; write uri=http://",
     "udp://239.1.1.1": "the port is missing",
     "udp://239.1.1.1:x": "the port must be a number",
     "udp://@:5000?fifo_size=9": "it takes ?localaddr=ADDRESS only, not fifo_size",
