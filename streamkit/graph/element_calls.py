@@ -37,6 +37,8 @@ class CallLimits:
 class ElementCall(threading.Thread):
     """A call of `start` or `stop` of an element; it begins when it is made.
 
+    Python 3.12 starts no thread once the main thread has ended: the call is then made by the caller's thread.
+
     Attributes:
         error: what the call raised.
     """
@@ -47,7 +49,10 @@ class ElementCall(threading.Thread):
         self._element = element
         self._method = method
         self._limits = limits
-        self.start()
+        try:
+            self.start()
+        except RuntimeError:
+            self.run()
 
     def run(self) -> None:
         """Calls the method."""
@@ -66,19 +71,24 @@ class ElementCall(threading.Thread):
         """
         limits, polls = self._limits, 0
         warned_at = math.ceil(limits.watchdog_s / POLL_S)
-        self.join(POLL_S)
+        self.await_return(POLL_S)
         while self.is_alive() and not limits.cancelled.is_set() and polls * POLL_S < limit_s:
             polls += 1
             if polls == warned_at:
                 limits.post(hang_warning(self._element, hang_of(self._method, limits.watchdog_s)))
-            self.join(POLL_S)
+            self.await_return(POLL_S)
+
+    def await_return(self, limit_s: float) -> None:
+        """Waits for the thread, where there is one."""
+        if self.ident is not None:
+            self.join(limit_s)
 
     def interrupt(self) -> None:
         """Makes the element end its waits, and gives the call some time to return."""
         self._element.halt()
         with contextlib.suppress(Exception):
             self._element.interrupt()
-        self.join(CANCEL_GRACE_S)
+        self.await_return(CANCEL_GRACE_S)
 
     def abandoned(self, limit_s: float) -> HangDetected:
         """The error for a call that has not returned within a limit."""
@@ -151,7 +161,7 @@ def _stop_returns(element: Element, limits: CallLimits) -> bool:
     call = ElementCall(element, "stop", limits)
     call.wait(limits.stop_s)
     if limits.cancelled.is_set():
-        call.join(CANCEL_GRACE_S)
+        call.await_return(CANCEL_GRACE_S)
     if call.is_alive():
         limits.post(hang_warning(element, call.abandoned(limits.stop_s)))
         return False
