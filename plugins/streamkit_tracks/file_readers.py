@@ -13,6 +13,7 @@ from streamkit import TRACKS_SCHEMA, StreamError, TrackRecord, decode_record, en
 from streamkit_tracks.file_formats import CSV_COLUMNS, MOT_CORNER
 
 MOT_COLUMNS = 7
+ENCODING = "utf-8-sig"  # spreadsheets begin a file with a byte order mark
 MISSING = {
     ".csv": "CSV has no registration, covariance, provenance, frame size, origin of the time of capture or "
     "frame without targets",
@@ -28,11 +29,12 @@ def read_csv(path: Path) -> Iterator[TrackRecord]:
         OSError: it cannot be read.
         StreamError: a row is not as tracksink writes it.
     """
-    with path.open(encoding="utf-8", errors="replace", newline="") as file:
+    with path.open(encoding=ENCODING, errors="replace", newline="") as file:
         rows = csv.DictReader(file)
         try:
             if missing := sorted(set(CSV_COLUMNS) - set(rows.fieldnames or ())):
-                raise ValueError(f"no column {', '.join(missing)}")
+                rule = "the first line must name the columns, with commas between"
+                raise ValueError(f"no column {', '.join(missing)}; {rule}")
             for _, group in groupby(rows, lambda row: (row["source"], row["epoch"], row["seq"])):
                 targets = [{name: text for name, text in row.items() if text} for row in group]
                 # The width in a row is the target's, not the frame's.
@@ -52,7 +54,7 @@ def read_mot(path: Path) -> Iterator[TrackRecord]:
         StreamError: a line has not frame, id, left, top, width, height and score.
     """
     rows: list[tuple[int, dict[str, object]]] = []
-    with path.open(encoding="utf-8", errors="replace") as lines:
+    with path.open(encoding=ENCODING, errors="replace") as lines:
         for number, line in enumerate(lines, 1):
             if not line.strip():
                 continue

@@ -162,7 +162,7 @@ def _counts(numbers: list[float]) -> bool:
 
 
 def _csv_rows(path: Path) -> Iterator[Row]:
-    with path.open(encoding="utf-8", errors="replace", newline="") as lines:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as lines:
         for number, row in enumerate(csv.DictReader(lines), 2):
             try:
                 box = sides([float(row[name]) for name in ("x0", "y0", "x1", "y1")])
@@ -180,7 +180,7 @@ def sides(corners: Sequence[float]) -> list[float]:
 
 def _numbers(path: Path, least: int) -> Iterator[tuple[str, list[float]]]:
     """The place of a line and its numbers, separated by commas, tabs or spaces."""
-    with path.open(encoding="utf-8", errors="replace") as lines:
+    with path.open(encoding="utf-8-sig", errors="replace") as lines:
         for number, line in enumerate(lines, 1):
             words = line.replace(",", " ").split()
             if not words:
