@@ -64,7 +64,7 @@ def batch(
     Exit code 0 if every file is done, 1 if some failed: batch.json has their reasons; 2 for wrong usage.
     """
     recipe = _recipe(file, settings or [], suffix, part_s, overlap_s)
-    files = _results(pattern, suffix)
+    files = files_and_results(pattern, suffix)
     if not files:
         exit_with_error(f"no file matches {pattern!r}", 2)
     from streamkit_fleet.cluster import connected
@@ -174,10 +174,11 @@ def missing_variable(text: str, given: Mapping[str, str]) -> str:
     return f"has no ${{{missing[0]}}}: batch sets ${{input}} and ${{output}} for each file{hint}"
 
 
-def _results(pattern: str, suffix: str) -> dict[str, str]:
+def files_and_results(pattern: str, suffix: str) -> dict[str, str]:
     """The path of the result in the output folder, by the absolute path of each file that matches.
 
-    A link to a file that is gone, as on a disk that is not mounted, is none to leave out in silence.
+    A link to a file that is gone, as on a disk that is not mounted, is none to leave out in silence. One to a
+    folder above it leads to the same files again and again: each is read once.
     """
     fixed = Path(pattern)
     while glob.has_magic(str(fixed)):
@@ -185,4 +186,10 @@ def _results(pattern: str, suffix: str) -> dict[str, str]:
     base = fixed if fixed.is_dir() else fixed.parent
     there = map(Path, glob.glob(pattern, recursive=True))
     found = sorted(path for path in there if path.is_file() or not path.exists())
-    return {str(path.absolute()): f"{path.relative_to(base)}{suffix}" for path in found}
+    once = (path for path in found if not _meets_folder_twice(path, base))
+    return {str(path.absolute()): f"{path.relative_to(base)}{suffix}" for path in once}
+
+
+def _meets_folder_twice(path: Path, base: Path) -> bool:
+    folders = [folder.resolve() for folder in path.parents if folder.is_relative_to(base)]
+    return len(set(folders)) < len(folders)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import shutil
 import time
 from collections.abc import Callable, Mapping
@@ -176,5 +177,9 @@ class BatchDriver:
 def _reason(error: RayError) -> str:
     """The cause of a task's failure, in one line."""
     cause = getattr(error, "cause", None) or error
+    if isinstance(cause, OSError) and cause.strerror:
+        is_link = isinstance(cause, FileNotFoundError) and os.path.islink(cause.filename)
+        remedy = "; is the disk mounted that it links to?" if is_link else ""
+        return f"cannot be read: {cause.strerror}{remedy}"
     lines = str(cause).strip().splitlines() or [type(cause).__name__]
     return f"{type(cause).__name__}: {lines[0]}"

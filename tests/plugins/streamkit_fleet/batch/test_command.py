@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
 from streamkit.output.claim import Claim
-from streamkit_fleet.batch.command import missing_variable, unused_variables
+from streamkit_fleet.batch.command import files_and_results, missing_variable, unused_variables
 
 
 @pytest.mark.parametrize(
@@ -80,3 +80,19 @@ def test_a_folder_has_one_batch_at_a_time(tmp_path: Path) -> None:
     assert result.stderr == (
         f"error: --output {tmp_path}: another batch writes there; wait for its end, or name another\n"
     )
+
+
+def test_a_link_that_leads_in_a_circle_gives_each_file_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link to another folder is followed, also where it is on another disk."""
+    archive, disk = tmp_path / "archive", tmp_path / "disk"
+    for folder in (archive / "day", disk):
+        folder.mkdir(parents=True)
+        (folder / "a.mp4").touch()
+    (archive / "day" / "up").symlink_to(archive)
+    (archive / "disk").symlink_to(disk)
+    expected = {str(archive / name): f"{name}.jsonl" for name in ("day/a.mp4", "disk/a.mp4")}
+    assert files_and_results(f"{archive}/**/*.mp4", ".jsonl") == expected
+    monkeypatch.chdir(archive / "day")
+    assert list(files_and_results("../day/*.mp4", ".jsonl").values()) == ["a.mp4.jsonl"]
