@@ -15,7 +15,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, TypeVar, cast
 
-from streamkit.element.property_text import flag_word, value_from_text
+from streamkit.element.property_text import PLAIN_KINDS, flag_word, value_from_text
 from streamkit.errors import PropertyError
 from streamkit.flow.caps import Caps
 from streamkit.flow.video import exact_rate
@@ -172,6 +172,13 @@ class PropertyDeclaration(Traits):
                 )
         try:
             kind, default = self.kind, self.default
+            if kind not in PLAIN_KINDS and not issubclass(kind, enum.Enum):
+                names = ", ".join(plain.__name__ for plain in PLAIN_KINDS)
+                raise TypeError(
+                    f"{where}: a property is {names}, an enum or flags, so that a description can set it, got "
+                    f'{kind.__name__}; write str with file="read" or "write" for a file, and keep any other '
+                    "object in an attribute"
+                )
             self.check(default)
         except NameError:
             return  # the annotation names what the module defines later

@@ -25,6 +25,7 @@ INT, UINT, INT64, UINT64 = 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1  # maxima 
 WIDTHS: dict[Any, tuple[int, bool]] = {
     INT: (32, True), UINT: (32, False), INT64: (64, True), UINT64: (64, False),
 }  # fmt: skip
+PLAIN_KINDS = int, float, bool, str, Fraction, Caps  # of properties, beside enumerations
 BLANKS = " \t\n\r\f\v"  # C's functions skip them in front of a number
 
 

@@ -87,7 +87,8 @@ def batch(
         exit_with_error("interrupted; the same command does what is left", 130)
     finally:
         folder_claim.release()
-    typer.echo(f"{len(files) - progress.failed} of {len(files)} files are done: {output}", err=True)
+    again = "; --retry-failed tries the others again" if progress.failed else ""
+    typer.echo(f"{len(files) - progress.failed} of {len(files)} files are done: {output}{again}", err=True)
     raise typer.Exit(int(progress.failed > 0))
 
 

@@ -219,6 +219,18 @@ def test_a_declaration_describes_itself() -> None:
     assert declared["count"].doc == "A number."
 
 
+def test_a_property_is_of_a_type_that_a_description_can_write() -> None:
+    """When the class is made; `inspect` ended with a traceback, a bin in a process with another reason."""
+    with pytest.raises(
+        TypeError, match=r"Wrong.folder: a property is int, .*got \w*Path; write str with file="
+    ):
+
+        class Wrong(Element):
+            """A path."""
+
+            folder: Path = Property(Path())
+
+
 def test_an_annotation_of_two_types_is_an_error() -> None:
     """The message names class and property, when the class is made."""
     with pytest.raises(
