@@ -175,7 +175,7 @@ class PropertyDeclaration(Traits):
             if kind not in PLAIN_KINDS and not issubclass(kind, enum.Enum):
                 names = ", ".join(plain.__name__ for plain in PLAIN_KINDS)
                 raise TypeError(
-                    f"{where}: a property is {names}, an enum or flags, so that a description can set it, got "
+                    f"{where}: a property is {names}, an enum or flags, for a description to set it, got "
                     f'{kind.__name__}; write str with file="read" or "write" for a file, and keep any other '
                     "object in an attribute"
                 )

@@ -119,8 +119,9 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
         PropertyError: a property is unknown or refuses its value.
     """
     found = element_class(factory)
+    given = name or factory
     try:
-        element = found(name or factory, **properties)
+        element = found(given, **properties)
     except StreamkitError:
         raise
     except (Exception, SystemExit) as cause:
@@ -128,6 +129,8 @@ def make_element(factory: str, name: str = "", **properties: Any) -> Element:
         if is_registered(factory):
             raise  # with the traceback, for its author
         raise available_elements()[factory].broken("made", cause) from cause
+    if getattr(element, "name", None) != given:
+        raise _wrong_constructor(found)
     element.factory = factory
     return element
 
@@ -141,7 +144,11 @@ def _check_constructor(found: type[Element]) -> None:
     try:
         inspect.signature(found).bind("name")
     except TypeError:
-        raise PluginBroken(
-            f"{found.__module__}:{found.__qualname__}: its __init__ must take name and **properties and pass "
-            "them to super().__init__; to set up state, write start in its place"
-        ) from None
+        raise _wrong_constructor(found) from None
+
+
+def _wrong_constructor(found: type[Element]) -> PluginBroken:
+    return PluginBroken(
+        f"{found.__module__}:{found.__qualname__}: its __init__ must take name and **properties and pass "
+        "them to super().__init__; to set up state, write start in its place"
+    )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 NO_METADATA: Mapping[type, object] = MappingProxyType({})
+SHARED = frozenset({"builtins", "numpy"})  # modules whose types anybody may attach
 
 
 class FrameFlags(enum.IntFlag):
@@ -118,11 +119,11 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         """A copy with metadata added, each item under its own type.
 
         Raises:
-            TypeError: an item is a mapping, such as a dict, whose entries `get` would not find.
+            TypeError: an item is of a type that anybody may attach, such as a dict, list, number or array.
         """
         added = dict(self.metadata)
         for item in items:
-            if isinstance(item, Mapping):
+            if type(item).__module__ in SHARED or isinstance(item, Mapping):
                 raise TypeError(
                     "metadata is found by its type, which must be a class of its own, as a dataclass, got "
                     f"{type(item).__name__}"

@@ -221,6 +221,23 @@ def test_what_cannot_be_registered() -> None:
 
 
 @pytest.mark.usefixtures("forget_registered")
+@pytest.mark.parametrize("is_called", [False, True])
+def test_a_constructor_that_does_not_pass_the_name_is_explained(is_called: bool) -> None:
+    """It ended in a traceback, or in elements that all have the same name."""
+
+    class Forgetful(inverting(1)):  # type: ignore[misc]
+        def __init__(self, name: str, **properties: object) -> None:
+            if is_called:
+                super().__init__()
+
+    register_element(Forgetful)
+    with pytest.raises(
+        DescriptionError, match=r"pass them to super\(\).__init__; to set up state, write start"
+    ):
+        Pipeline.parse("videotestsrc ! forgetful ! fakesink")
+
+
+@pytest.mark.usefixtures("forget_registered")
 def test_a_constructor_without_a_name_is_explained() -> None:
     """Authors write `__init__` for state, as everywhere else in Python."""
 

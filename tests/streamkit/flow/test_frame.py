@@ -88,10 +88,12 @@ def test_metadata_is_found_by_type() -> None:
     assert frame.get(Pose) is None
 
 
-@pytest.mark.parametrize("item", [{"mean": 1.0}, {Capture: 1}])
-def test_a_dict_is_no_metadata(item: object) -> None:
-    """Its entries would not be found, and two elements that attach one would replace each other's."""
-    with pytest.raises(TypeError, match="must be a class of its own, as a dataclass, got dict"):
+@pytest.mark.parametrize("item", [{"mean": 1.0}, {Capture: 1}, [1], 5, "text", np.zeros(3), np.float64(1)])
+def test_what_anybody_may_attach_is_no_metadata(item: object) -> None:
+    """Entries would not be found, and two elements that attach one would replace each other's."""
+    with pytest.raises(
+        TypeError, match=f"must be a class of its own, as a dataclass, got {type(item).__name__}"
+    ):
         grey_frame().attach(item)
 
 
