@@ -13,6 +13,9 @@ import msgspec
 from streamkit import Pipeline, ResourceError, StreamkitError
 
 SCHEMES = ("env:", "file:")
+# Ray's own resources, which a machine cannot have as tags.
+RESERVED_TAGS = frozenset({"CPU", "GPU", "memory", "object_store_memory"})
+Quantity = Annotated[float, msgspec.Meta(ge=0, le=1e6)]  # the limits refuse inf and nan, too
 
 
 class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -36,13 +39,13 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     text: str = ""
     set: dict[str, str | int | float] = {}
     secrets: dict[str, str] = {}
-    cores: float = 1.0
-    gpus: float = 0.0
-    memory_mb: int = 0
-    frame_rate: float = 25.0
+    cores: Quantity = 1.0
+    gpus: Quantity = 0.0
+    memory_mb: Annotated[int, msgspec.Meta(ge=0, le=10**9)] = 0
+    frame_rate: Quantity = 25.0
     nice: Annotated[int, msgspec.Meta(ge=0, le=19)] = 0
     tags: list[str] = []
-    max_restarts: int = -1
+    max_restarts: Annotated[int, msgspec.Meta(ge=-1)] = -1
     metrics: str = "127.0.0.1:0"
 
     @property
@@ -85,9 +88,22 @@ def read_feeds(path: Path) -> dict[str, FeedSpec]:
         raise ResourceError(f"cannot read the feeds of {path}: {error}") from error
     if unknown := sorted(table.keys() - {"defaults", "feeds"}):
         raise ResourceError(f"{path}: has [defaults] and [feeds.NAME] only, got {unknown[0]!r}")
-    if not table.get("feeds"):
+    defaults, feeds = table.get("defaults", {}), table.get("feeds")
+    if not feeds or not isinstance(feeds, dict):
         raise ResourceError(f"{path}: has no feed; write [feeds.NAME]")
-    return {name: _feed(path, name, table.get("defaults", {}), row) for name, row in table["feeds"].items()}
+    for place, part in [("defaults", defaults), *((f"feeds.{name}", row) for name, row in feeds.items())]:
+        _check_tables(path, place, part)
+    return {name: _feed(path, name, defaults, row) for name, row in feeds.items()}
+
+
+def _check_tables(path: Path, place: str, part: Any) -> None:
+    """Checks that a part of the table, and what it has of `set` and `secrets`, are tables."""
+    parts = {place: part}
+    if isinstance(part, dict):
+        parts |= {f"{place}.{key}": part[key] for key in ("set", "secrets") if key in part}
+    for name, value in parts.items():
+        if not isinstance(value, dict):
+            raise ResourceError(f"{path}: {name} must be a table; write [{name}] and a line for each key")
 
 
 def _feed(path: Path, name: str, defaults: dict[str, Any], row: dict[str, Any]) -> FeedSpec:
@@ -108,4 +124,7 @@ def _feed(path: Path, name: str, defaults: dict[str, Any], row: dict[str, Any]) 
     for reference in feed.secrets.values():
         if not reference.startswith(SCHEMES):
             raise ResourceError(f"{path}: feed {name}: a secret is a reference, env:NAME or file:PATH")
+    if taken := RESERVED_TAGS.intersection(feed.tags):
+        rule = "write cores, gpus and memory_mb for what every machine has"
+        raise ResourceError(f"{path}: feed {name}: {min(taken)} is no tag of a machine; {rule}")
     return feed

@@ -70,6 +70,23 @@ def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytes
         ("[feeds.a]\ntext='fakesrc ! fakesink'\nnice=-1", "feed a: .*nice"),
         ("[feeds.a]\ntext='fakesrc ! fakesink'\nsecrets={p='hunter2'}", "a secret is a reference"),
         ("[feeds", "cannot read the feeds"),
+        ("feeds=3", "has no feed"),
+        ("feeds=[1]", "has no feed"),
+        ("[feeds]\na=5", r"feeds.a must be a table; write \[feeds.a\] and a line for each key"),
+        ("[feeds.a]\nset='x'", "feeds.a.set must be a table"),
+        ("[defaults]\nsecrets=3\n[feeds.a]", "defaults.secrets must be a table"),
+        ("defaults=3\n[feeds.a]", "defaults must be a table"),
+        ("[feeds.a]\ntext='fakesrc ! fakesink'\ncores=-1", "feed a: Expected `float` >= 0.0.*cores"),
+        ("[feeds.a]\ntext='fakesrc ! fakesink'\ngpus=inf", "feed a: Expected `float` <= .*gpus"),
+        ("[feeds.a]\ntext='fakesrc ! fakesink'\ncores=nan", "feed a: Expected `float` >= 0.0.*cores"),
+        (
+            "[feeds.a]\ntext='fakesrc ! fakesink'\nframe_rate=-1",
+            "feed a: Expected `float` >= 0.0.*frame_rate",
+        ),
+        (
+            "[feeds.a]\ntext='fakesrc ! fakesink'\ntags=['GPU']",
+            "GPU is no tag of a machine; write cores, gpus",
+        ),
     ],
 )
 def test_a_bad_table_is_refused(tmp_path: Path, table: str, message: str) -> None:
