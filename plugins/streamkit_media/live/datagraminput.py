@@ -17,7 +17,7 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 from typing_extensions import override
 
-from streamkit import ResourceError
+from streamkit import SECOND_NS, ResourceError
 from streamkit_media.container import open_container
 from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
@@ -30,7 +30,8 @@ POLL_S = 0.1
 NOTICE_S = 2.0  # how long a first connection waits before it reports what for
 NO_PARSE = cast("int", Flags.no_parse.value)
 DATAGRAM_BYTES = 1 << 16
-RESTART_NS = 500_000_000  # decoding times that fall by more are of a sender that has begun again
+# Decoding times that fall by more, or rise by more and longer than silence may last, are of a new stream.
+RESTART_NS = 500_000_000
 # FFmpeg hands on a PES packet in pieces of 200 KB with its header, cut between transport packets.
 FULL_PIECE_BYTES = 200 * 1024 - 184
 
@@ -158,11 +159,13 @@ class DatagramInput(LiveInput):
         return whole_frames(container, packets, video) if self._low_latency else packets
 
     def _until_restart(self, packets: Iterator[Packet[Stream]], video: Stream) -> Iterator[Packet[Stream]]:
+        # FFmpeg takes a step back by more than a minute for a wrap of the 33 bits: it seems to go ahead.
+        lowest_ns, highest_ns = -RESTART_NS, round(self.timeout_s * SECOND_NS) + RESTART_NS
         highest = None
         for packet in packets:
             if packet.stream_index == video.index and packet.dts is not None:
                 now = nanoseconds(packet.dts, packet.time_base)
-                if highest is not None and now < highest - RESTART_NS:
+                if highest is not None and not lowest_ns <= now - highest <= highest_ns:
                     raise ConnectionLost(f"{self.where}: the sender has begun another stream")
                 highest = now if highest is None else max(highest, now)
             yield packet

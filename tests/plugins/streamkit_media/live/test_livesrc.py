@@ -11,6 +11,7 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
+import av
 import pytest
 
 from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
@@ -18,6 +19,7 @@ from streamkit_media.doctor.examine import examine
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 from tests.waiting import next_state
 
+HOUR = 3600 * 90_000  # ticks of a transport stream
 MARGIN_S = 5.0  # for a machine under load
 Start = Callable[..., subprocess.Popen[bytes]]
 Send = Callable[..., Any]
@@ -134,6 +136,29 @@ def test_a_sender_that_begins_anew_is_a_new_epoch(send: Send, port: int, datagra
         frames = list(islice(pipeline["out"], 120))
     assert frames[0].epoch == 0
     assert frames[-1].epoch == 1
+    assert all(a.pts < b.pts for a, b in pairwise(frames))
+
+
+def test_a_sender_that_has_run_for_an_hour_begins_anew(
+    send: Send, port: int, clip: Path, tmp_path: Path, datagrams: list[bytes]
+) -> None:
+    """FFmpeg takes times that fall by more than a minute for a wrap, so that they seem to rise by a day."""
+    later = tmp_path / "later.ts"
+    with av.open(str(clip)) as source, av.open(str(later), "w") as output:
+        video = source.streams.video[0]
+        copy = output.add_stream_from_template(video)
+        for packet in source.demux(video):
+            if packet.dts is not None and packet.pts is not None:
+                packet.pts, packet.dts, packet.stream = packet.pts + HOUR, packet.dts + HOUR, copy
+                output.mux(packet)
+    data, size = later.read_bytes(), len(datagrams[0])
+    before = [data[at : at + size] for at in range(0, len(data), size)]
+    text = f"livesrc uri=udp://127.0.0.1:{port} timeout-s=20 ! decode ! appsink name=out max-buffers=0"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        send(("127.0.0.1", port), before + datagrams, 6)
+        frames = list(islice(pipeline["out"], 120))
+    assert (frames[0].epoch, frames[-1].epoch) == (0, 1)
     assert all(a.pts < b.pts for a, b in pairwise(frames))
 
 
