@@ -29,7 +29,9 @@ class CodedStream:
         awaits_keyframe: whether decoding waits for a keyframe, which brings the parameter sets.
         frame_numbers: finds missing frames of H.264; None for other codecs.
         newest_arrival_ns: of the packets so far.
+        has_given_frame: whether the decoder has given any.
         next_pts: of a frame whose packet has no time, ns.
+        packets: that the decoder has got.
         numbers: sequence numbers of the packets without a frame yet, ascending. Frames come out in order of
             presentation, so each takes the first.
     """
@@ -46,9 +48,12 @@ class CodedStream:
         self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None
         self.newest_arrival_ns = self.next_pts = 0
         self.numbers: list[int] = []
+        self.has_given_frame = False
+        self.packets = 0
 
     def add(self, packet: Frame) -> None:
         """Notes a packet that the decoder gets."""
+        self.packets += 1
         self.awaits_keyframe &= not packet.flags & KEYFRAME
         self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
         insort(self.numbers, packet.seq)

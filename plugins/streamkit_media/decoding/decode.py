@@ -47,6 +47,11 @@ NOT_SQUARE = (
     "the pixels of the video are not square ({shape}), and angles, sizes and places on the ground are those "
     "of square ones; make them so, as ffmpeg -i IN -vf scale=iw*sar:ih,setsar=1 OUT does"
 )
+FIRST_FRAME_PACKETS = 100  # more than a decoder holds: 16 for order and 18 for threads, of two fields each
+NO_FRAME_YET = (
+    "{count} packets of {name} have given no frame: the stream's parameter sets have not come; have the "
+    "sender repeat them, as GStreamer's h265parse config-interval=-1 and x265's repeat-headers=1 do"
+)
 Decoded = list[tuple[VideoFrame, Frame]]
 
 
@@ -159,6 +164,9 @@ class Decode(Transform):
             self._drop_packet(frame, f"undecodable packet: {reason}")
             self._report_error(reason, f" at {frame.describe()}")
             return held
+        stream.has_given_frame |= bool(decoded)
+        if stream.packets == FIRST_FRAME_PACKETS and not stream.has_given_frame:
+            self._report_missing_frames(stream)
         frames = [*held, *self._shown(stream, decoded)]
         return frames[0] if len(frames) == 1 else frames
 
@@ -234,6 +242,11 @@ class Decode(Transform):
         if packet.flags & KEYFRAME:
             return False
         return self.skip is Skip.NON_KEY or not stream.is_needed(packet)
+
+    def _report_missing_frames(self, stream: CodedStream) -> None:
+        """Warns of a stream that gives nothing, where no error says why, as of one joined too late."""
+        if stream.caps.get("width") is None:
+            self.post_warning(NO_FRAME_YET.format(count=stream.packets, name=stream.caps.name))
 
     def _report_error(self, reason: str, where: str = "") -> None:
         """Posts each kind of error of a packet once."""

@@ -14,7 +14,7 @@ from av.codec.context import ThreadType
 from streamkit import Caps, ElementFailure, Frame, FrameFlags, Message, MessageKind, NotNegotiated, Pipeline
 from streamkit.testing import Harness, ManualClock
 from streamkit_media.codecs import coded_caps
-from streamkit_media.decoding.decode import Decode
+from streamkit_media.decoding.decode import FIRST_FRAME_PACKETS, Decode
 from streamkit_media.decoding.marks import Freshness
 from streamkit_media.doctor.examine import examine
 from streamkit_media.streams import DECODE_ONLY
@@ -231,6 +231,19 @@ def test_a_stream_joined_between_keyframes_says_what_it_waits_for(make_video: Ma
     assert drops == {"undecodable packet: no keyframe has come yet": 5}
     (warning,) = [message.text for message in harness.messages if message.kind == "warning"]
     assert "no keyframe has come yet; continuing with the next" in warning
+
+
+def test_parameter_sets_that_never_come_are_named(make_video: MakeVideo) -> None:
+    """Of a live stream of H.265 that was joined late nothing was said: FFmpeg reports no error."""
+    packets = packets_of(make_video("late.ts", codec="libx265"))[1:]
+    caps = packets[0].caps.without_fields("codec_data", "width", "height")
+    with Harness(Decode()) as harness:
+        for number in range(FIRST_FRAME_PACKETS + 20):
+            harness.push(packets[number % len(packets)].replace(caps=caps))
+        texts = [message.text for message in harness.messages if message.kind == "warning"]
+    (text,) = [text for text in texts if "have given no frame" in text]
+    assert text.startswith("100 packets of video/x-h265 have given no frame")
+    assert "have the sender repeat them, as GStreamer's h265parse config-interval=-1" in text
 
 
 def test_frames_of_a_lost_key_frame_are_marked(small_video: Path) -> None:
