@@ -114,13 +114,17 @@ def _feed(path: Path, name: str, defaults: dict[str, Any], row: dict[str, Any]) 
         merged.pop("file", None)
     try:
         feed = msgspec.convert(merged, FeedSpec)
+        if not feed.text and not feed.file:
+            raise ResourceError("it has no description; write file= or text=")
         text = feed.text or (path.parent / feed.file).read_text("utf-8")
         feed = msgspec.structs.replace(feed, file="", text=text)
         Pipeline.parse(
             text, msgspec.structs.replace(feed, secrets={}).variables() | dict.fromkeys(feed.secrets, "x")
         )
-    except (msgspec.ValidationError, OSError, StreamkitError) as error:
+    except (msgspec.ValidationError, UnicodeDecodeError, StreamkitError) as error:
         raise ResourceError(f"{path}: feed {name}: {error}") from error
+    except OSError as error:
+        raise ResourceError(f"{path}: feed {name}: cannot read {error.filename}: {error.strerror}") from error
     for reference in feed.secrets.values():
         if not reference.startswith(SCHEMES):
             raise ResourceError(f"{path}: feed {name}: a secret is a reference, env:NAME or file:PATH")
