@@ -15,6 +15,7 @@ from streamkit.graph.build import build
         ("rtspsrc location=rtsp://a protocols=tcp ! fakesink", "here: transport=tcp or transport=udp"),
         ("videotestsrc ! encode speed-preset=fast ! fakesink", "here: preset=WORD"),
         ("videotestsrc ! encode tune=zerolatency ! fakesink", "here: live=true for zerolatency"),
+        ("videotestsrc ! videofilesink max-size-time=9", "here: encode ! packetsink, which has it"),
         ("filesrc location=a num-buffers=3 ! fakesink", "here: stop-s=SECONDS, or identity eos-after=NUMBER"),
         ("videotestsrc ! videoconvert sync=false ! fakesink", "here: sync= of a sink, or identity sync=true"),
         ("dronetestsrc width=640 ! fakesink", "here: a caps filter behind it: video/x-raw with width"),
