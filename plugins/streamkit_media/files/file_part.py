@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
+from typing import NamedTuple
 
 from av.container import InputContainer
 from av.stream import Stream
@@ -19,6 +20,18 @@ FIRST_BACK_S = 1.0  # doubled with each try
 WRAP_NS = 2**32 * SECOND_NS // 90_000  # half of the times that a transport stream can tell
 
 
+class Joint(NamedTuple):
+    """Where recordings are joined.
+
+    Attributes:
+        pts: time of the stream, ns.
+        position: of the first packet of the video behind it, bytes; None if the container does not tell.
+    """
+
+    pts: int
+    position: int | None
+
+
 class FilePart:
     """Reads the part of a file from `start_s` to `stop_s`, or to its own end.
 
@@ -31,7 +44,7 @@ class FilePart:
 
     Attributes:
         end_ns: end of the last frame shown so far.
-        joints: times at which the file's own went back, ns; they go on from there.
+        joints: where the file's own times went back, and go on from there.
     """
 
     def __init__(
@@ -44,7 +57,7 @@ class FilePart:
         offset_ns: int,
     ) -> None:
         self.end_ns = self._offset_ns = offset_ns
-        self.joints: list[int] = []
+        self.joints: list[Joint] = []
         self._container, self._where = container, where
         self._start_s, self._stop_s = start_s, stop_s
         self._streams = [stream for stream, _ in streams.values()]
@@ -124,7 +137,7 @@ class FilePart:
             self._awaits_keyframe &= kind is not StreamKind.VIDEO
             frame = packet_frame(packet, caps)
             if kind is StreamKind.VIDEO and packet.dts is not None:
-                self._follow(nanoseconds(packet.dts, packet.time_base), frame)
+                self._follow(nanoseconds(packet.dts, packet.time_base), frame, packet.pos)
             if frame.pts is not None:
                 frame = frame.replace(pts=frame.pts + self._offset_ns) if self._offset_ns else frame
             if kind is StreamKind.VIDEO:
@@ -141,7 +154,7 @@ class FilePart:
             elif kind is StreamKind.VIDEO:
                 yield kind, frame.attach(DECODE_ONLY)
 
-    def _follow(self, dts: int, frame: Frame) -> None:
+    def _follow(self, dts: int, frame: Frame, position: int | None) -> None:
         """Moves the times from here on where the video's go back, as where recordings were joined.
 
         FFmpeg takes a step back by more than a minute in a transport stream for a wrap of its 33 bits.
@@ -149,6 +162,7 @@ class FilePart:
         Args:
             dts: decoding time of a packet of the video, ns.
             frame: the packet, with the file's own time.
+            position: of the packet in the file, bytes.
         """
         step = 0 if self._dts is None else dts - self._dts
         self._dts = dts
@@ -156,7 +170,7 @@ class FilePart:
         if frame.pts is not None and (step < 0 or has_wrapped):
             self.end_ns += 0 if frame.duration else self._step_ns
             before_ns, self._offset_ns = self._offset_ns, self.end_ns - frame.pts
-            self.joints.append(self.end_ns)
+            self.joints.append(Joint(self.end_ns, position))
             moved_s = Fraction(self._offset_ns - before_ns, SECOND_NS)
             for stream in self._streams:
                 moved = round(moved_s / (stream.time_base or 1))

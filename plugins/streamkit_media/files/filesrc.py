@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 
 from av.container import InputContainer
 from av.stream import Stream
@@ -32,7 +33,7 @@ from streamkit_media.container import (
     unread_remedy,
     video_stream,
 )
-from streamkit_media.files.file_part import FilePart
+from streamkit_media.files.file_part import FilePart, Joint
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import (
@@ -55,6 +56,7 @@ PAD_CAPS = {
     StreamKind.SUBTITLE: SUBTITLE_CAPS,
     StreamKind.AUDIO: AUDIO_CAPS,
 }
+JOINTS_LOOKED_AT = 10
 CUT_LIMIT_S, CUT_EVERY_S = 1.0, 0.02
 # FFmpeg takes bare KLV packets for any other format.
 KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
@@ -270,11 +272,32 @@ class FileSrc(Source):
         if part.joints and not begin_ns:
             more = f", and {len(part.joints) - 1} more times" if len(part.joints) > 1 else ""
             self.post_warning(
-                f"{where}: its times go back at {part.joints[0] / SECOND_NS:.3f} s{more}, as where "
+                f"{where}: its times go back at {part.joints[0].pts / SECOND_NS:.3f} s{more}, as where "
                 "recordings are joined; from there on they continue, and are not the file's own"
             )
+            self._report_other_codec(part.joints)
         self._report_end("" if begin_ns else part.shortfall(), count, shown)
         return part.end_ns
+
+    def _report_other_codec(self, joints: Sequence[Joint]) -> None:
+        """Warns if joined recordings differ in codec: FFmpeg gives the packets of all as of the first."""
+        if is_network(self.location):
+            return
+        read = self._caps[StreamKind.VIDEO].name
+        for joint in joints[:JOINTS_LOOKED_AT]:
+            options = {"skip_initial_bytes": str(joint.position or 0)}
+            with (
+                contextlib.suppress(ResourceError, StreamError),
+                open_container(self.location, options) as rest,
+            ):
+                found = stream_caps(video_stream(rest, self.location), StreamKind.VIDEO).name
+                if found != read:
+                    self.post_warning(
+                        f"{self._where}: its video is {found} from {joint.pts / SECOND_NS:.3f} s on, and is "
+                        f"read as {read}; read the recordings one by one, before they are joined",
+                        "shortfall",
+                    )
+                    return
 
     def _unread_remedy(self) -> str:
         if is_network(self.location):

@@ -466,6 +466,18 @@ def test_times_go_on_where_recordings_are_joined(make_video: MakeVideo, tmp_path
     assert _times(parts[0], "video")[1] == []
 
 
+def test_another_codec_in_joined_recordings_is_named(make_video: MakeVideo, tmp_path: Path) -> None:
+    """FFmpeg goes on with the first: what follows is lost, and the reasons that decode gives are no help."""
+    # FFmpeg looks far enough into a short one to take all for the second.
+    parts = [make_video("first.ts", count=100), make_video("second.ts", codec="mpeg2video")]
+    joined = tmp_path / "joined.ts"
+    joined.write_bytes(b"".join(part.read_bytes() for part in parts))
+    _, warnings = _times(joined, "video")
+    assert "its times go back" in warnings[0]
+    assert "its video is video/mpeg from" in warnings[1]
+    assert "read as video/x-h264; read the recordings one by one" in warnings[1]
+
+
 def test_the_end_of_a_part_may_lie_in_the_second_of_joined_recordings(
     make_video: MakeVideo, tmp_path: Path
 ) -> None:
