@@ -5,11 +5,11 @@ from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import from_reduced, is_plausible, overlap
+from streamkit.geometry.homography import corners, from_reduced, is_plausible, overlap
 from streamkit_stitcher.plane.keyframe_content import scene_level
 from streamkit_stitcher.plane.keyframes import ANY_STEP, ANY_TILT, Keyframe, KeyframeMatch, predicted_error
 from streamkit_stitcher.registration.descriptors import FrameFeatures, match_features
-from streamkit_stitcher.registration.gauss_newton import corner_deviation
+from streamkit_stitcher.registration.gauss_newton import deviation_at
 from streamkit_stitcher.registration.motion_models import MotionFit
 from streamkit_stitcher.registration.wide_baseline import fit_wide_baseline
 
@@ -53,7 +53,7 @@ def match_by_features(frame: FrameFeatures, keyframe: Keyframe) -> KeyframeMatch
     ):
         return None
     source = frame.points[own] * factor + offset
-    deviation = corner_deviation(matrix, source, rmse, keyframe.shape)
+    deviation = deviation_at(corners(keyframe.shape), matrix, source, rmse)
     return KeyframeMatch(
         MotionFit(matrix, fit.model, np.ones(fit.count, dtype=np.bool_), rmse),
         source,

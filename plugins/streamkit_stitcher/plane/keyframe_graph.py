@@ -27,7 +27,7 @@ class Tie:
         patches: int64[k], numbers of the patches in the host, below 2**20.
         host_points: float64[k, 2], their positions in the host, px.
         points: float64[k, 2], their positions in the observer, px.
-        corner_std: predicted error of the observer in the host at the worst corner, px.
+        share: patches that agree, as a part of those in view.
         correlation: of both keyframes over all their shared ground, -1 to 1.
     """
 
@@ -36,7 +36,7 @@ class Tie:
     patches: IndexArray
     host_points: FloatArray
     points: FloatArray
-    corner_std: float = 0.0
+    share: float = 1.0
     correlation: float = 1.0
 
     def thinned(self, most: int) -> "Tie":

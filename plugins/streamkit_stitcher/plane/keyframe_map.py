@@ -18,13 +18,14 @@ from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie, adjusted
 from streamkit_stitcher.plane.keyframes import (
     Keyframe,
     KeyframeMatch,
+    most_overlapping,
     most_redundant,
-    overlap_at_like_scale,
 )
 from streamkit_stitcher.plane.loop_closure import close_loops
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
+from streamkit_stitcher.plane.plane_joining import PlaneTies
 from streamkit_stitcher.plane.settings import ModelChoice, PlaneSettings
-from streamkit_stitcher.plane.tie_checks import accepted_ties, joins
+from streamkit_stitcher.plane.tie_checks import accepted_ties
 from streamkit_stitcher.registration.descriptors import FrameFeatures
 from streamkit_stitcher.registration.model_selection import ModelSelection, MotionRule
 from streamkit_stitcher.registration.motion_models import MotionModel
@@ -75,6 +76,7 @@ class KeyframeMap:
             BackgroundExecutor(name, failed=lambda _: None) for name in ("adjuster", "keyframes")
         )
         self._matcher = PatchMatcher()
+        self._plane_ties = PlaneTies()
         self.plane = plane
 
     def __len__(self) -> int:
@@ -113,9 +115,7 @@ class KeyframeMap:
     ) -> list[Keyframe]:
         """The stored keyframes of the current plane that overlap a frame at a similar scale, most first."""
         own = [one for one in self._stored.values() if one.plane == self.plane]
-        shares = np.array([overlap_at_like_scale(one, to_reference, shape) for one in own])
-        order = np.argsort(-shares, kind="stable")
-        return [own[number] for number in order if shares[number] >= max(min_overlap, 1e-9)]
+        return most_overlapping(own, to_reference, shape, min_overlap)
 
     def learn(self, match: KeyframeMatch) -> None:
         """Adds the match of two keyframes to the selection of the motion model."""
@@ -184,6 +184,11 @@ class KeyframeMap:
         # Those that overlap the newest, but have no tie to it.
         candidates = [one for one in overlapping if one.index < keyframe.index - 2 and one.index not in tied]
         candidates = candidates[:_LOOP_CANDIDATES]
+        if not is_survey:
+            seen = self._plane_ties.seen_from(self.plane, self._stored.values(), self._graph)
+            candidates += most_overlapping(seen, keyframe.to_reference, keyframe.shape, _LOOP_OVERLAP)[
+                :_LOOP_CANDIDATES
+            ]
         tried = {keyframe.index, *tied, *(one.index for one in candidates)}
         period = 1 if relocalised or is_survey else _SEARCH_PERIOD
         is_searched = keyframe.index % period == 0
@@ -232,7 +237,8 @@ class KeyframeMap:
             self._graph.tie(tie)
         self._loop_closed = self._loop_closed or is_far
         self._graph.move(homographies)
-        for change, moved, kept in joins(across, self._graph, self.plane, self._shape, self._is_survey):
+        joins = self._plane_ties.joins(across, self._graph, self.plane, self._shape, self._is_survey)
+        for change, moved, kept in joins:
             self._graph.rebase(change, moved, kept)
             self._references.pop(moved, None)
             self._loop_closed = True

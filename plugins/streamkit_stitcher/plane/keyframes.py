@@ -142,6 +142,15 @@ def overlap_at_like_scale(keyframe: Keyframe, to_reference: FloatArray, shape: t
     return overlap(to_key, shape)
 
 
+def most_overlapping(
+    keyframes: Sequence[Keyframe], to_reference: FloatArray, shape: tuple[int, int], least: float
+) -> list[Keyframe]:
+    """The keyframes of a plane that overlap a frame by a part of at least `least`, most first."""
+    shares = np.array([overlap_at_like_scale(one, to_reference, shape) for one in keyframes])
+    order = np.argsort(-shares, kind="stable")
+    return [keyframes[number] for number in order if shares[number] >= max(least, 1e-9)]
+
+
 def most_redundant(keyframes: Sequence[Keyframe]) -> int:
     """Position of the older of the two nearest keyframes of a plane; the newest and the first always stay."""
     middles = np.array([project(one.to_reference, centre(one.shape)[np.newaxis])[0] for one in keyframes])

@@ -31,7 +31,7 @@ _COARSE: Final = 8.0
 def tie_of(keyframe: Keyframe, observer: int, match: KeyframeMatch) -> Tie:
     """The tie of a match of the keyframe `observer` on `keyframe`."""
     points = match.key_points, match.frame_points
-    return Tie(keyframe.index, observer, match.patches, *points, match.corner_std).thinned(_MAX_TIE_POINTS)
+    return Tie(keyframe.index, observer, match.patches, *points, match.share).thinned(_MAX_TIE_POINTS)
 
 
 def close_loops(

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numba import types
 
-from streamkit.geometry.homography import FloatArray, corners, inverse, normalised, project
+from streamkit.geometry.homography import FloatArray, inverse, normalised, project
 from streamkit_kernels import kernel
 
 _POINTS = types.Array(types.float64, 2, "A", readonly=True)
@@ -79,14 +79,14 @@ def gauss_newton_step(
     return normalised(step_matrix(np.asarray(step[:, 0], np.float64), scaling) @ matrix) if solved else None
 
 
-def corner_deviation(matrix: FloatArray, source: FloatArray, rmse: float, shape: tuple[int, int]) -> float:
-    """Standard deviation of a fitted homography at the worst corner of a frame.
+def deviation_at(points: FloatArray, matrix: FloatArray, source: FloatArray, rmse: float) -> float:
+    """Standard deviation of a fitted homography at the worst of some points, px of the target.
 
     Args:
+        points: float64[m, 2], of the source.
         matrix: source to target.
-        source: the points it was fitted to.
+        source: float64[n, 2], the points it was fitted to.
         rmse: root mean square residual.
-        shape: of the source frame.
 
     Source: Hartley and Zisserman, Multiple View Geometry, section 5.2.
     """
@@ -99,7 +99,7 @@ def corner_deviation(matrix: FloatArray, source: FloatArray, rmse: float, shape:
         covariance = np.linalg.inv(rows @ rows.T) * rmse**2 * len(source) / (2 * len(source) - 8)
     except np.linalg.LinAlgError:
         return math.inf
-    return worst_deviation(covariance, scaling, project(matrix, corners(shape)))
+    return worst_deviation(covariance, scaling, project(matrix, points))
 
 
 def worst_deviation(covariance: FloatArray, scaling: FloatArray, points: FloatArray) -> float:

@@ -1,142 +1,115 @@
-"""Planes that meet again."""
+"""Ties between planes, and the joins that follow."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import normalised, translation
-from streamkit.geometry.registration_status import RegistrationStatus
-from streamkit_stitcher.plane.settings import ReferenceChoice
+from streamkit.geometry.homography import corners, project, translation
+from streamkit_stitcher.plane.keyframe_graph import KeyframeGraph, Tie
+from streamkit_stitcher.plane.keyframes import Keyframe
+from streamkit_stitcher.plane.plane_joining import PlaneTies
 
-SHAPE = (450, 640)
-# A row of photographs, 300 px apart.
-PLACES = [(200 + 300 * number, 300) for number in range(8)]
-
-
-def looking(place, lean, shape):
-    """The homography of a camera at x y, whose far side is 1 + `lean` times as deep as the middle."""
-    height, width = shape
-    to_middle = translation(-np.array([width - 1, height - 1]) / 2)
-    leaning = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, lean / (height / 2), 1.0]])
-    return normalised(translation(np.asarray(place, dtype=np.float64)) @ leaning @ to_middle)
+SHAPE = (360, 640)
 
 
-def looking_up_and_down(count, shape):
-    """Homographies to the ground of a camera whose far side is up to 1.4 times as deep as the middle."""
-    index = np.arange(count)
-    tilts = np.interp(index, [0, count / 3, 2 * count / 3, count], [0.0, 0.38, 0.38, 0.28])
-    ways = 900 - 4.0 * np.maximum(0, index - 0.4 * count)
-    return np.array([looking((1000.0, way), tilt, shape) for tilt, way in zip(tilts, ways, strict=True)])
+def met_planes(tilt):
+    """Two planes of three keyframes each, of which the last frame of one shows the ground of the other.
 
-
-def registered(ground, registrar, order):
-    """The registrations of the photographs in some order."""
-    frames = [ground[y : y + SHAPE[0], x : x + SHAPE[1]] for x, y in PLACES]
-    return [registrar.register(frames[number]) for number in order]
-
-
-@pytest.mark.parametrize(
-    "order", [(0, 1, 5, 6, 3, 2, 4), (6, 0, 3, 1, 5, 2, 4), (0, 6, 5, 1, 4, 3, 2)], ids=str
-)
-def test_planes_that_a_photograph_connects_become_one(aerial_ground, make_registrar, order):
-    """In any order all photographs lie on one plane in the end, where they should to a pixel."""
-    registrar = make_registrar(reference=ReferenceChoice.FIRST)
-    found = registered(aerial_ground, registrar, order)
-    assert any(item.status is RegistrationStatus.CUT for item in found)
-    plane = registrar.take_plane(current=True)
-    plane.finish()
-    (homographies,) = plane.planes.values()
-    assert len(homographies) == len(order)
-    to_first = np.linalg.inv(homographies[0])
-    for index, number in enumerate(order):
-        step = normalised(to_first @ homographies[index])[:2, 2]
-        assert step == pytest.approx([300.0 * (number - order[0]), 0.0], abs=1.5)
-    plane.close()
-
-
-def test_the_change_of_a_joined_plane_relates_its_frames(aerial_ground, make_registrar):
-    """From one frame to the next `change @ previous @ to_previous` is the new homography, but at a cut."""
-    registrar = make_registrar(reference=ReferenceChoice.FIRST)
-    found = registered(aerial_ground, registrar, (0, 1, 2, 3, 6, 5, 4, 7))
-    assert [item.reference for item in found] == [0, 0, 0, 0, 1, 1, 1, 0]
-    assert found[-1].reference_change is not None
-    assert found[-1].status is not RegistrationStatus.CUT
-    for before, after in pairwise(found):
-        if after.status is not RegistrationStatus.CUT:
-            change = np.eye(3) if after.reference_change is None else after.reference_change
-            expected = normalised(change @ before.to_reference @ after.to_previous)
-            assert expected == pytest.approx(after.to_reference, abs=1e-6)
-
-
-def test_a_plane_that_is_met_again_continues(aerial_ground, make_registrar):
-    """A photograph of an earlier plane is a cut to that plane, with its number."""
-    registrar = make_registrar(reference=ReferenceChoice.FIRST)
-    first, _, elsewhere, back = registered(aerial_ground, registrar, (0, 1, 5, 2))
-    assert (first.reference, elsewhere.reference, elsewhere.status) == (0, 1, RegistrationStatus.CUT)
-    assert (back.reference, back.status, back.measured, back.reference_change) == (
-        0,
-        RegistrationStatus.CUT,
-        True,
-        None,
-    )
-
-
-def test_a_kept_plane_is_met_again_when_planes_are_kept_no_longer(aerial_ground, make_registrar):
-    """What is kept stays until a new plane begins, with which all end."""
-    registrar = make_registrar(reference=ReferenceChoice.FIRST)
-    registered(aerial_ground, registrar, (0, 1, 5))
-    registrar.keep_planes(False)
-    (back,) = registered(aerial_ground, registrar, (2,))
-    assert (back.reference, back.status, back.measured) == (0, RegistrationStatus.CUT, True)
-    assert registrar.take_plane() is None
-    registrar.restart()
-    plane = registrar.take_plane()
-    assert list(plane.planes) == [0, 1]
-    plane.close()
-
-
-def test_a_plane_that_another_stretches_is_not_joined_to_it_by_a_similarity(
-    ground, make_flight, make_registrar
-):
-    """A camera that looks up, flies on and down a little: each frame is where it should be on its plane."""
-    count, shape = 90, (360, 640)
-    flight = replace(make_flight(ground, count, shape, cars=0), to_ground=looking_up_and_down(count, shape))
-    registrar = make_registrar(reference=ReferenceChoice.FIRST, keyframe_overlap=0.9)
-    starts = {}
-    for index, frame in enumerate(flight.frames()):
-        found = registrar.register(frame)
-        start, place = starts.setdefault(found.reference, (index, found.to_reference))
-        on_first = normalised(np.linalg.inv(place) @ found.to_reference)
-        assert found.status in {RegistrationStatus.OK, RegistrationStatus.STILL}
-        assert flight.error(on_first, index, start) < 2.0
-    assert list(starts) == [0, 1]
-
-
-@pytest.mark.parametrize(("lean", "last"), [(0.0, 0), (-0.1, 2)])
-def test_a_video_joins_planes_only_where_that_puts_its_frames_right(
-    ground, make_flight, make_registrar, lean, last
-):
-    """A video shows a road, then something else, then the road from aside, at the same tilt or another.
-
-    At first only a strip along one edge shows both, which says little of the other side of the frame.
+    Along the height of the frame the depth grows by the part `tilt`.
     """
-    shape, first, other = (360, 640), 52, 6
-    there = [looking((600.0 + 15 * index, 500.0), 0.0, shape) for index in range(first)]
-    back = [looking((1000.0, 1000.0 - 10 * index), lean, shape) for index in range(50)]
-    to_ground = np.array([*there, *there[:other], *back])
-    flight = replace(make_flight(ground, len(to_ground), shape, cars=0), to_ground=to_ground)
-    elsewhere = replace(flight, ground=np.ascontiguousarray(ground[:, ::-1]))
-    registrar = make_registrar(reference=ReferenceChoice.FIRST, keyframe_overlap=0.9)
-    found = []
-    for index in range(len(flight)):
-        shown = elsewhere if first <= index < first + other else flight
-        found.append(registrar.register(shown.frame(index)))
-    start = first + other
-    assert [found[index].reference for index in (0, first, start, -1)] == [0, 1, 2, last]
-    for index in range(start + 1, len(found)):
-        began = start if found[index].reference == 2 else 0
-        step = normalised(np.linalg.inv(found[began].to_reference) @ found[index].to_reference)
-        assert found[index].status is RegistrationStatus.OK
-        assert flight.error(step, index, began) < 2.0
+    graph = KeyframeGraph(max_tied=100)
+    for index in range(6):
+        graph.add(index, translation(np.array([20.0 * index, 0.0])), [], plane=index // 3)
+    points = np.random.default_rng(1).uniform([50, 50], [600, 300], (60, 2))
+    to_plane = graph.homographies[5]
+    turned = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, tilt / SHAPE[0], 1.0]])
+    return graph, Tie(0, 5, np.arange(60), project(turned @ to_plane, points), points)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.05, 0.2])
+def test_planes_of_a_video_are_joined_to_within_two_pixels(tilt):
+    """Where they differ in tilt a similarity would put the frames of one tens of pixels off."""
+    graph, tie = met_planes(tilt)
+    ((change, moved, kept),) = PlaneTies().joins([tie], graph, 1, SHAPE, is_survey=False)
+    assert (moved, kept) == (0, 1)
+    places = project(change @ graph.homographies[0], tie.host_points)
+    assert np.abs(places - project(graph.homographies[5], tie.points)).max() < 2.0
+    assert graph.hosts(5) == {0}
+
+
+def test_planes_of_photographs_are_joined_by_a_similarity():
+    """A tilt from the few ties of one overlap would bend the rest; the adjustment has more ties."""
+    graph, tie = met_planes(0.2)
+    ((change, moved, kept),) = PlaneTies().joins([tie], graph, 1, SHAPE, is_survey=True)
+    assert (moved, kept) == (0, 1)
+    assert change[2] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    assert graph.hosts(5) == {0}
+
+
+def strip_ties():
+    """Two planes of four frames each, flown side by side, and a tie of each pair over a narrow strip."""
+    graph, random, ties = KeyframeGraph(max_tied=100), np.random.default_rng(2), []
+    for index in range(8):
+        graph.add(index, translation(np.array([200.0 * (index % 4), 0.0])), [], plane=index // 4)
+    for index in range(4):
+        points = random.uniform([0, 0], [640, 90], (60, 2))
+        # The other strip lies 270 px lower.
+        host_points = random.normal(points + np.array([0.0, 270.0]), 0.2)
+        ties.append(Tie(index, index + 4, np.arange(60), host_points, points))
+    return graph, ties
+
+
+def test_a_video_joins_planes_by_several_ties_where_one_leaves_the_frame_open():
+    """One narrow strip says little of the other side of the frame; four in a row do. Photographs need one."""
+    graph, ties = strip_ties()
+    assert len(list(PlaneTies().joins(ties[:1], graph, 1, SHAPE, is_survey=True))) == 1
+    graph, ties = strip_ties()
+    waiting = PlaneTies()
+    for tie in ties[:2]:
+        assert not list(waiting.joins([tie], graph, 1, SHAPE, is_survey=False))
+        assert not graph.hosts(tie.observer)
+    ((change, moved, kept),) = waiting.joins(ties[2:], graph, 1, SHAPE, is_survey=False)
+    assert (moved, kept) == (0, 1)
+    assert project(change, corners(SHAPE)) == pytest.approx(corners(SHAPE) - [0.0, 270.0], abs=0.5)
+    assert [graph.hosts(index) for index in (4, 5, 6, 7)] == [{0}, {1}, {2}, {3}]
+
+
+def test_a_tie_with_which_few_patches_agree_counts_less():
+    """Half of the patches may be off the plane: what the others say is then less certain."""
+    graph, ties = strip_ties()
+    doubtful = [replace(tie, share=0.5) for tie in ties]
+    assert not list(PlaneTies().joins(doubtful, graph, 1, SHAPE, is_survey=False))
+    assert list(PlaneTies().joins(ties, graph, 1, SHAPE, is_survey=False))
+
+
+def test_waiting_ties_show_where_keyframes_of_another_plane_lie():
+    """Near the ties to a pixel, so that patches of more keyframes can be matched; others are not shown."""
+    graph, ties = strip_ties()
+    waiting = PlaneTies()
+    assert not list(waiting.joins(ties[:1], graph, 1, SHAPE, is_survey=False))
+    keyframes = [
+        Keyframe(index, graph.homographies[index], SHAPE, 1, content=None, plane=graph.planes[index])
+        for index in range(8)
+    ]
+    seen = waiting.seen_from(1, keyframes, graph)
+    assert [(one.index, one.plane) for one in seen] == [(0, 1), (1, 1), (2, 1), (3, 1)]
+    strip = np.array([[0.0, 315.0], [640.0, 315.0]])
+    assert project(seen[0].to_reference, strip) == pytest.approx(strip - [0.0, 270.0], abs=1.0)
+    assert not waiting.seen_from(2, keyframes, graph)
+
+
+@pytest.mark.parametrize("is_survey", [False, True])
+def test_planes_that_stretch_each_other_stay_apart(is_survey):
+    """No mosaic can show both."""
+    graph, tie = met_planes(1.2)
+    assert not list(PlaneTies().joins([tie], graph, 1, SHAPE, is_survey))
+    assert graph.hosts(5) == set()
+
+
+def test_planes_of_a_video_that_no_motion_brings_together_stay_apart():
+    """Relief or false matches: half of the points are 6 px off."""
+    graph, tie = met_planes(0.0)
+    points = tie.points + np.where(np.arange(60)[:, np.newaxis] % 2, [6.0, 0.0], 0.0)
+    assert not list(PlaneTies().joins([replace(tie, points=points)], graph, 1, SHAPE, is_survey=False))
+    assert list(PlaneTies().joins([replace(tie, points=points)], graph, 1, SHAPE, is_survey=True))

@@ -5,7 +5,7 @@ import pytest
 
 from streamkit.geometry.homography import corners, project
 from streamkit_stitcher.registration.gauss_newton import (
-    corner_deviation,
+    deviation_at,
     gauss_newton_step,
     scaling_of,
     step_matrix,
@@ -67,16 +67,16 @@ def test_the_deviation_of_the_corners_is_what_draws_of_noise_show(box):
         matrix = fitted(source, target, np.ones(80))
         rmse = float(np.sqrt(((project(matrix, source) - target) ** 2).sum(axis=1).mean()))
         errors.append(worst(matrix))
-        foretold.append(corner_deviation(matrix, source, rmse, SHAPE))
+        foretold.append(deviation_at(corners(SHAPE), matrix, source, rmse))
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(np.median(foretold), rel=0.35)
 
 
 def test_points_in_a_corner_leave_the_others_unknown():
     """Twenty points in a tenth of the frame, to 0.3 px, may be off by pixels at the far corner."""
     crowded = points(4, ((0, 0), (150, 120)), 20)
-    assert corner_deviation(TRUE, crowded, 0.3, SHAPE) > 3.0
-    assert corner_deviation(TRUE, points(5), 0.3, SHAPE) < 0.5
-    assert corner_deviation(TRUE, crowded[:3], 0.3, SHAPE) == np.inf
+    assert deviation_at(corners(SHAPE), TRUE, crowded, 0.3) > 3.0
+    assert deviation_at(corners(SHAPE), TRUE, points(5), 0.3) < 0.5
+    assert deviation_at(corners(SHAPE), TRUE, crowded[:3], 0.3) == np.inf
 
 
 def test_a_step_has_the_parameters_of_its_homography():
