@@ -16,6 +16,7 @@ from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leavi
 from streamkit_stitcher.plane.loop_closure import tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
 from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import PairwiseMotion
@@ -69,6 +70,10 @@ class Placement:
     def is_trusted(self) -> bool:
         """Whether a frame without a match may become a keyframe: a homography explains the motion."""
         return self.motion is not None and self.motion.model is MotionModel.HOMOGRAPHY
+
+    def is_adrift(self, shape: tuple[int, int]) -> bool:
+        """Whether a frame of `shape` may lie farther off than the ties of a keyframe can correct."""
+        return self.std > MAX_DRIFT * shape[1]
 
     @property
     def counts(self) -> tuple[int, int, float]:
@@ -187,24 +192,18 @@ class KeyframeAnchor:
             return placed(active, near)
         return self._revisit(images, predicted) or predicted
 
-    def place_recognised(
-        self, images: Sequence[GreyArray], recognised: KeyframeMatch, is_jump: bool
-    ) -> Placement:
-        """Places a frame that `recognise` has matched, more precisely by patches.
+    def recognise(
+        self, images: Sequence[GreyArray], is_previous_known: bool, is_video: bool
+    ) -> Placement | None:
+        """Places a frame of unknown motion by features of the newest keyframes, then of the likeliest.
 
-        A match that does not fix the whole frame is a prediction only, unless the camera jumps, as from one
-        photograph to the next, whose overlap is small.
-        """
-        active = self.keyframes.active
-        expected = placed(active, recognised).to_reference
-        match = self._match(active, images, expected) or recognised
-        found = replace(placed(active, match), is_recognised=True)
-        return found if is_jump or self._is_whole(match) else replace(found, match=None)
+        The matching keyframe becomes current, and its plane, too. A frame of a video continues another plane
+        only where it is `ok` there; else it starts a plane, which more ties may join to that one.
 
-    def recognise(self, images: Sequence[GreyArray]) -> KeyframeMatch | None:
-        """Matches a frame of unknown motion by features: the newest keyframes, then the likeliest of all.
-
-        The matching keyframe becomes current, and its plane, too.
+        Args:
+            images: the frame and its halvings.
+            is_previous_known: whether the previous frame had a place.
+            is_video: whether the frames are those of a video.
         """
         features = self.features = describe(images[scene_level(images[0].shape)])
         active = self.keyframes.active
@@ -213,10 +212,26 @@ class KeyframeAnchor:
         for candidates in (recent, likeliest(features, older, _RELOCALISED)):
             for keyframe in candidates:
                 match = match_by_features(features, keyframe)
-                if match is not None:
+                if match is None:
+                    continue
+                is_elsewhere = keyframe.plane != self.keyframes.plane
+                found = self._place_recognised(images, keyframe, match, is_previous_known or is_elsewhere)
+                if not (is_elsewhere and is_video and found.std > OK_STD):
                     self.keyframes.activate(keyframe)
-                    return match
+                    return found
         return None
+
+    def _place_recognised(
+        self, images: Sequence[GreyArray], keyframe: Keyframe, recognised: KeyframeMatch, is_jump: bool
+    ) -> Placement:
+        """Places a frame that features have matched, more precisely by patches.
+
+        A match that does not fix the whole frame is a prediction only, unless the camera jumps, as from one
+        photograph to the next, whose overlap is small.
+        """
+        match = self._match(keyframe, images, placed(keyframe, recognised).to_reference) or recognised
+        found = replace(placed(keyframe, match), is_recognised=True)
+        return found if is_jump or self._is_whole(match) else replace(found, match=None)
 
     def keep(self, images: Sequence[GreyArray], found: Placement) -> Placement:
         """Makes a placed frame a keyframe, or an earlier keyframe current, where that is needed."""
@@ -239,7 +254,7 @@ class KeyframeAnchor:
         # An unmatched frame that should overlap its keyframe is probably at fault itself; after an unreliable
         # prediction, a later frame may match the keyframe.
         patience = _MAX_UNMATCHED if leaving and self._is_prediction_reliable else _MAX_DOUBTFUL
-        is_usable = found.match is not None or found.is_trusted
+        is_usable = (found.match is not None or found.is_trusted) and not found.is_adrift(active.shape)
         if not is_certain and (not is_usable or self._unmatched < patience):
             return found
         return self._promote(images, found)

@@ -42,12 +42,17 @@ class Footage:
         """Whether the last frame continued the one before it, or the stream is a video for good."""
         return self._kind is _Kind.VIDEO
 
+    @property
+    def is_calm(self) -> bool:
+        """Whether the last frames are alike where they overlap: nothing hides the scene."""
+        steps = pairwise(self._recent)
+        return len(self._recent) == _CALM_FRAMES and all(
+            _are_alike(earlier, later, motion) for (earlier, _), (later, motion) in steps
+        )
+
     def is_abrupt(self, image: WorkingImage) -> bool:
         """Whether a frame is unlike the one before it, and the frames before are alike where they overlap."""
-        if len(self._recent) < _CALM_FRAMES or _are_alike(self._recent[-1][0], image):
-            return False
-        steps = pairwise(self._recent)
-        return all(_are_alike(earlier, later, motion) for (earlier, _), (later, motion) in steps)
+        return self.is_calm and not _are_alike(self._recent[-1][0], image)
 
     def add(self, image: WorkingImage, to_previous: FloatArray) -> None:
         """Adds a frame, registered or lost, with its motion to the one before, float64[3, 3]."""

@@ -23,6 +23,7 @@ from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
 from streamkit_stitcher.registration.combing import field_error
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
@@ -58,7 +59,8 @@ class FrameRegistrar:
     4. Features of the stored keyframes, at a cut, for photographs, and at some of the frames that no keyframe
        matches.
     5. The predicted motion: `lost`. Not at a cut, not for photographs, and for 25 frames at most.
-    6. A new plane that begins with the frame: `cut`.
+    6. A new plane that begins with the frame: `cut`. Also where frames continue each other, but may be off by
+       more than a tenth of the width.
 
     Keyframes are adjusted together in the background; where the camera returns to one of them, it becomes
     current again, which removes drift. A new frame size starts a new plane, too. So does a frame that the
@@ -151,16 +153,18 @@ class FrameRegistrar:
         predicted = self._predicted_by(motion)
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, near, predicted, self._std_before, is_photograph)
-        if found.match is None and (is_photograph or self._is_search_due(motion)):
+        is_adrift = self._is_adrift(found, predicted)
+        if is_adrift or (found.match is None and (is_photograph or self._is_search_due(motion))):
             found = self._recognise(images, anchor) or found
-        if found.match is not None or found.is_recognised or motion.model is not None:
+        is_placed = (found.match is not None or motion.model is not None) and not is_adrift
+        if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
             found = replace(found, motion=motion, is_due=is_photograph or found.is_due)
             return self._accept(images, anchor, found)
         self._lost += 1
         self._unmeasured += 1
         is_cut = motion.is_cut and self._footage.is_abrupt(image)
-        if is_cut or is_photograph or self._lost > _MAX_LOST:
+        if is_cut or is_photograph or is_adrift or self._lost > _MAX_LOST:
             self.restart()
             return self._start_plane(images)
         return self._predict()
@@ -227,6 +231,16 @@ class FrameRegistrar:
         continues = motion.model is not None and not self._is_jump(motion.matrix)
         return not continues and self._footage.is_photograph(last, image)
 
+    @property
+    def _is_previous_known(self) -> bool:
+        """Whether the previous frame was not lost, nor farther off than ties can correct."""
+        return self._motion.predicted == 0 and self._std_before <= MAX_DRIFT * self._shape[1]
+
+    def _is_adrift(self, found: Placement, predicted: Placement) -> bool:
+        """Whether a scene that is seen well lies nobody knows where: a cut was not noticed."""
+        is_steady = predicted.is_trusted and self._footage.is_calm
+        return is_steady and not self._is_previous_known and found.is_adrift(self._shape)
+
     def _is_search_due(self, motion: PairwiseMotion) -> bool:
         """Whether features are compared with those of the keyframes.
 
@@ -238,16 +252,15 @@ class FrameRegistrar:
     def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> Placement | None:
         """Places a frame by features; the plane of the matching keyframe becomes current.
 
-        A frame that lies far from the one before it, which was not lost, is a photograph.
+        A frame that lies far from the one before it, whose place was known, is a photograph.
         """
-        recognised = anchor.recognise(images)
-        if recognised is None:
+        is_previous_known = self._is_previous_known
+        found = anchor.recognise(images, is_previous_known, self._footage.is_video)
+        if found is None:
             return None
-        is_previous_known = self._motion.predicted == 0
         if anchor.keyframes.plane != self._planes.number:
             self._planes.leave(anchor.keyframes.plane)
             self._motion = MotionPredictor(self._shape)
-        found = anchor.place_recognised(images, recognised, is_previous_known or self._planes.has_jumped)
         step = normalised(inverse(self._planes.before) @ found.to_reference)
         is_photograph = is_previous_known and not self._planes.has_jumped and self._is_jump(step)
         self._footage.recognised(is_photograph)

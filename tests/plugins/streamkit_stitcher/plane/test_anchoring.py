@@ -192,9 +192,16 @@ def test_a_doubtful_frame_that_leaves_the_keyframe_is_none_at_once(anchor, groun
     assert made == [False] * 11 + [True]
 
 
+def test_a_frame_whose_place_is_unknown_is_no_keyframe(anchor, ground):
+    """Frames that match it would be `ok`, wherever it is: 70 px are more than ties can correct."""
+    unknown = Placement(shift(500.0), 70.0, motion=HOMOGRAPHY)
+    assert not any(anchor.keep(other(ground), unknown).is_keyframe for _ in range(20))
+    assert not unknown.is_adrift((720, 1280))
+
+
 @pytest.fixture
 def matched_in_a_corner(ground):
-    """An anchor, a frame that overlaps its keyframe in a corner, and the match."""
+    """An anchor, and a frame that overlaps its keyframe in a corner."""
     black = np.zeros((360, 640), np.uint8)
     key, frame = black.copy(), black.copy()
     key[237:, 420:] = ground[620:743, 380:600]
@@ -202,19 +209,30 @@ def matched_in_a_corner(ground):
     anchor = KeyframeAnchor(PlaneSettings(), 0)
     anchor.add(pyramid((key,), LEVELS), IDENTITY)
     frame = pyramid((frame,), LEVELS)
-    seen = anchor.recognise(frame)
-    assert seen is not None
-    assert seen.deviation > 1.0
-    yield anchor, frame, seen
+    yield anchor, frame
     anchor.keyframes.close()
 
 
 @pytest.mark.parametrize("consecutive", [False, True])
 def test_a_frame_matched_in_a_corner_is_registered_only_if_consecutive(matched_in_a_corner, consecutive):
     """The corner leaves the rest unknown: of a video it is not measured, of photographs in a row not sure."""
-    anchor, frame, seen = matched_in_a_corner
-    found = anchor.place_recognised(frame, seen, consecutive)
+    anchor, frame = matched_in_a_corner
+    found = anchor.recognise(frame, consecutive, is_video=False)
+    assert found.is_recognised
     assert (found.match is not None) is consecutive
     placed = anchor.keep(frame, replace(found, motion=HOMOGRAPHY))
     assert placed.std > OK_STD
     assert consecutive or not placed.is_keyframe
+
+
+@pytest.mark.parametrize("is_video", [False, True])
+def test_a_video_does_not_continue_another_plane_by_a_match_in_a_corner(
+    matched_in_a_corner, ground, is_video
+):
+    """More ties may join the two planes; photographs are adjusted together in the end."""
+    anchor, frame = matched_in_a_corner
+    anchor.keyframes.plane = 1
+    anchor.add(other(ground), IDENTITY)
+    found = anchor.recognise(frame, False, is_video)
+    assert (found is None) is is_video
+    assert anchor.keyframes.plane == (1 if is_video else 0)

@@ -8,10 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import translation
+from streamkit.geometry.homography import normalised, translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
+from streamkit_stitcher.plane import registrar as registrar_module
 from streamkit_stitcher.plane.settings import ReferenceChoice
+from streamkit_stitcher.registration.motion_models import MotionModel
+from streamkit_stitcher.registration.pairwise import PairwiseMotion, register
 
 SMALL = (360, 640)
 BLACK = np.zeros(SMALL, np.uint8)
@@ -308,3 +311,28 @@ def test_interlaced_frames_are_ok_where_the_camera_moves_evenly(
     assert len(called) >= least
     assert all(middles.error(found[index].to_reference, index) < 2.0 for index in called)
     assert shake_px == 0 or len(called) < 4
+
+
+def test_frames_of_unknown_place_start_a_plane_once_they_continue_each_other(
+    ground, make_flight, registrar, monkeypatch
+):
+    """At a cut that is not noticed, where corners of both scenes agree by chance, few frames are weak."""
+    shape, first = (360, 640), 15
+    there = [translation(np.array([200.0 + 8 * index, 320.0])) for index in range(first)]
+    elsewhere = [translation(np.array([1200.0, 1000.0 - 6 * index])) for index in range(20)]
+    to_ground = np.array([*there, *elsewhere])
+    flight = replace(make_flight(ground, len(to_ground), shape, cars=0), to_ground=to_ground)
+    chance = PairwiseMotion(translation(np.array([300.0, 0.0])), MotionModel.HOMOGRAPHY, False, 100, 40, 1.0)
+    found = []
+
+    def measured(*arguments):
+        return chance if len(found) == first else register(*arguments)
+
+    monkeypatch.setattr(registrar_module, "register", measured)
+    for frame in flight.frames():
+        found.append(registrar.register(frame))
+    states = [item.status.value for item in found[first:]]
+    assert states == ["weak"] * 3 + ["cut"] + ["ok"] * 16
+    assert [found[index].reference for index in (0, first, first + 3, -1)] == [0, 0, 1, 1]
+    step = np.linalg.inv(found[first + 3].to_reference) @ found[-1].to_reference
+    assert flight.error(normalised(step), len(flight) - 1, first + 3) < 1.0
