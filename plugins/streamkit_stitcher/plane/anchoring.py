@@ -48,13 +48,14 @@ class Placement:
 
     Attributes:
         to_reference: float64[3, 3], the frame to the plane.
-        std: predicted error at the worst corner, px.
+        std: predicted error at the worst corner, px, without that of its fields.
         match: with a keyframe; None where `to_reference` is a prediction.
         motion: since the last frame, where that was measured.
         is_recognised: whether features of a keyframe were matched, even if too few of them for `match`.
         is_due: whether the frame becomes a keyframe in any case.
         is_keyframe: whether the frame became a keyframe.
         change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
+        field_error: how far the fields of an interlaced frame are from an even motion, px.
     """
 
     to_reference: FloatArray
@@ -65,6 +66,7 @@ class Placement:
     is_due: bool = False
     is_keyframe: bool = False
     change: FloatArray | None = None
+    field_error: float = 0.0
 
     @property
     def is_trusted(self) -> bool:
@@ -235,7 +237,9 @@ class KeyframeAnchor:
 
     def keep(self, images: Sequence[GreyArray], found: Placement) -> Placement:
         """Makes a placed frame a keyframe, or an earlier keyframe current, where that is needed."""
+        # Fields that jump apart show no place, and would hand on their error; a later frame may be better.
         is_certain = found.match is not None and found.match.share >= SURE_SHARE
+        is_certain = is_certain and found.field_error <= OK_STD
         if not found.is_recognised:
             self.features = None
         if found.change is not None:
@@ -312,11 +316,12 @@ class KeyframeAnchor:
         if found.match is not None and active.index not in matches:
             matches[active.index] = active, found.match
         elif found.match is None and matches:
-            found = placed(*next(iter(matches.values())))
+            found = replace(placed(*next(iter(matches.values()))), field_error=found.field_error)
         for _, match in matches.values():
             self.keyframes.learn(match)
         # Of its own registration only: ties and adjustments correct what earlier keyframes had.
         own = min((match.corner_std for _, match in matches.values()), default=found.std)
+        own = math.hypot(own, found.field_error)
         ties = [tie_of(keyframe, 0, match.on_plane()) for keyframe, match in matches.values()]
         self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
         return replace(found, is_keyframe=True, change=change)

@@ -271,7 +271,9 @@ class FrameRegistrar:
     ) -> FrameRegistration:
         """Publishes a placed frame, and makes it a keyframe where that is due."""
         is_over = 0 < self._settings.keyframe_interval <= self._since_key
-        found = anchor.keep(images, replace(found, is_due=found.is_due or is_over))
+        step = normalised(inverse(self._planes.before) @ found.to_reference)
+        fields = field_error(images[0], step)
+        found = anchor.keep(images, replace(found, is_due=found.is_due or is_over, field_error=fields))
         if found.change is not None:
             self._planes.adopt(anchor, found.change)
         to_reference, is_measured = found.to_reference, found.match is not None
@@ -281,7 +283,7 @@ class FrameRegistrar:
         self._last, self._planes.last_to_plane = self._working_image(images), to_reference
         before = self._planes.before
         to_previous = normalised(inverse(before) @ to_reference)
-        found = replace(found, std=math.hypot(found.std, field_error(images[0], to_previous)))
+        found = replace(found, std=math.hypot(found.std, fields))
         status = self._status(to_previous, found)
         if status is RegistrationStatus.STILL:
             # Compared with the measured homography, never accumulated: slow drift is released after 0.2 px.

@@ -192,6 +192,17 @@ def test_a_doubtful_frame_that_leaves_the_keyframe_is_none_at_once(anchor, groun
     assert made == [False] * 11 + [True]
 
 
+def test_fields_that_jump_apart_are_a_keyframe_only_if_nothing_better_comes(anchor, ground):
+    """Every frame that is measured against it would be as far off: that is part of their predicted error."""
+    sure = anchor.place(view(ground, 250), None, Placement(shift(251.0), 0.0, motion=HOMOGRAPHY), 0.0, False)
+    combed = replace(sure, field_error=3.0)
+    made = [anchor.keep(view(ground, 250), combed).is_keyframe for _ in range(12)]
+    assert made == [False] * 11 + [True]
+    assert anchor.keyframes.active.corner_std == pytest.approx(3.0, abs=0.1)
+    assert anchor.keep(view(ground, 250), replace(sure, is_due=True)).is_keyframe
+    assert anchor.keyframes.active.corner_std == 0.0
+
+
 def test_a_frame_whose_place_is_unknown_is_no_keyframe(anchor, ground):
     """Frames that match it would be `ok`, wherever it is: 70 px are more than ties can correct."""
     unknown = Placement(shift(500.0), 70.0, motion=HOMOGRAPHY)
