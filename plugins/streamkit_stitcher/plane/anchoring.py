@@ -233,7 +233,8 @@ class KeyframeAnchor:
         """
         match = self._match(keyframe, images, placed(keyframe, recognised).to_reference) or recognised
         found = replace(placed(keyframe, match), is_recognised=True)
-        return found if is_jump or self._is_whole(match) else replace(found, match=None)
+        is_whole = match.deviation <= self._limits.ransac_threshold
+        return found if is_jump or is_whole else replace(found, match=None)
 
     def keep(self, images: Sequence[GreyArray], found: Placement) -> Placement:
         """Makes a placed frame a keyframe, or an earlier keyframe current, where that is needed."""
@@ -280,10 +281,8 @@ class KeyframeAnchor:
     ) -> KeyframeMatch | None:
         """The match of the patches, if it fixes the whole frame, not only the part with the patches."""
         match = self._match(keyframe, images, to_reference)
-        return match if match is not None and self._is_whole(match) else None
-
-    def _is_whole(self, match: KeyframeMatch) -> bool:
-        return match.deviation <= self._limits.ransac_threshold
+        is_whole = match is not None and match.deviation <= self._limits.ransac_threshold
+        return match if is_whole else None
 
     def _revisit(self, images: Sequence[GreyArray], found: Placement) -> Placement | None:
         """Switches to an earlier keyframe that the camera has returned to, and that fits better."""

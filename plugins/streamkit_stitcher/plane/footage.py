@@ -5,7 +5,7 @@ from collections import deque
 from itertools import pairwise
 from typing import Final
 
-from streamkit.geometry.homography import IDENTITY, FloatArray
+from streamkit.geometry.homography import IDENTITY, FloatArray, corner_shift
 from streamkit_stitcher.registration.pairwise import WorkingImage, thumbnail_correlation
 
 # Correlation of two frames in a row above which the second is neither a photograph nor another scene.
@@ -14,6 +14,8 @@ _ALIKE: Final = 0.7
 _CALM_FRAMES: Final = 3
 # Frames in a row, each continuing the one before, after which the stream is a video for good.
 _SURE_FRAMES: Final = 8
+# Part of the width that successive photographs are apart, and frames of a video are not.
+_MIN_JUMP: Final = 0.15
 
 
 class _Kind(enum.Enum):
@@ -89,6 +91,11 @@ class Footage:
         if self._kind is _Kind.UNKNOWN:
             return not _are_alike(last, image)
         return self._kind is _Kind.PHOTOGRAPHS
+
+
+def is_jump(step: FloatArray, shape: tuple[int, int]) -> bool:
+    """Whether a motion of a frame of `shape`, float64[3, 3], is as large as between photographs."""
+    return corner_shift(step, shape) > _MIN_JUMP * shape[1]
 
 
 def _are_alike(earlier: WorkingImage, later: WorkingImage, to_earlier: FloatArray = IDENTITY) -> bool:

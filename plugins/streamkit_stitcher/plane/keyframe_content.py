@@ -25,7 +25,8 @@ class KeyframeContent:
     """Patches around the corners of a keyframe, each leading part of which is spread over all of it.
 
     Attributes:
-        fine: uint8[n, 17, 17], patches of the level `patch_level`.
+        level: how often the frame was halved for its patches.
+        fine: uint8[n, 17, 17], patches of that level.
         fine_centres: float64[n, 2], their centres, px of that level.
         coarse: uint8[n, 17, 17], patches of one level more.
         coarse_centres: float64[n, 2], their centres, px of that level.
@@ -34,6 +35,7 @@ class KeyframeContent:
         described: its features, if they were computed before.
     """
 
+    level: int
     fine: GreyArray
     fine_centres: FloatArray
     coarse: GreyArray
@@ -65,7 +67,7 @@ def keyframe_content(
         centres = np.rint((points - (2**number - 1) / 2) / 2**number)
         return cut_patches(images[min(number, len(images) - 1)], centres), centres
 
-    return KeyframeContent(*cut(fine), *cut(fine + 1), images[level], images[scene], described)
+    return KeyframeContent(fine, *cut(fine), *cut(fine + 1), images[level], images[scene], described)
 
 
 def patch_level(shape: Sequence[int]) -> int:

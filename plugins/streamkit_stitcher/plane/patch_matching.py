@@ -15,7 +15,7 @@ from streamkit.geometry.homography import (
     is_plausible,
     to_reduced,
 )
-from streamkit_stitcher.plane.keyframe_content import KeyframeContent, patch_level
+from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import ANY_STEP, ANY_TILT, Keyframe, KeyframeMatch, predicted_error
 from streamkit_stitcher.registration.joint_alignment import JointAlignment, align_coarsely, align_jointly
 from streamkit_stitcher.registration.model_selection import ANY_MOTION, MotionRule
@@ -37,8 +37,9 @@ _MAX_SUSPECT: Final = 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """The patches of a keyframe, and how often each was off the plane lately, float64[n]."""
+    """The patches of a keyframe, their level, and how often each was off the plane lately, float64[n]."""
 
+    level: int
     coarse: PatchLevel
     fine: PatchLevel
     scores: FloatArray
@@ -76,7 +77,8 @@ class PatchMatcher:
             max_points: patches to use, spread evenly over the overlap.
             rule: motion model.
         """
-        level, known = patch_level(keyframe.shape), self._prepared(keyframe.content())
+        known = self._prepared(keyframe.content())
+        level = known.level
         if not len(known.scores) or len(images) < level + 2:
             return None
         start, image = to_reduced(inverse(frame_to_key), 2 ** (level + 1)), images[level + 1]
@@ -104,7 +106,7 @@ class PatchMatcher:
 def _prepared(content: KeyframeContent) -> _Prepared:
     coarse = prepare(content.coarse, content.coarse_centres)
     fine = prepare(content.fine, content.fine_centres)
-    return _Prepared(coarse, fine, np.zeros(len(fine.numbers)))
+    return _Prepared(content.level, coarse, fine, np.zeros(len(fine.numbers)))
 
 
 def _update_scores(scores: FloatArray, found: JointAlignment) -> None:

@@ -15,7 +15,7 @@ from streamkit.geometry.homography import (
 )
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.anchoring import SURE_SHARE, KeyframeAnchor, Placement, placed
-from streamkit_stitcher.plane.footage import Footage
+from streamkit_stitcher.plane.footage import Footage, is_jump
 from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistration
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
@@ -43,8 +43,6 @@ _ADOPT_AFTER: Final = 10
 # Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
 _FREQUENT_TRIES: Final = 4
 _RARE_PERIOD: Final = 16
-# Part of the width that successive photographs are apart, and frames of a video are not.
-_MIN_JUMP: Final = 0.15
 
 
 class FrameRegistrar:
@@ -129,9 +127,11 @@ class FrameRegistrar:
         Frames no wider than the registration width are kept without a copy, and must not change.
         """
         self._planes.begin_frame()
-        self._set_shape((int(grey.shape[0]), int(grey.shape[1])))
+        shape = int(grey.shape[0]), int(grey.shape[1])
+        if shape != self._shape:
+            self._begin_shape(shape)
         images = pyramid((grey,), self._levels)
-        image = self._working_image(images)
+        image = WorkingImage(images[self._level], 2**self._level, self._settings.max_points)
         found = self._register(images, image)
         self._footage.add(image, found.to_previous)
         return found
@@ -139,16 +139,34 @@ class FrameRegistrar:
     def _register(self, images: Sequence[GreyArray], image: WorkingImage) -> FrameRegistration:
         last, anchor = self._last, self._planes.anchor
         if anchor is None or last is None:
-            return self._start_plane(images)
-        self._adopt_adjustment(anchor)
-        near = self._match_near(images, anchor)
+            return self._start_plane(images, image)
+        self._since_key += 1
+        if self._since_key == _ADOPT_AFTER:
+            change = anchor.keyframes.adopt()
+            if change is not None:
+                self._planes.adopt(anchor, change)
+        before, near = self._planes.before, None
+        # After a lost frame the place is not known well enough.
+        if not self._motion.predicted:
+            near = anchor.match_near(images, before, self._std_before, self._motion.expected(before))
         if near is not None and near.share >= SURE_SHARE:
             found = placed(anchor.keyframes.active, near)
-            is_jump = self._is_jump(normalised(inverse(self._planes.before) @ found.to_reference))
-            if self._footage.continues(is_jump):
-                return self._accept(images, anchor, replace(found, is_due=is_jump))
+            has_jumped = is_jump(normalised(inverse(before) @ found.to_reference), self._shape)
+            if self._footage.continues(has_jumped):
+                return self._accept(images, image, anchor, replace(found, is_due=has_jumped))
         if image.is_blank:
             return self._predict()
+        return self._search(images, image, last, anchor, near)
+
+    def _search(
+        self,
+        images: Sequence[GreyArray],
+        image: WorkingImage,
+        last: WorkingImage,
+        anchor: KeyframeAnchor,
+        near: KeyframeMatch | None,
+    ) -> FrameRegistration:
+        """Registers a frame that the current keyframe does not match where it is expected."""
         motion = self._motion_since(last, image)
         predicted = self._predicted_by(motion)
         is_photograph = self._is_photograph(last, image, motion)
@@ -160,51 +178,30 @@ class FrameRegistrar:
         if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
             found = replace(found, motion=motion, is_due=is_photograph or found.is_due)
-            return self._accept(images, anchor, found)
+            return self._accept(images, image, anchor, found)
         self._lost += 1
         self._unmeasured += 1
         is_cut = motion.is_cut and self._footage.is_abrupt(image)
         if is_cut or is_photograph or is_adrift or self._lost > _MAX_LOST:
             self.restart()
-            return self._start_plane(images)
+            return self._start_plane(images, image)
         return self._predict()
 
-    def _set_shape(self, shape: tuple[int, int]) -> None:
-        """Ends all planes where frames have another size than before."""
-        if shape == self._shape:
-            return
+    def _begin_shape(self, shape: tuple[int, int]) -> None:
+        """Ends all planes, as frames have another size from now on."""
         if self._shape != (0, 0):
             self.restart()
         self._planes.retire()
         self._reset(shape)
 
-    def _working_image(self, images: Sequence[GreyArray]) -> WorkingImage:
-        return WorkingImage(images[self._level], 2**self._level, self._settings.max_points)
-
-    def _start_plane(self, images: Sequence[GreyArray]) -> FrameRegistration:
+    def _start_plane(self, images: Sequence[GreyArray], image: WorkingImage) -> FrameRegistration:
         """Starts a plane with its first usable frame."""
-        image = self._working_image(images)
         if image.is_blank:
             return self._predict()
         self._planes.start(images, self._level)
         self._last = image
         status = RegistrationStatus.OK if self._planes.number == 0 else RegistrationStatus.CUT
         return self._publish(IDENTITY, IDENTITY, status, Placement(IDENTITY, 0.0, is_keyframe=True), True)
-
-    def _adopt_adjustment(self, anchor: KeyframeAnchor) -> None:
-        """Takes over the adjustment of the keyframes some frames after the last keyframe."""
-        self._since_key += 1
-        if self._since_key == _ADOPT_AFTER:
-            change = anchor.keyframes.adopt()
-            if change is not None:
-                self._planes.adopt(anchor, change)
-
-    def _match_near(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> KeyframeMatch | None:
-        """The match with the current keyframe near the predicted place; not tried after a lost frame."""
-        if self._motion.predicted:
-            return None
-        before = self._planes.before
-        return anchor.match_near(images, before, self._std_before, self._motion.expected(before))
 
     def _motion_since(self, last: WorkingImage, image: WorkingImage) -> PairwiseMotion:
         """The motion of the corners since the last frame that was not lost."""
@@ -222,13 +219,9 @@ class FrameRegistrar:
         to_plane = normalised(self._planes.last_to_plane @ motion.matrix)
         return Placement(to_plane, motion.corner_std(self._shape) + self._std_before, motion=motion)
 
-    def _is_jump(self, step: FloatArray) -> bool:
-        """Whether a motion, float64[3, 3], is as large as between photographs."""
-        return corner_shift(step, self._shape) > _MIN_JUMP * self._shape[1]
-
     def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
         """Whether a frame that no keyframe matches is one."""
-        continues = motion.model is not None and not self._is_jump(motion.matrix)
+        continues = motion.model is not None and not is_jump(motion.matrix, self._shape)
         return not continues and self._footage.is_photograph(last, image)
 
     @property
@@ -262,12 +255,12 @@ class FrameRegistrar:
             self._planes.leave(anchor.keyframes.plane)
             self._motion = MotionPredictor(self._shape)
         step = normalised(inverse(self._planes.before) @ found.to_reference)
-        is_photograph = is_previous_known and not self._planes.has_jumped and self._is_jump(step)
+        is_photograph = is_previous_known and not self._planes.has_jumped and is_jump(step, self._shape)
         self._footage.recognised(is_photograph)
         return replace(found, is_due=is_photograph)
 
     def _accept(
-        self, images: Sequence[GreyArray], anchor: KeyframeAnchor, found: Placement
+        self, images: Sequence[GreyArray], image: WorkingImage, anchor: KeyframeAnchor, found: Placement
     ) -> FrameRegistration:
         """Publishes a placed frame, and makes it a keyframe where that is due."""
         is_over = 0 < self._settings.keyframe_interval <= self._since_key
@@ -280,7 +273,7 @@ class FrameRegistrar:
         if found.is_keyframe:
             self._since_key, is_survey = 0, not self._footage.is_video
             to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level, is_survey)
-        self._last, self._planes.last_to_plane = self._working_image(images), to_reference
+        self._last, self._planes.last_to_plane = image, to_reference
         before = self._planes.before
         to_previous = normalised(inverse(before) @ to_reference)
         found = replace(found, std=math.hypot(found.std, fields))

@@ -30,21 +30,19 @@ def field_error(grey: GreyArray, to_previous: FloatArray) -> float:
     Returns:
         px of the frame, at its middle.
     """
-    shift = field_shift(grey)
-    if shift is None:
+    if not is_combed(grey):
         return 0.0
+    shift = field_shift(grey)
     middle = centre((grey.shape[0], grey.shape[1]))
     half_step = (middle - project(to_previous, middle[np.newaxis])[0]) / 2
     return min(math.dist(shift, half_step), math.dist(shift, -half_step)) / 2
 
 
-def field_shift(grey: GreyArray) -> FloatArray | None:
-    """The motion from the even rows to the odd ones, px of the frame, x y; None where a frame is not combed.
+def field_shift(grey: GreyArray) -> FloatArray:
+    """The motion from the even rows to the odd ones, float64[2] x y, px of the frame.
 
     Source: Kuglin and Hines, The phase correlation image alignment method, 1975.
     """
-    if not is_combed(grey):
-        return None
     rows = len(grey) // 2
     even, odd = (band_pass(np.ascontiguousarray(grey[first::2][:rows]), _FINE, _COARSE) for first in (0, 1))
     window = cv2.createHanningWindow(even.shape[::-1], cv2.CV_64F)

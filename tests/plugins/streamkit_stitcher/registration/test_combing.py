@@ -36,4 +36,3 @@ def test_a_progressive_frame_is_not_combed(ground):
     noise = np.random.default_rng(1).normal(0, 30, frame.shape)
     for shown in (frame, np.clip(frame + noise, 0, 255).astype(np.uint8), frame[:5]):
         assert not is_combed(shown)
-        assert field_shift(shown) is None
