@@ -16,7 +16,6 @@ from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leavi
 from streamkit_stitcher.plane.loop_closure import tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
 from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import PairwiseMotion
@@ -56,6 +55,7 @@ class Placement:
         is_keyframe: whether the frame became a keyframe.
         change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
         field_error: how far the fields of an interlaced frame are from an even motion, px.
+        is_adrift: whether the place is unknown, so that no keyframe may be made of it.
     """
 
     to_reference: FloatArray
@@ -67,15 +67,12 @@ class Placement:
     is_keyframe: bool = False
     change: FloatArray | None = None
     field_error: float = 0.0
+    is_adrift: bool = False
 
     @property
     def is_trusted(self) -> bool:
         """Whether a frame without a match may become a keyframe: a homography explains the motion."""
         return self.motion is not None and self.motion.model is MotionModel.HOMOGRAPHY
-
-    def is_adrift(self, shape: tuple[int, int]) -> bool:
-        """Whether a frame of `shape` may lie farther off than the ties of a keyframe can correct."""
-        return self.std > MAX_DRIFT * shape[1]
 
     @property
     def counts(self) -> tuple[int, int, float]:
@@ -259,7 +256,7 @@ class KeyframeAnchor:
         # An unmatched frame that should overlap its keyframe is probably at fault itself; after an unreliable
         # prediction, a later frame may match the keyframe.
         patience = _MAX_UNMATCHED if leaving and self._is_prediction_reliable else _MAX_DOUBTFUL
-        is_usable = (found.match is not None or found.is_trusted) and not found.is_adrift(active.shape)
+        is_usable = (found.match is not None or found.is_trusted) and not found.is_adrift
         if not is_certain and (not is_usable or self._unmatched < patience):
             return found
         return self._promote(images, found)

@@ -89,6 +89,7 @@ class FrameRegistrar:
         self._motion = MotionPredictor(shape)
         self._footage.restart()
         self._lost = self._unmeasured = self._since_key = 0
+        self._is_adrift = False
 
     def restart(self) -> None:
         """Starts a new plane with the next frame, unrelated to the previous ones."""
@@ -171,18 +172,19 @@ class FrameRegistrar:
         predicted = self._predicted_by(motion)
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, near, predicted, self._std_before, is_photograph)
-        is_adrift = self._is_adrift(found, predicted)
-        if is_adrift or (found.match is None and (is_photograph or self._is_search_due(motion))):
+        is_elsewhere = self._is_elsewhere(found, motion) and predicted.is_trusted
+        if is_elsewhere or (found.match is None and (is_photograph or self._is_search_due(motion))):
             found = self._recognise(images, anchor) or found
-        is_placed = (found.match is not None or motion.model is not None) and not is_adrift
+        is_placed = (found.match is not None or motion.model is not None) and not is_elsewhere
         if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
-            found = replace(found, motion=motion, is_due=is_photograph or found.is_due)
+            is_due = is_photograph or found.is_due
+            found = replace(found, motion=motion, is_due=is_due, is_adrift=self._is_adrift)
             return self._accept(images, image, anchor, found)
         self._lost += 1
         self._unmeasured += 1
         is_cut = motion.is_cut and self._footage.is_abrupt(image)
-        if is_cut or is_photograph or is_adrift or self._lost > _MAX_LOST:
+        if is_cut or is_photograph or is_elsewhere or self._lost > _MAX_LOST:
             self.restart()
             return self._start_plane(images, image)
         return self._predict()
@@ -224,15 +226,14 @@ class FrameRegistrar:
         continues = motion.model is not None and not is_jump(motion.matrix, self._shape)
         return not continues and self._footage.is_photograph(last, image)
 
-    @property
-    def _is_previous_known(self) -> bool:
-        """Whether the previous frame was not lost, nor farther off than ties can correct."""
-        return self._motion.predicted == 0 and self._std_before <= MAX_DRIFT * self._shape[1]
+    def _is_elsewhere(self, found: Placement, motion: PairwiseMotion) -> bool:
+        """Whether frames that continue each other lie at an unknown place: a cut was not noticed.
 
-    def _is_adrift(self, found: Placement, predicted: Placement) -> bool:
-        """Whether a scene that is seen well lies nobody knows where: a cut was not noticed."""
-        is_steady = predicted.is_trusted and self._footage.is_calm
-        return is_steady and not self._is_previous_known and found.is_adrift(self._shape)
+        A step that may be off by more than ties can correct leaves the place unknown until a match is better.
+        """
+        was_adrift, most = self._is_adrift, MAX_DRIFT * self._shape[1]
+        self._is_adrift = found.std > most and (was_adrift or motion.corner_std(self._shape) > most)
+        return was_adrift and self._is_adrift and self._footage.is_calm
 
     def _is_search_due(self, motion: PairwiseMotion) -> bool:
         """Whether features are compared with those of the keyframes.
@@ -247,7 +248,7 @@ class FrameRegistrar:
 
         A frame that lies far from the one before it, whose place was known, is a photograph.
         """
-        is_previous_known = self._is_previous_known
+        is_previous_known = self._motion.predicted == 0 and self._std_before <= MAX_DRIFT * self._shape[1]
         found = anchor.recognise(images, is_previous_known, self._footage.is_video)
         if found is None:
             return None
