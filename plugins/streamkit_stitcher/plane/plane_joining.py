@@ -25,8 +25,8 @@ _FEW_KEYFRAMES: Final = 2
 # width: they are adjusted together in the end.
 _MAX_VIDEO_MISFITS: Final = {MotionModel.SIMILARITY: OK_STD, MotionModel.HOMOGRAPHY: 2.0}
 _MAX_SURVEY_MISFIT: Final = 0.05
-# Ties that wait, the newest: those of some twenty keyframes.
-_MAX_WAITING: Final = 60
+# Ties that wait, the newest: those of some sixty keyframes.
+_MAX_WAITING: Final = 200
 
 
 class PlaneTies:
@@ -65,18 +65,18 @@ class PlaneTies:
             if tie.host in graph.planes and tie.observer in graph.planes
         ]
         pools = [[tie] for tie in waiting] if is_survey else _by_planes(waiting, graph.planes)
-        self._waiting = []
         for pool in sorted(pools, key=lambda pool: -sum(len(tie.patches) for tie in pool)):
             planes = _planes_of(pool[0], graph.planes)
             if len(planes) > 1:
                 moved, kept = sorted(planes, key=lambda plane: (graph.added[plane], plane == current))
                 change = _change(pool, graph, moved, shape, is_survey)
                 if change is None:
-                    self._waiting += pool[-_MAX_WAITING:]
                     continue
                 yield change, moved, kept
             for tie in pool:
                 graph.tie(tie)
+        apart = [tie for tie in waiting if len(_planes_of(tie, graph.planes)) > 1]
+        self._waiting = [] if is_survey else apart[-_MAX_WAITING:]
 
     def seen_from(self, plane: int, keyframes: Iterable[Keyframe], graph: KeyframeGraph) -> list[Keyframe]:
         """The keyframes of other planes, where the waiting ties put them on `plane`.
