@@ -55,7 +55,7 @@ class Placement:
         is_keyframe: whether the frame became a keyframe.
         change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
         field_error: how far the fields of an interlaced frame are from an even motion, px.
-        is_adrift: whether the place is unknown, so that no keyframe may be made of it.
+        is_adrift: whether the place on this plane is unknown, so that no keyframe may be made of it.
     """
 
     to_reference: FloatArray
@@ -197,7 +197,7 @@ class KeyframeAnchor:
         """Places a frame of unknown motion by features of the newest keyframes, then of the likeliest.
 
         The matching keyframe becomes current, and its plane, too. A frame of a video continues another plane
-        only where it is `ok` there; else it starts a plane, which more ties may join to that one.
+        only where it is `ok` there; else it is adrift: it starts a plane, which ties may join to that one.
 
         Args:
             images: the frame and its halvings.
@@ -208,6 +208,7 @@ class KeyframeAnchor:
         active = self.keyframes.active
         newest = [one for one in self.keyframes.stored[::-1] if one.index != active.index]
         recent, older = [active, *newest[: _RELOCALISED - 1]], newest[_RELOCALISED - 1 :]
+        other = None
         for candidates in (recent, likeliest(features, older, _RELOCALISED)):
             for keyframe in candidates:
                 match = match_by_features(features, keyframe)
@@ -218,7 +219,8 @@ class KeyframeAnchor:
                 if not (is_elsewhere and is_video and found.std > OK_STD):
                     self.keyframes.activate(keyframe)
                     return found
-        return None
+                other = replace(found, match=None, is_recognised=False, is_adrift=True)
+        return other
 
     def _place_recognised(
         self, images: Sequence[GreyArray], keyframe: Keyframe, recognised: KeyframeMatch, is_jump: bool

@@ -175,6 +175,7 @@ class FrameRegistrar:
         is_elsewhere = self._is_elsewhere(found, motion) and predicted.is_trusted
         if is_elsewhere or (found.match is None and (is_photograph or self._is_search_due(motion))):
             found = self._recognise(images, anchor) or found
+            is_elsewhere |= found.is_adrift
         is_placed = (found.match is not None or motion.model is not None) and not is_elsewhere
         if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
@@ -250,8 +251,8 @@ class FrameRegistrar:
         """
         is_previous_known = self._motion.predicted == 0 and self._std_before <= MAX_DRIFT * self._shape[1]
         found = anchor.recognise(images, is_previous_known, self._footage.is_video)
-        if found is None:
-            return None
+        if found is None or found.is_adrift:
+            return found
         if anchor.keyframes.plane != self._planes.number:
             self._planes.leave(anchor.keyframes.plane)
             self._motion = MotionPredictor(self._shape)
