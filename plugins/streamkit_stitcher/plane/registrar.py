@@ -175,7 +175,7 @@ class FrameRegistrar:
         is_elsewhere = self._is_elsewhere(found, motion) and predicted.is_trusted
         if is_elsewhere or (found.match is None and (is_photograph or self._is_search_due(motion))):
             found = self._recognise(images, anchor) or found
-            is_elsewhere |= found.is_adrift
+            is_elsewhere |= found.is_adrift and self._footage.is_calm
         is_placed = (found.match is not None or motion.model is not None) and not is_elsewhere
         if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
