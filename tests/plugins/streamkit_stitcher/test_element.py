@@ -1,6 +1,7 @@
 """stitch in a harness and in pipelines."""
 
 import math
+from dataclasses import dataclass
 from fractions import Fraction
 
 import cv2
@@ -24,6 +25,13 @@ from streamkit.testing import Harness
 from streamkit_video.dronetestsrc.truth import TrueRegistration
 
 SMALL = (360, 640)
+
+
+@dataclass(frozen=True)
+class Note:
+    """Metadata of an author's own type."""
+
+    text: str
 
 
 @pytest.fixture(scope="module")
@@ -57,10 +65,10 @@ def test_frames_pass_untouched_with_registration(flight):
     """The array is the very one that came, and what was attached stays."""
     with Harness("stitch") as harness:
         for index in range(4):
-            frame = grey(flight.frame(index), index).attach("note")
+            frame = grey(flight.frame(index), index).attach(Note("first"))
             passed, found = push(harness, frame)
             assert passed.data is frame.data
-            assert passed.get(str) == "note"
+            assert passed.get(Note) == Note("first")
             assert isinstance(found.status, RegistrationStatus)
         assert flight.error(found.to_reference, 3) < 0.5
         assert found.inliers > 20
