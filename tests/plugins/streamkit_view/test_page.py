@@ -477,6 +477,32 @@ def test_a_record_that_comes_late_is_shown_with_its_frame(
     wait_for(lambda: len(drawn_boxes(canvas(browser, "overlay"))) == 1)
 
 
+TOGETHER = """
+const [count, done] = [...arguments];
+const { page, player } = streamkit, image = new OffscreenCanvas(64, 48), shown = [];
+image.getContext("2d");
+for (let seq = 0; seq < count; seq += 1) {
+  player.show(new VideoFrame(image, { timestamp: seq }), { epoch: 0, seq, pts_ns: seq * 4e7 });
+}
+const note = () => {
+  shown.push(page.shown.header.seq);
+  if (page.waiting.length) requestAnimationFrame(note);
+  else done(shown);
+};
+requestAnimationFrame(note);
+"""
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(("count", "shown"), [(2, [0, 1]), (5, [3, 4])])
+def test_frames_that_come_within_one_refresh_are_shown_one_after_the_other(
+    browser: Chrome, serve_keys: Callable[..., str], key: str, count: int, shown: list[int]
+) -> None:
+    """Records of two frames often come together; of more frames the newest two are shown, so that none lags."""
+    browser.get(serve_keys(key))
+    assert browser.execute_async_script(TOGETHER, count) == shown
+
+
 FIT = """
 const [points, asked, done] = [...arguments];
 import("./geo.js").then(({ GeoFit }) => {
