@@ -154,6 +154,7 @@ class FrameRegistrar:
             found = placed(anchor.keyframes.active, near)
             has_jumped = is_jump(normalised(inverse(before) @ found.to_reference), self._shape)
             if self._footage.continues(has_jumped):
+                self._is_adrift = False
                 return self._accept(images, image, anchor, replace(found, is_due=has_jumped))
         if image.is_blank:
             return self._predict()
@@ -172,7 +173,9 @@ class FrameRegistrar:
         predicted = self._predicted_by(motion)
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, near, predicted, self._std_before, is_photograph)
-        is_elsewhere = self._is_elsewhere(found, motion) and predicted.is_trusted
+        was_adrift, self._is_adrift = self._is_adrift, self._is_place_unknown(found, motion)
+        # Frames that continue each other at an unknown place: a cut was not noticed.
+        is_elsewhere = was_adrift and self._is_adrift and predicted.is_trusted and self._footage.is_calm
         if is_elsewhere or (found.match is None and (is_photograph or self._is_search_due(motion))):
             found = self._recognise(images, anchor) or found
             is_elsewhere |= found.is_adrift and self._footage.is_calm
@@ -227,14 +230,13 @@ class FrameRegistrar:
         continues = motion.model is not None and not is_jump(motion.matrix, self._shape)
         return not continues and self._footage.is_photograph(last, image)
 
-    def _is_elsewhere(self, found: Placement, motion: PairwiseMotion) -> bool:
-        """Whether frames that continue each other lie at an unknown place: a cut was not noticed.
+    def _is_place_unknown(self, found: Placement, motion: PairwiseMotion) -> bool:
+        """Whether a frame may lie farther off than ties can correct.
 
-        A step that may be off by more than ties can correct leaves the place unknown until a match is better.
+        A single step may be off by so much; then the place stays unknown until a match is better.
         """
-        was_adrift, most = self._is_adrift, MAX_DRIFT * self._shape[1]
-        self._is_adrift = found.std > most and (was_adrift or motion.corner_std(self._shape) > most)
-        return was_adrift and self._is_adrift and self._footage.is_calm
+        most = MAX_DRIFT * self._shape[1]
+        return found.std > most and (self._is_adrift or motion.corner_std(self._shape) > most)
 
     def _is_search_due(self, motion: PairwiseMotion) -> bool:
         """Whether features are compared with those of the keyframes.
