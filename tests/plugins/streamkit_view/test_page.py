@@ -498,7 +498,7 @@ requestAnimationFrame(note);
 def test_frames_that_come_within_one_refresh_are_shown_one_after_the_other(
     browser: Chrome, serve_keys: Callable[..., str], key: str, count: int, shown: list[int]
 ) -> None:
-    """Records of two frames often come together; of more frames the newest two are shown, so that none lags."""
+    """Records of two frames often come together; of more the newest two are shown, so that none lags."""
     browser.get(serve_keys(key))
     assert browser.execute_async_script(TOGETHER, count) == shown
 
