@@ -117,6 +117,12 @@ class Waits:
                 self.flushes += 1
         self.wake()
 
+    def await_frame_in_flight(self) -> None:
+        """Waits until the frame that is on its way downstream has met a flush, which has begun there.
+
+        For sources of frames that are older than the flush; a new frame may pass.
+        """
+
     def must_give_up(self, flushes: int) -> bool:
         """Whether a wait has to end: the pipeline stops, flushes, or has begun to since `flushes`."""
         return self.stopping.is_set() or self.is_flushing or self.flushes != flushes

@@ -182,6 +182,8 @@ class Playback:
         for pad in [pad for root in roots for pad in root.src_pads()]:
             pad.send_event(FLUSH_START if begins else FLUSH_STOP)
         if begins:
+            for root in roots:
+                root.await_frame_in_flight()
             self._expect_preroll()
             return
         for root in roots:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import threading
 from typing import TYPE_CHECKING
 
 from streamkit.crossing.channel import ChannelClosed
@@ -12,10 +13,13 @@ from streamkit.errors import StreamkitError
 from streamkit.flow.events import DiscontinuityEvent, EndOfStream, EosEvent, Event, FlowStop, Flushing
 from streamkit.flow.frame import Frame, FrameFlags
 from streamkit.graph.processes.connection import FLUSHED, TAKEN, Connection
-from streamkit.handoff.bounded_queue import POLL_S
+from streamkit.handoff.bounded_queue import POLL_S, wait_until
 
 if TYPE_CHECKING:
     from streamkit.graph.processes.process_link import ProcessLink
+
+
+FLIGHT_LIMIT_S = 2.0  # longest wait of a flush for the frame on its way downstream
 
 
 class LinkReader:
@@ -30,6 +34,20 @@ class LinkReader:
         self._is_first_of_epoch = False
         self._epoch_offset = self._number_offset = self._highest_epoch = 0
         self._highest_number = -1
+        self._pushing_thread = (
+            0  # that has a frame on its way downstream, or 0; guarded by the link's `changed`
+        )
+
+    def await_push(self) -> None:
+        """Waits until the frame that is on its way downstream has met a flush, which has begun there."""
+        with self._link.changed:
+            own = threading.get_ident()
+            wait_until(
+                self._link.changed,
+                lambda: self._pushing_thread in (0, own),
+                FLIGHT_LIMIT_S,
+                self._link.stopping,
+            )
 
     def run(self) -> None:
         """Sends on what comes, over one connection after another.
@@ -99,7 +117,7 @@ class LinkReader:
         frame = self._pad.announce_caps(self._continued(frame))
         is_over = False
         try:
-            self._wait_for_downstream()
+            self._begin_push()
             if connection.counts[TAKEN] < connection.counts[FLUSHED]:
                 raise Flushing(self._link.name)
             self._pad.push(frame)
@@ -110,21 +128,29 @@ class LinkReader:
             raise
         finally:
             del frame  # its slot may be free now
+            with self._link.changed:
+                self._pushing_thread = 0
+                self._link.changed.notify_all()
             connection.counts[TAKEN] += 1
             with contextlib.suppress(ChannelClosed):
                 connection.channel.send(decoder.done(is_over=is_over), (), self._link.stopping.is_set)
 
-    def _wait_for_downstream(self) -> None:
-        """Waits until no flush is in progress; a frame that a stop meets here has not been sent on.
+    def _begin_push(self) -> None:
+        """Waits until no flush is in progress; one that begins from now on waits for the frame.
 
         Raises:
-            Flushing: the pipeline stops.
+            Flushing: the pipeline stops; the frame has not been sent on.
         """
-        try:
-            self._link.wait_while_flushing()
-        except Flushing:
-            self._link.count_drop("pipeline stopped")
-            raise
+        link = self._link
+        while not self._pushing_thread:
+            try:
+                link.wait_while_flushing()
+            except Flushing:
+                link.count_drop("pipeline stopped")
+                raise
+            with link.changed:
+                if not link.is_flushing:
+                    self._pushing_thread = threading.get_ident()
 
     def _continued(self, frame: Frame) -> Frame:
         """The frame with the epoch and number that follow those from before a restart."""

@@ -101,6 +101,11 @@ class ProcessLink(Element):
             if self.writes and self._newest is not None:
                 self._newest.counts[FLUSHED] = self._newest.counts[SENT]
 
+    @override
+    def await_frame_in_flight(self) -> None:
+        if self.reads:
+            self._reader.await_push()
+
     # The connection.
 
     def connect(self, end: socket.socket, counts: memoryview) -> None:

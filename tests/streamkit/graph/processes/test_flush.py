@@ -1,10 +1,11 @@
 """Flushes of pipelines of which parts run in processes of their own."""
 
+import threading
 import time
 
 import pytest
 
-from streamkit import MessageKind
+from streamkit import Frame, MessageKind
 from streamkit.graph.pipeline import Pipeline
 
 LIMIT_S = 80.0  # a busy machine takes long to start a process
@@ -95,3 +96,24 @@ def test_frames_in_a_link_are_counted_when_the_pipeline_stops() -> None:
     for row in links:
         assert row.dropped["pipeline stopped"] > 0
         assert row.frames_in == row.frames_out + row.total_dropped
+
+
+def test_a_flush_waits_for_the_frame_that_is_on_its_way() -> None:
+    """It came before the flush: it would pass if its thread rested for as long as the flush takes."""
+    text = "( process=true fakesrc num-buffers=3 ) ! identity name=i ! fakesink"
+    is_there, may_go_on, has_flushed = threading.Event(), threading.Event(), threading.Event()
+
+    def hold(frame: Frame) -> None:
+        is_there.set()
+        assert may_go_on.wait(LIMIT_S)
+
+    with Pipeline.parse(text) as pipeline:
+        pipeline["i"].on_handoff.append(hold)
+        pipeline.play()
+        assert is_there.wait(LIMIT_S)
+        thread = threading.Thread(target=lambda: (pipeline.flush(), has_flushed.set()))
+        thread.start()
+        assert not has_flushed.wait(0.3)
+        may_go_on.set()
+        assert has_flushed.wait(LIMIT_S)
+        thread.join(LIMIT_S)
