@@ -18,7 +18,6 @@ from streamkit.handoff.bounded_queue import POLL_S, wait_until
 if TYPE_CHECKING:
     from streamkit.graph.processes.process_link import ProcessLink
 
-
 FLIGHT_LIMIT_S = 2.0  # longest wait of a flush for the frame on its way downstream
 
 
@@ -34,9 +33,8 @@ class LinkReader:
         self._is_first_of_epoch = False
         self._epoch_offset = self._number_offset = self._highest_epoch = 0
         self._highest_number = -1
-        self._pushing_thread = (
-            0  # that has a frame on its way downstream, or 0; guarded by the link's `changed`
-        )
+        # The thread that has a frame on its way downstream, or 0; guarded by the link's `changed`.
+        self._pushing_thread = 0
 
     def await_push(self) -> None:
         """Waits until the frame that is on its way downstream has met a flush, which has begun there."""
