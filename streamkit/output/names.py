@@ -10,8 +10,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://")
-# NAME:PASSWORD@HOST, or HOST.DOMAIN:PORT.
-BARE_ADDRESS = re.compile(r"(?:[^/@:]+:\S*@[\w.-]+(?::\d+)?|[\w-]+(?:\.[\w-]+)+:\d+)(?:/|$)")
+# NAME:PASSWORD@HOST, HOST.DOMAIN:PORT, or localhost:PORT.
+BARE_ADDRESS = re.compile(r"(?:[^/@:]+:\S*@[\w.-]+(?::\d+)?|(?:localhost|[\w-]+(?:\.[\w-]+)+):\d+)(?:/|$)")
 NUMBER = re.compile(r"%0?\d*d")
 NUMBER_BESIDE_TIME = re.compile(r"%0\d+d")  # `%d` is the day there
 TIME = re.compile(r"%[YHM]")

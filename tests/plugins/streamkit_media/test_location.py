@@ -41,6 +41,7 @@ def test_is_network_distinguishes_urls_from_files() -> None:
     [
         ("10.0.0.7:554/live", True),
         ("camera.local:8554", True),
+        ("localhost:8554/live", True),
         ("user:secret@host", True),
         ("user:p@ss/word@host/live", True),
         ("rtsp://user:secret@host/live", False),
@@ -54,5 +55,5 @@ def test_is_network_distinguishes_urls_from_files() -> None:
     ],
 )
 def test_lacks_protocol_tells_a_bare_address_from_files_and_keys(location: str, expected: bool) -> None:
-    """A password, or a dotted host with a port, shows it; a time or an @ in a name does not."""
+    """A password, or localhost or a dotted host with a port, shows it; a time or an @ in a name does not."""
     assert lacks_protocol(location) is expected
