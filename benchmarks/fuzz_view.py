@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 import zenoh
+from view_load import message_head
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -158,10 +159,7 @@ def check_good(server: Server) -> float:
     with server.page(server.token) as page:
         page.send(json.dumps({"control": GOOD}))
         while waiting and time.monotonic() - began < ANSWER_LIMIT_S:
-            message = page.recv(ANSWER_LIMIT_S)
-            if isinstance(message, bytes):  # its head follows the head's length
-                message = message[4 : 4 + int.from_bytes(message[:4], "little")].decode()
-            found: dict[str, Any] = json.loads(message)
+            found = message_head(page.recv(ANSWER_LIMIT_S))
             waiting.discard(found["type"])
             if found["type"] == "control":
                 assert found["body"]["reply"]["properties"][0]["value"] == GOOD["value"], found

@@ -20,13 +20,8 @@ from streamkit_stitcher.plane.settings import PlaneSettings, ReferenceChoice
 
 SHAPE = (432, 768)
 FIRST, OTHER, AGAIN = 55, 12, 100
-LEANS = (
-    0.0,
-    0.1,
-    -0.1,
-    0.22,
-    -0.22,
-)  # depth of the frame's lower side less that of its middle, by the latter
+# Depth of the frame's lower side less that of its middle, by the latter.
+LEANS = (0.0, 0.1, -0.1, 0.22, -0.22)
 OVERLAPS = (0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
 WAYS = ("across", "along", "aslant", "nearer")
 LIMIT_PX = 2.0

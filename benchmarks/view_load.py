@@ -21,7 +21,6 @@ import json
 import multiprocessing
 import os
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
@@ -156,6 +155,14 @@ def family(process: int) -> list[int]:
     return [process, *itertools.chain.from_iterable(map(family, children))]
 
 
+def message_head(data: str | bytes) -> dict[str, Any]:
+    """A message to a page, without the payload of a binary one, which follows its head."""
+    if isinstance(data, bytes):
+        data = data[4 : 4 + int.from_bytes(data[:4], "little")]
+    found: dict[str, Any] = json.loads(data)
+    return found
+
+
 @contextmanager
 def headless_browser(*arguments: str) -> Iterator[Any]:
     """Debian's chromium without a window and without a GPU."""
@@ -226,8 +233,7 @@ def measure_bytes(url: str) -> None:
         for taken in itertools.count(1):
             data = page.recv(60)
             page.send(json.dumps({"taken": taken}))
-            header = data[4 : 4 + struct.unpack_from("<I", data)[0]] if isinstance(data, bytes) else data
-            message = json.loads(header)
+            message = message_head(data)
             sent[message["type"]] += len(data)
             if message["type"] == "tracks":
                 began_s = began_s or time.monotonic()
