@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import enum
-import os
 import signal
-import sys
-import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from streamkit import exit_with_error, write_remedy
+from streamkit import end_process, exit_with_error, write_remedy
 from streamkit.output.pipe import until_reader_leaves
 from streamkit_zenoh.silence import SilenceMonitor, others_text
 
@@ -96,7 +93,7 @@ def subscribe(
         subscriber.close()
     if message:
         typer.echo(f"error: {message}", err=True)
-    _leave(code)
+    end_process(code)  # zenoh may have left a thread
 
 
 def _print_all(
@@ -141,13 +138,3 @@ def _remedy(subscriber: TrackSubscriber) -> str:
     if others := others_text(subscriber.published_keys()):
         return f": {others}"
     return ": no publisher is there; start it, or give both sides endpoints that meet (--connect, --listen)"
-
-
-def _leave(code: int) -> NoReturn:
-    """Ends the process, even if zenoh has left a thread that does not end."""
-    left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
-    if left:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-    raise typer.Exit(code)

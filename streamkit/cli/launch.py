@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 import signal
 import sys
-import threading
 from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
@@ -26,7 +24,7 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.stderr import fail, fail_usage, lines_in, print_line
+from streamkit.cli.stderr import end_process, fail, fail_usage, lines_in, open_threads, print_line
 from streamkit.errors import DescriptionError, StreamkitError
 from streamkit.graph.variables import unused_variables
 from streamkit.handoff.library_threads import share_cores
@@ -264,13 +262,7 @@ def choose_display(pipeline: Pipeline, stats: Form | None, log_format: LogFormat
 
 def _exit(code: int, *, abandons_start: bool) -> NoReturn:
     """Exits, even if a thread does not end: an error, unless it is that of an interrupted start."""
-    left = [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
-    if left and not abandons_start:
-        names = ", ".join(thread.name for thread in left)
-        print_line(f"error: threads did not end: {names}")
+    if not abandons_start and (left := open_threads()):
+        print_line(f"error: threads did not end: {', '.join(thread.name for thread in left)}")
         code = code or 1
-    if left:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
-    raise typer.Exit(code)
+    end_process(code)

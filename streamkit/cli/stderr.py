@@ -1,9 +1,12 @@
-"""Lines on stderr, and errors that end a command: text, or JSON objects for programs that collect logs."""
+"""Lines on stderr, text or JSON objects for programs that collect logs, and the ends of commands."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import os
+import sys
+import threading
 from collections.abc import Container, Iterator
 from contextvars import ContextVar
 from datetime import UTC, datetime
@@ -43,6 +46,20 @@ def time_stamp() -> str:
 def exit_with_error(text: str, code: int = 1) -> NoReturn:
     """Prints an error on stderr, and ends the command with an exit code."""
     print_line(f"error: {text}")
+    raise typer.Exit(code)
+
+
+def open_threads() -> list[threading.Thread]:
+    """The threads that keep the process from ending."""
+    return [t for t in threading.enumerate() if t is not threading.main_thread() and not t.daemon]
+
+
+def end_process(code: int) -> NoReturn:
+    """Ends the command with an exit code, even if a library has left a thread that does not end."""
+    if open_threads():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
     raise typer.Exit(code)
 
 
