@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from statistics import mean, quantiles
 
 from streamkit import Pipeline, Tracks
-from streamkit.flow.metadata import SHOWN_STATES
+from streamkit.geometry.track import SHOWN_STATES
 
 TUNSETIFF, IFF_TUN, IFF_NO_PI = 0x400454CA, 1, 0x1000  # linux/if_tun.h
 QUEUE_S = 0.2  # the router's buffer: more is dropped

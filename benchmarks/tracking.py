@@ -37,10 +37,9 @@ from tracking_sequences import (
     upright,
 )
 
+from streamkit.geometry.track import Track, TrackState
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.window_geometry import half_turn
 
@@ -57,24 +56,24 @@ class Run:
     def __init__(self, steps: Iterator[Step], settings: TrackerSettings, *, grey: bool = False) -> None:
         tracker = MultiTargetTracker(settings)
         found, truth, hidden, turns, spent = [], [], [], [], []
-        self.states: list[TargetState] = []
+        self.states: list[TrackState] = []
         for index, step in enumerate(steps):
             levels, chroma = planes(step.picture)
             observation = Observation(STEP_S, to_previous=step.to_previous, chroma=None if grey else chroma)
             began = time.thread_time()
             if index == 0:
-                reports: tuple[TargetReport, ...] = (tracker.start_target(levels, _first(step), observation),)
+                reports: tuple[Track, ...] = (tracker.start_target(levels, _first(step), observation),)
             else:
                 reports = tracker.step(levels, observation)
                 spent.append(time.thread_time() - began)
             truth.append(step.box)
             hidden.append(step.hidden)
-            self.states.append(reports[0].state if reports else TargetState.LOST)
-            window = reports[0].window if reports else np.full(5, np.nan)
+            self.states.append(reports[0].state if reports else TrackState.LOST)
+            window = np.array(reports[0].turned_box) if reports else np.full(5, np.nan)
             found.append(upright(window))
             if step.window is not None:
                 turns.append(abs(float(half_turn(window[4] - step.window[4]))))
-        claimed = np.array([state is TargetState.CONFIRMED for state in self.states])
+        claimed = np.array([state is TrackState.CONFIRMED for state in self.states])
         self.milliseconds = 1e3 * float(np.mean(spent))
         self.angle = float(np.degrees(np.nanmedian(turns))) if turns else float("nan")
         self.scores: Scores = score(np.array(found), np.array(truth), claimed)
@@ -111,7 +110,7 @@ def removed(seeds: range, settings: TrackerSettings) -> None:
     soon, false, frames = 0, 0, 0
     for seed in seeds:
         confirmed = [
-            state is TargetState.CONFIRMED for state in Run(rendered("removed", seed), settings).states
+            state is TrackState.CONFIRMED for state in Run(rendered("removed", seed), settings).states
         ]
         soon += not any(confirmed[GONE_FROM + LOST_WITHIN :])
         false += confirmed[:GONE_FROM].count(False)

@@ -16,13 +16,10 @@ from streamkit import (
     FrameFlags,
     Property,
     PropertyError,
-    Provenance,
     Registration,
     RegistrationStatus,
     SettingsOf,
-    Track,
     Tracks,
-    TrackState,
     Transform,
     luma,
 )
@@ -32,7 +29,6 @@ from streamkit_kernels import start_kernels
 from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.observation import FrameContinuity, Observation
-from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.warm_up import warm_up
@@ -121,15 +117,15 @@ class ParticleTrack(Transform):
             self.warn_once(
                 "compare=features: no feature space comes with the frames yet: put waveleteigen upstream"
             )
-        reports = self._tracker.step(image, observation)
+        tracks = self._tracker.step(image, observation)
         window, self._start_window = self._start_window, None
         if window is not None:
             try:
-                reports = (*reports, self._tracker.start_target(image, window, observation))
+                tracks = (*tracks, self._tracker.start_target(image, window, observation))
             except ValueError as error:
                 self.post_warning(f"window={self.window}: {error}")
         self.results["tracks"] = self._tracker.targets.confirmed
-        return frame.attach(Tracks(tuple(track(report) for report in reports)))
+        return frame.attach(Tracks(tracks))
 
     def _parsed_window(self) -> FloatArray | None:
         try:
@@ -140,26 +136,6 @@ class ParticleTrack(Transform):
     def _evicted(self) -> int:
         tracker: MultiTargetTracker | None = self.__dict__.get("_tracker")
         return 0 if tracker is None else tracker.evicted
-
-
-def track(report: TargetReport) -> Track:
-    """A report as metadata."""
-    x, y, length, width, angle = report.window.tolist()
-    across, down = report.velocity.tolist()
-    return Track(
-        report.id,
-        TrackState(report.state),
-        x,
-        y,
-        length,
-        width,
-        angle,
-        (across, down),
-        report.covariance,
-        report.score,
-        round(report.age_s * 1e9),
-        Provenance(**vars(report.provenance)),
-    )
 
 
 def observe(frame: Frame, last: Frame | None) -> Observation:

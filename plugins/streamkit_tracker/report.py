@@ -1,28 +1,27 @@
-"""Reports of targets in one frame."""
+"""The tracks that are reported of a frame."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 
+from streamkit.geometry.track import Provenance, Track, TrackState
 from streamkit_tracker.delete import position_doubt
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
     COASTING,
     CONFIRMED,
     SETTLED_S,
-    TargetState,
     TargetTable,
     centroid_std,
 )
-from streamkit_tracker.window_geometry import IDENTITY, FloatArray, map_points
+from streamkit_tracker.window_geometry import IDENTITY, map_points
 
-STATES = tuple(TargetState)
+STATES = tuple(TrackState)  # in the order of the codes in the table
 REPORTED = (
-    "id", "state", "score", "age_s", "predicted", "detection", "gate", "similarity", "shared", "learnt",
+    "id", "state", "window", "score", "age_s", "predicted", "detection", "gate", "similarity", "shared",
+    "learnt",
 )  # fmt: skip
 # sides; a target that coasts at a position less certain is kept without a report
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
@@ -30,41 +29,8 @@ DRAWN_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a target that changes shape
 
 
-@dataclass
-class TargetProvenance:
-    """Where a target's row in one frame comes from: the fields of `streamkit.Provenance`."""
-
-    predicted: tuple[float, float] | None = None
-    detection: int | None = None
-    shared: bool = False
-    gate: float | None = None
-    similarity: float | None = None
-    learnt: bool = False
-    cause: str = ""
-
-
-class TargetReport(msgspec.Struct, frozen=True, eq=False):
-    """One target in one frame: see `streamkit.Track`.
-
-    Attributes:
-        window: float64[5], x y length width angle in the frame's pixels.
-        velocity: float64[2], px/s on the reference plane.
-        covariance: float64[2, 2] of x and y, px squared.
-        score: similarity of the window to the target's template, or share of frames detected, 0 to 1.
-    """
-
-    id: int
-    state: TargetState
-    window: FloatArray
-    velocity: FloatArray
-    covariance: FloatArray
-    score: float
-    age_s: float
-    provenance: TargetProvenance
-
-
-def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, ...]:
-    """Reports of all targets but those without a detection that are unsettled, or at an unknown position.
+def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
+    """Tracks of all targets but those without a detection that are unsettled, or at an unknown position.
 
     A detector misses an object for a frame or two; it is reported until it is dormant.
     """
@@ -96,19 +62,20 @@ def report(table: TargetTable, observation: Observation) -> tuple[TargetReport, 
         rows["score"][tentative] = np.nanmean(rows["hits"][tentative], axis=1)
     rows["score"] = np.clip(rows["score"], 0.0, 1.0)
     # whole columns: reading one field of one row takes as long as reading all rows
-    columns = zip(*(rows[name].tolist() for name in REPORTED), strict=True)
-    reports = []
-    for row, (number, state, score, age_s, point, detection, *found, shared, learnt) in enumerate(columns):
+    columns = zip(*(rows[name].tolist() for name in REPORTED), velocities.tolist(), covariances, strict=True)
+    tracks = []
+    for row in columns:
+        number, state, window, score, age_s, point, detection, *found, shared, learnt, speed, covariance = row
         gate, similarity = (None if math.isnan(value) else value for value in found)
-        provenance = TargetProvenance(
+        provenance = Provenance(
             None if math.isnan(point[0]) else tuple(point),
             None if detection < 0 else detection,
-            shared,
             gate,
+            shared,
             similarity,
             learnt,
             table.causes.get(number, ""),
         )
-        at = rows["window"][row], velocities[row], covariances[row]
-        reports.append(TargetReport(number, STATES[state], *at, score, age_s, provenance))
-    return tuple(reports)
+        place = *window, tuple(speed), covariance
+        tracks.append(Track(number, STATES[state], *place, score, round(age_s * 1e9), provenance))
+    return tuple(tracks)

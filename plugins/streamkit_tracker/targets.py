@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 IndexArray = NDArray[np.intp]
 TargetRows = NDArray[Any]
 
-TENTATIVE, CONFIRMED, COASTING, LOST = range(4)
+TENTATIVE, CONFIRMED, COASTING, LOST = range(4)  # codes of `TrackState`
 INITIAL_CREDIT_S = 0.2
 SETTLED_S = 1.0  # of detections beyond its gaps: false regions of motion seldom last
 SPEED_SHARE = 1 / 3  # of the fastest speed: standard deviation of the velocity before it is known
@@ -70,15 +69,6 @@ TARGET = np.dtype(
         ("visible", np.float64),  # part of the window inside the frame, 0 to 1
     ]
 )
-
-
-class TargetState(enum.StrEnum):
-    """State of a target, in the order of the codes in the table."""
-
-    TENTATIVE = "tentative"
-    CONFIRMED = "confirmed"
-    COASTING = "coasting"
-    LOST = "lost"
 
 
 @dataclass(eq=False)

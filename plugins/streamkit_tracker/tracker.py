@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from streamkit.geometry.track import Track
 from streamkit_tracker.appearance.box_colours import COLOURS_VERSION, box_colours
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.associate import associate
@@ -21,7 +22,7 @@ from streamkit_tracker.delete import (
 from streamkit_tracker.initiate import add_tentative, start_appearance, start_appearances
 from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.predict import correct, predict
-from streamkit_tracker.report import TargetReport, report
+from streamkit_tracker.report import report
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import COASTING, IndexArray, TargetTable
 from streamkit_tracker.update.detected_box import follow_boxes, follow_detections
@@ -54,7 +55,7 @@ class MultiTargetTracker:
         self._budget = Budget(self.settings.budget_ms / 1e3)
         self._frames = 0
 
-    def start_target(self, image: ByteArray, window: FloatArray, observation: Observation) -> TargetReport:
+    def start_target(self, image: ByteArray, window: FloatArray, observation: Observation) -> Track:
         """Starts one target from a window drawn by hand.
 
         Args:
@@ -77,7 +78,7 @@ class MultiTargetTracker:
         targets.confirm(row, "drawn by hand")
         return report(targets, observation)[-1]
 
-    def step(self, image: ByteArray, observation: Observation) -> tuple[TargetReport, ...]:
+    def step(self, image: ByteArray, observation: Observation) -> tuple[Track, ...]:
         """Tracks all targets into the next frame.
 
         Args:
@@ -85,7 +86,7 @@ class MultiTargetTracker:
             observation: what came with it.
 
         Returns:
-            One report for every target, in order of their ids; a target that ends is reported once as lost.
+            One track for every target, in order of their ids; a target that ends is reported once as lost.
         """
         targets, sampler = self.targets, self._sampler
         targets.begin_frame()

@@ -202,7 +202,7 @@ class WaveletEigen(Transform):
         if self._window is not None:
             return "window", np.zeros(1, np.int64), self._window
         if self.targets is TargetSource.TRACKS:
-            rows = [(one.x, one.y, one.length, one.width, one.angle) for one in frame.tracks]
+            rows = [track.turned_box for track in frame.tracks]
             ids = np.array([one.id for one in frame.tracks], np.int64)
             return TargetSource.TRACKS.value, ids, np.array(rows, np.float64)
         detections = frame.get(Detections)

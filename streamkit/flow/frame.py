@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import msgspec
 
-from streamkit.flow.metadata import Registration, Track, Tracks
+from streamkit.flow.metadata import Registration, Tracks
+from streamkit.geometry.track import Track
 
 if TYPE_CHECKING:
     from streamkit.flow.caps import Caps

@@ -11,9 +11,10 @@ from streamkit.errors import StreamError
 from streamkit.flow.caps import Caps
 from streamkit.flow.frame import Capture, Frame
 from streamkit.flow.ground import GroundPosition, ground_positions
-from streamkit.flow.metadata import Detections, Registration, Track, TrackState
+from streamkit.flow.metadata import Detections, Registration
 from streamkit.geometry.boxes import upright_sides
 from streamkit.geometry.registration_status import RegistrationStatus
+from streamkit.geometry.track import Track, TrackState
 from streamkit.masking import mask_secrets
 
 TRACKS_SCHEMA: Literal["streamkit.tracks/1"] = "streamkit.tracks/1"

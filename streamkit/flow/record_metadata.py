@@ -7,8 +7,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from streamkit.flow.metadata import Registration, Track, Tracks
+from streamkit.flow.metadata import Registration, Tracks
 from streamkit.flow.record import TargetRecord, TrackRecord
+from streamkit.geometry.track import Track
 
 UNKNOWN = float("nan")
 # Fields that a target has in its record and in the metadata.

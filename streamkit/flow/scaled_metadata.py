@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from streamkit.flow.frame import Frame
-from streamkit.flow.metadata import Detections, GroundReference, Provenance, Registration, Tracks
+from streamkit.flow.metadata import Detections, GroundReference, Registration, Tracks
 from streamkit.geometry.homography import FloatArray
 from streamkit.geometry.scaling import scale_boxes, scale_homographies, scale_points
+from streamkit.geometry.track import Provenance
 
 
 def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArray) -> Frame:
@@ -54,7 +55,7 @@ def scale_metadata(frame: Frame, scaling: FloatArray, previous_scaling: FloatArr
 
 def _scale_tracks(item: Tracks, scaling: FloatArray) -> Tracks:
     rows = item.tracks
-    values = np.array([(row.x, row.y, row.length, row.width, row.angle) for row in rows]).reshape(-1, 5)
+    values = np.array([row.turned_box for row in rows]).reshape(-1, 5)
     centres = scale_points(scaling, values[:, :2]).tolist()
     boxes = np.column_stack(scale_boxes(scaling, *values[:, 2:].T)).tolist()
     linear = scaling[:2, :2]

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from streamkit.geometry.track import SHOWN_STATES
 from streamkit_tracker.evaluation.scores import Labelled
 from streamkit_tracker.window_geometry import FloatArray
 
-SHOWN_STATES = ("confirmed", "coasting")
 ONE_TARGET_COLUMNS, MOT_COLUMNS = 4, 6
 MOT_USED = 6  # column that says whether a ground truth box counts
 MOT_CLASS, MOT_CLASS_COLUMNS = 7, 9  # of the layout from MOT16 on

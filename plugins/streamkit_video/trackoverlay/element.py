@@ -148,7 +148,7 @@ class TrackOverlay(Transform):
 
     def _draw_track(self, image: NDArray[np.uint8], track: Track, labels: list[drawing.Rectangle]) -> None:
         colour = drawing.identity_colour(track.id)
-        corners = drawing.box_corners(track.x, track.y, track.length, track.width, track.angle)
+        corners = drawing.box_corners(*track.turned_box)
         drawing.draw_outline(image, corners, colour, STYLES[track.state])
         if self.covariance > 0.0:
             ellipse = drawing.ellipse_points(track.x, track.y, track.covariance, self.covariance)

@@ -106,7 +106,7 @@ def test_a_weak_detection_continues_a_target_but_starts_none():
     tracker = MultiTargetTracker()
     for _ in range(10):
         reports = tracker.step(IMAGE, objects((60, 0.8), (200, 0.08)))
-    assert [report.window[0] for report in reports] == [60.0]
+    assert [report.turned_box[0] for report in reports] == [60.0]
     for _ in range(10):
         (faded,) = tracker.step(IMAGE, objects((60, 0.2)))
     assert faded.id == reports[0].id

@@ -1,17 +1,17 @@
 """A target drawn by hand that was lost and is in view again."""
 
+import math
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from streamkit.geometry.track import Track, TrackState
 from streamkit_tracker.appearance.correlation_filter import CorrelationFilter
 from streamkit_tracker.appearance.filter_copies import FilterCopies
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.update.redetection import CONTRADICTING, DETECT_EVERY, Redetector
 
@@ -21,7 +21,7 @@ BEFORE, GONE, AFTER = 40, 15, 45
 RETURN = (290.0, 60.0)
 
 
-def reports_of(scenes: ModuleType, back: tuple[float, float] | None, seed: int) -> list[TargetReport | None]:
+def reports_of(scenes: ModuleType, back: tuple[float, float] | None, seed: int) -> list[Track | None]:
     """A target that moves, is gone, and comes back at another place, or not at all."""
     generator = np.random.default_rng(seed)
     ground, texture = scenes.ground(generator, 240, 360), scenes.blob_texture(generator)
@@ -48,7 +48,7 @@ def test_it_is_confirmed_again_far_from_where_it_was_lost(scenes: ModuleType):
         found = reports_of(scenes, RETURN, seed)[BEFORE + GONE + 25 :]
         assert all(report is not None and report.id == 1 for report in found)
         right = [
-            report.state is TargetState.CONFIRMED and np.hypot(*(report.window[:2] - RETURN)) < 6
+            report.state is TrackState.CONFIRMED and math.dist(report.turned_box[:2], RETURN) < 6
             for report in found
             if report is not None
         ]
@@ -59,7 +59,7 @@ def test_another_object_is_not_taken_for_it(scenes: ModuleType):
     """One of its size with another look."""
     for seed in range(3):
         reports = reports_of(scenes, None, seed)[BEFORE + 10 :]
-        assert not any(report is not None and report.state is TargetState.CONFIRMED for report in reports)
+        assert not any(report is not None and report.state is TrackState.CONFIRMED for report in reports)
 
 
 def test_detections_elsewhere_contradict_until_one_is_where_the_target_is_followed(scenes: ModuleType):
@@ -100,4 +100,4 @@ def test_a_target_without_background_or_look_is_never_found_elsewhere(
     tracker.start_target(image, np.array([*window, 0.0]), STEP)
     for _ in range(40):
         for report in tracker.step(image, STEP):
-            assert np.hypot(*(report.window[:2] - window[:2])) < 30
+            assert math.dist(report.turned_box[:2], window[:2]) < 30

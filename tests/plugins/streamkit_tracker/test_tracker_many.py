@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 import scipy
 
+from streamkit.geometry.track import Track, TrackState
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 
 MATCH_PX = 10.0
@@ -33,9 +32,9 @@ def follow(flight, settings: TrackerSettings | None = None):
     return [(seen, tracker.step(seen.image, observe(seen))) for seen in flight]
 
 
-def confirmed(reports: tuple[TargetReport, ...]) -> list[TargetReport]:
+def confirmed(reports: tuple[Track, ...]) -> list[Track]:
     """The confirmed ones."""
-    return [report for report in reports if report.state is TargetState.CONFIRMED]
+    return [report for report in reports if report.state is TrackState.CONFIRMED]
 
 
 def matches(rows):
@@ -43,7 +42,7 @@ def matches(rows):
     found, false = [], 0
     for index, (seen, reports) in enumerate(rows):
         tracks, cars = confirmed(reports), list(seen.truth.items())
-        gaps = np.array([[np.hypot(*(t.window[:2] - w[:2])) for t in tracks] for _, w in cars])
+        gaps = np.array([[np.hypot(*(t.turned_box[:2] - w[:2])) for t in tracks] for _, w in cars])
         gaps = gaps.reshape(len(cars), len(tracks))
         pairs = [
             p
@@ -74,7 +73,9 @@ def test_cars_under_a_moving_camera_are_followed(scenes: ModuleType, seed: int):
     rows = follow(flight)
     found, false = matches(rows)
     total = sum(len(seen.truth) for seen, _ in rows)
-    error = [np.hypot(*(report.window[:2] - rows[index][0].truth[car][:2])) for index, car, report in found]
+    error = [
+        np.hypot(*(report.turned_box[:2] - rows[index][0].truth[car][:2])) for index, car, report in found
+    ]
     assert len(found) >= 0.9 * total
     assert false <= 0.1 * len(rows)
     assert np.percentile(error, 95) <= 3.0
@@ -112,9 +113,9 @@ def test_shape_and_heading_come_from_box_and_motion(scenes: ModuleType):
     rows = follow(scenes.Flight([car], frames=40, seed=4, false_alarms=0, box_noise=1.0))
     (report,) = confirmed(rows[-1][1])
     truth = rows[-1][0].truth[0]
-    assert report.window[2] == pytest.approx(truth[2], rel=0.2)
-    assert report.window[3] == pytest.approx(truth[3], rel=0.25)
-    assert abs(np.degrees((report.window[4] - truth[4] + np.pi / 2) % np.pi - np.pi / 2)) < 6
+    assert report.turned_box[2] == pytest.approx(truth[2], rel=0.2)
+    assert report.turned_box[3] == pytest.approx(truth[3], rel=0.25)
+    assert abs(np.degrees((report.turned_box[4] - truth[4] + np.pi / 2) % np.pi - np.pi / 2)) < 6
 
 
 def test_crossing_cars_keep_their_ids(scenes: ModuleType):
@@ -138,9 +139,9 @@ def test_a_stopped_car_coasts_and_then_ends(scenes: ModuleType):
     )
     states = [[report.state for report in reports] for _, reports in rows]
     undetected = 61
-    assert states[undetected + 15] == [TargetState.COASTING]
+    assert states[undetected + 15] == [TrackState.COASTING]
     assert states[-1] == []
-    assert sum(state == [TargetState.LOST] for state in states) == 1
+    assert sum(state == [TrackState.LOST] for state in states) == 1
 
 
 def test_what_blinks_in_place_is_never_confirmed(scenes: ModuleType):
@@ -157,7 +158,7 @@ def test_a_car_that_vanishes_leaves_no_ghost(scenes: ModuleType):
     assert len(confirmed(rows[39][1])) == 1
     assert all(not confirmed(reports) for _, reports in rows[46:])
     states = [report.state for _, reports in rows[40:] for report in reports]
-    assert states.count(TargetState.LOST) == 1
+    assert states.count(TrackState.LOST) == 1
     assert rows[-1][1] == ()
 
 
@@ -165,11 +166,11 @@ def test_doubt_grows_while_nothing_is_seen(scenes: ModuleType):
     """A coasting target's covariance grows from frame to frame; it is reported only while it is of use."""
     car = scenes.Car((100, 100), (70, 20), scenes.car_texture(np.random.default_rng(3)), gone_at=40)
     rows = follow(scenes.Flight([car], frames=70, seed=3, miss=0.0, false_alarms=0))
-    coasting = [report for _, reports in rows for report in reports if report.state is TargetState.COASTING]
+    coasting = [report for _, reports in rows for report in reports if report.state is TrackState.COASTING]
     spread = [np.trace(report.covariance) for report in coasting]
     assert len(spread) >= 5
     assert all(later > earlier for earlier, later in pairwise(spread))
-    assert max(np.sqrt(report.covariance[0, 0]) for report in coasting) < coasting[0].window[2]
+    assert max(np.sqrt(report.covariance[0, 0]) for report in coasting) < coasting[0].turned_box[2]
 
 
 @pytest.mark.parametrize("unseen", [12, 24])
@@ -223,7 +224,7 @@ def test_who_coasts_makes_room_for_who_is_seen():
     ground = noise.integers(90, 110, (200, 300)).astype(np.uint8)
     body = noise.integers(0, 255, (12, 12)).astype(np.uint8)
 
-    def step(place: tuple[float, float]) -> dict[int, TargetState]:
+    def step(place: tuple[float, float]) -> dict[int, TrackState]:
         image = ground.copy()
         left, top = round(place[0]) - 6, round(place[1]) - 6
         image[top : top + 12, left : left + 12] = body
@@ -235,10 +236,10 @@ def test_who_coasts_makes_room_for_who_is_seen():
     for index in range(60):
         step((40.0 + 2.5 * index, 40.0))
     states = [step((40.0 + 2.5 * index, 160.0)) for index in range(8)]
-    assert TargetState.LOST in [found.get(1) for found in states]
+    assert TrackState.LOST in [found.get(1) for found in states]
     assert tracker.evicted == 1
-    assert any(found.get(2) is TargetState.CONFIRMED for found in states)
-    assert all(list(found.values()).count(TargetState.CONFIRMED) <= 1 for found in states)
+    assert any(found.get(2) is TrackState.CONFIRMED for found in states)
+    assert all(list(found.values()).count(TrackState.CONFIRMED) <= 1 for found in states)
 
 
 def test_ids_are_never_used_again(scenes: ModuleType):
@@ -247,7 +248,7 @@ def test_ids_are_never_used_again(scenes: ModuleType):
     gone: set[int] = set()
     for _, reports in rows:
         assert not gone & {report.id for report in reports}
-        gone |= {report.id for report in reports if report.state is TargetState.LOST}
+        gone |= {report.id for report in reports if report.state is TrackState.LOST}
 
 
 def test_broken_detections_are_left_out(scenes: ModuleType):
@@ -266,7 +267,7 @@ def test_features_decide_between_detections_that_lie_alike():
     tracker = MultiTargetTracker()
     own, other = np.array([1.0, 0.0], np.float32), np.array([-1.0, 0.0], np.float32)
 
-    def step(places: list[tuple[float, float]], vectors: list[np.ndarray]) -> tuple[TargetReport, ...]:
+    def step(places: list[tuple[float, float]], vectors: list[np.ndarray]) -> tuple[Track, ...]:
         centroids = np.array(places)
         boxes = np.hstack([centroids - 5, centroids + 5])
         return tracker.step(
@@ -279,7 +280,7 @@ def test_features_decide_between_detections_that_lie_alike():
     step([(50.0, 50.0)], [own])
     step([(50.0, 50.0)], [own])
     reports = step([(53.0, 50.0), (47.0, 50.0)], [other, own])
-    assert reports[0].window[0] < 49.5
+    assert reports[0].turned_box[0] < 49.5
 
 
 @pytest.mark.parametrize("jacket", [210, 90])
@@ -347,8 +348,8 @@ def test_a_large_region_starts_a_target_where_a_part_of_it_is_followed():
     for index in range(60):
         reports = tracker.step(image, large_and_part(index, with_large=index >= 20))
     part, whole = reports
-    assert (part.id, whole.id, whole.state) == (1, 2, TargetState.CONFIRMED)
-    np.testing.assert_allclose(whole.window, [70 + 2 * 59, 90, 40, 100, 0], atol=0.01)
+    assert (part.id, whole.id, whole.state) == (1, 2, TrackState.CONFIRMED)
+    np.testing.assert_allclose(whole.turned_box, [70 + 2 * 59, 90, 40, 100, 0], atol=0.01)
 
 
 def walkers(index: int) -> Observation:
@@ -368,10 +369,12 @@ def test_people_keep_their_ids_and_sizes_in_a_region_that_shows_both():
         reports = tracker.step(image, walkers(index))
         if 44 <= index < 48:
             assert [report.provenance.shared for report in reports] == [True, True]
-            assert [report.state for report in reports] == [TargetState.COASTING] * 2
+            assert [report.state for report in reports] == [TrackState.COASTING] * 2
             np.testing.assert_allclose(
-                [report.window[0] for report in reports], [72 + 2 * index, 272 - 2 * index], atol=2
+                [report.turned_box[0] for report in reports], [72 + 2 * index, 272 - 2 * index], atol=2
             )
-            np.testing.assert_allclose([report.window[2:] for report in reports], [[24, 60, 0]] * 2, atol=1)
+            np.testing.assert_allclose(
+                [report.turned_box[2:] for report in reports], [[24, 60, 0]] * 2, atol=1
+            )
     assert [(report.id, report.state) for report in reports] == [(1, "confirmed"), (2, "confirmed")]
-    np.testing.assert_allclose([report.window[0] for report in reports], [72 + 158, 272 - 158], atol=1)
+    np.testing.assert_allclose([report.turned_box[0] for report in reports], [72 + 158, 272 - 158], atol=1)

@@ -6,10 +6,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from streamkit.geometry.track import Track, TrackState
 from streamkit_tracker.observation import FrameContinuity, Observation
-from streamkit_tracker.report import TargetReport
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import TargetState
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.window_geometry import half_turn
 
@@ -19,10 +18,10 @@ SETTINGS = TrackerSettings(auto_start=False)
 
 def follow(
     sequence: Iterable[tuple[np.ndarray, np.ndarray]], settings: TrackerSettings | None = None
-) -> list[tuple[np.ndarray, TargetReport | None]]:
+) -> list[tuple[np.ndarray, Track | None]]:
     """Starts on the first frame's truth; gives truth and report of every later frame."""
     tracker = MultiTargetTracker(settings)
-    rows: list[tuple[np.ndarray, TargetReport | None]] = []
+    rows: list[tuple[np.ndarray, Track | None]] = []
     for index, (image, truth) in enumerate(sequence):
         if index == 0:
             tracker.start_target(image, truth, STEP)
@@ -32,9 +31,9 @@ def follow(
     return rows
 
 
-def errors(rows: list[tuple[np.ndarray, TargetReport | None]]) -> tuple[float, float]:
+def errors(rows: list[tuple[np.ndarray, Track | None]]) -> tuple[float, float]:
     """Median error of the centre, px, and of the angle, degrees."""
-    seen = [(truth, report.window) for truth, report in rows if report is not None]
+    seen = [(truth, report.turned_box) for truth, report in rows if report is not None]
     assert len(seen) == len(rows), "the target was lost"
     centre = [np.hypot(*(window[:2] - truth[:2])) for truth, window in seen]
     angle = [abs(float(half_turn(window[4] - truth[4]))) for truth, window in seen]
@@ -61,18 +60,18 @@ def test_regions_of_motion_do_not_lead_a_drawn_target(scenes: ModuleType):
         box = np.concatenate([place - reach, place + reach])
         seen = Observation(0.04, centroids=place[None], boxes=box[None])
         ((alone,), (led,)) = (t.step(image, o) for t, o in zip(trackers, (STEP, seen), strict=True))
-        np.testing.assert_array_equal(alone.window, led.window)
+        np.testing.assert_array_equal(alone.turned_box, led.turned_box)
 
 
 def test_a_removed_target_is_lost_soon_and_once(scenes: ModuleType):
     """A target that vanishes coasts within five frames, ends after `coast`, once, and never comes back."""
     rows = follow(scenes.TurningScene(seed=1, frames=40, gone_from=25), TrackerSettings(coast=0.3))
     states = [None if report is None else report.state for _, report in rows]
-    assert states.count(TargetState.LOST) == 1
-    assert 24 <= states.index(TargetState.COASTING) <= 24 + 5
-    assert states.index(TargetState.LOST) <= 24 + 5 + 8
-    assert all(state is None for state in states[states.index(TargetState.LOST) + 1 :])
-    assert all(state is TargetState.CONFIRMED for state in states[:24])
+    assert states.count(TrackState.LOST) == 1
+    assert 24 <= states.index(TrackState.COASTING) <= 24 + 5
+    assert states.index(TrackState.LOST) <= 24 + 5 + 8
+    assert all(state is None for state in states[states.index(TrackState.LOST) + 1 :])
+    assert all(state is TrackState.CONFIRMED for state in states[:24])
 
 
 def test_the_same_seed_gives_the_same_tracks_bit_for_bit(scenes: ModuleType):
@@ -80,7 +79,7 @@ def test_the_same_seed_gives_the_same_tracks_bit_for_bit(scenes: ModuleType):
     runs = [
         np.stack(
             [
-                report.window
+                report.turned_box
                 for _, report in follow(scenes.TurningScene(frames=15), TrackerSettings(seed=seed))
             ]
         )
@@ -96,9 +95,9 @@ def test_a_constant_image_does_not_confirm_anything(scenes: ModuleType):
     tracker = MultiTargetTracker()
     tracker.start_target(image, np.array([50.0, 50, 20, 20, 0]), STEP)
     reports = [report for _ in range(6) for report in tracker.step(image, STEP)]
-    assert reports[-1].state is TargetState.LOST
-    assert all(report.state is not TargetState.CONFIRMED for report in reports)
-    assert all(np.isfinite(report.window).all() for report in reports)
+    assert reports[-1].state is TrackState.LOST
+    assert all(report.state is not TrackState.CONFIRMED for report in reports)
+    assert all(np.isfinite(report.turned_box).all() for report in reports)
 
 
 @pytest.mark.parametrize("window", [(-90.0, 50, 20, 20, 0), (50.0, 50, np.nan, 20, 0), (50.0, 50, 0, 20, 0)])
@@ -116,7 +115,7 @@ def test_a_target_that_leaves_the_frame_is_lost(scenes: ModuleType):
     noise = np.random.default_rng(2)
     rows = follow((scenes.grey(scenes.paint(backdrop, texture, w), noise, 2.0), w) for w in windows)
     states = [report.state for _, report in rows if report is not None]
-    assert states[-1] is TargetState.LOST
+    assert states[-1] is TrackState.LOST
     assert len(states) < 20
 
 
@@ -131,9 +130,9 @@ def test_a_lost_registration_lets_the_target_coast(scenes: ModuleType):
             continue
         report = tracker.step(image, Observation(0.04, FrameContinuity.LOST) if lost else STEP)[0]
         states.append(report.state)
-        error = float(np.hypot(*(report.window[:2] - truth[:2])))
-    assert states[14:17] == [TargetState.COASTING] * 3
-    assert states[-1] is TargetState.CONFIRMED
+        error = float(np.hypot(*(report.turned_box[:2] - truth[:2])))
+    assert states[14:17] == [TrackState.COASTING] * 3
+    assert states[-1] is TrackState.CONFIRMED
     assert error < 1.5
 
 
@@ -148,7 +147,7 @@ def test_a_cut_or_a_new_size_ends_every_target(scenes: ModuleType, how: str):
     image = other if how == "cut" else frames[2][0][:-10]
     continuity = FrameContinuity.NEW if how == "cut" else FrameContinuity.KNOWN
     reports = tracker.step(image, Observation(0.04, continuity))
-    assert [report.state for report in reports] == [TargetState.LOST]
+    assert [report.state for report in reports] == [TrackState.LOST]
     assert tracker.step(image, STEP) == ()
 
 
@@ -162,9 +161,9 @@ def test_a_drawn_target_outlives_a_cut_that_is_none(scenes: ModuleType):
         continuity = FrameContinuity.NEW if index == 3 else FrameContinuity.KNOWN
         (report,) = tracker.step(image, Observation(0.04, continuity))
         states.append(report.state)
-        error = float(np.hypot(*(report.window[:2] - truth[:2])))
-    assert states[2] is TargetState.COASTING
-    assert states[-1] is TargetState.CONFIRMED
+        error = float(np.hypot(*(report.turned_box[:2] - truth[:2])))
+    assert states[2] is TrackState.COASTING
+    assert states[-1] is TrackState.CONFIRMED
     assert error < 1.5
 
 
@@ -188,7 +187,7 @@ def test_camera_motion_is_taken_out_before_prediction(scenes: ModuleType):
         to_reference = shift.copy()
         to_reference[0, 2] = 25.0 * index
         (report,) = tracker.step(image, Observation(0.04, to_previous=shift, to_reference=to_reference))
-        assert np.hypot(*(report.window[:2] - truth[:2])) < 1.0
+        assert np.hypot(*(report.turned_box[:2] - truth[:2])) < 1.0
     assert np.hypot(*report.velocity) < 10.0
 
 
@@ -211,12 +210,12 @@ def test_a_target_comes_out_of_cover_larger_and_turned(scenes: ModuleType):
             continue
         (report,) = tracker.step(image, STEP)
         if index in hidden:
-            assert report.state is TargetState.COASTING
-            assert np.hypot(*(report.window[:2] - truth[:2])) < 12
+            assert report.state is TrackState.COASTING
+            assert np.hypot(*(report.turned_box[:2] - truth[:2])) < 12
     assert report is not None
-    assert report.state is TargetState.CONFIRMED
-    assert np.hypot(*(report.window[:2] - truth[:2])) < 2
-    assert report.window[2] == pytest.approx(truth[2], rel=0.1)
+    assert report.state is TrackState.CONFIRMED
+    assert np.hypot(*(report.turned_box[:2] - truth[:2])) < 2
+    assert report.turned_box[2] == pytest.approx(truth[2], rel=0.1)
 
 
 def test_the_reported_covariance_agrees_with_the_errors(scenes: ModuleType):
@@ -225,6 +224,6 @@ def test_the_reported_covariance_agrees_with_the_errors(scenes: ModuleType):
     squared = []
     for truth, report in rows:
         assert report is not None
-        error = report.window[:2] - truth[:2]
+        error = report.turned_box[:2] - truth[:2]
         squared.append(float(error @ np.linalg.solve(report.covariance, error)) / 2)
     assert 0.05 < np.mean(squared) < 5.0

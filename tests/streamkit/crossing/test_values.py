@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from streamkit import Caps, FeatureSpace, Registration
 from streamkit.crossing.values import CannotCross, ValueDecoder, ValueEncoder
-from streamkit.flow.metadata import RegistrationStatus, Track, TrackState
+from streamkit.geometry.registration_status import RegistrationStatus
+from streamkit.geometry.track import Track, TrackState
 
 TESTS = __name__.partition(".")[0]
 
