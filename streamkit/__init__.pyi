@@ -62,7 +62,6 @@ from streamkit.flow.messages import Message as Message
 from streamkit.flow.messages import MessageKind as MessageKind
 from streamkit.flow.metadata import Detections as Detections
 from streamkit.flow.metadata import Features as Features
-from streamkit.flow.metadata import FeatureSpace as FeatureSpace
 from streamkit.flow.metadata import GroundReference as GroundReference
 from streamkit.flow.metadata import HiddenPixels as HiddenPixels
 from streamkit.flow.metadata import Registration as Registration
@@ -91,6 +90,7 @@ from streamkit.flow.video import raw_video_caps as raw_video_caps
 from streamkit.geometry.pose import Pose as Pose
 from streamkit.geometry.registration_status import RegistrationStatus as RegistrationStatus
 from streamkit.geometry.track import SHOWN_STATES as SHOWN_STATES
+from streamkit.geometry.track import FeatureSpace as FeatureSpace
 from streamkit.geometry.track import Provenance as Provenance
 from streamkit.geometry.track import Track as Track
 from streamkit.geometry.track import TrackState as TrackState

@@ -26,7 +26,6 @@ from streamkit import (
 from streamkit.geometry.boxes import parse_turned_box
 from streamkit.geometry.homography import inverse, is_invertible
 from streamkit_kernels import start_kernels
-from streamkit_tracker.appearance.feature_template import Space
 from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.observation import FrameContinuity, Observation
 from streamkit_tracker.settings import TrackerSettings
@@ -143,7 +142,7 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
     registration = frame.get(Registration) or NO_REGISTRATION
     given, features = frame.get(Detections), frame.get(Features)
     detections = NO_DETECTIONS if given is None else given  # without a row it is false, too
-    space = cast("Space | None", frame.metadata.get(FeatureSpace))
+    space = cast("FeatureSpace | None", frame.metadata.get(FeatureSpace))
     centroids = np.asarray(detections.centroids, np.float64).reshape(-1, 2)
     scores = np.asarray(detections.scores, np.float64)
     paired = features is not None and space is not None and len(features.vectors) == len(centroids)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from streamkit.geometry.track import FeatureSpace
 from streamkit_tracker.appearance.eigen_template import EigenTemplate
-from streamkit_tracker.appearance.feature_template import FeatureTemplate, Space
+from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
@@ -52,7 +53,9 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
             table.confirm(index, "confirmed")
 
 
-def start_appearance(table: TargetTable, index: int, space: Space | None, sampler: WindowSampler) -> None:
+def start_appearance(
+    table: TargetTable, index: int, space: FeatureSpace | None, sampler: WindowSampler
+) -> None:
     """Learns the appearance of the target in a row at its window, in a feature space or its own template."""
     target, model, settings = table.rows[index], table.models[index], table.settings
     window = target["window"].copy()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from streamkit_tracker.appearance.feature_template import Space
+from streamkit.geometry.track import FeatureSpace
 from streamkit_tracker.appearance.window_sampling import Chroma
 from streamkit_tracker.window_geometry import Float32Array, FloatArray
 
@@ -53,4 +53,4 @@ class Observation:
     detector_ran: bool = True
     features: Float32Array | None = None
     features_version: int = 0
-    space: Space | None = None
+    space: FeatureSpace | None = None

@@ -76,6 +76,9 @@ def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
             learnt,
             table.causes.get(number, ""),
         )
-        place = *window, tuple(speed), covariance
-        tracks.append(Track(number, STATES[state], *place, score, round(age_s * 1e9), provenance))
+        x, y, length, width, angle = window
+        box, velocity = (x, y, length, width, angle), (speed[0], speed[1])
+        tracks.append(
+            Track(number, STATES[state], *box, velocity, covariance, score, round(age_s * 1e9), provenance)
+        )
     return tuple(tracks)

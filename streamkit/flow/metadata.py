@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.geometry.track import Track
@@ -113,22 +113,6 @@ class Features:
     """Feature vectors: float32[n, k], one row per detection."""
 
     vectors: Float32Array
-
-
-@runtime_checkable
-class FeatureSpace(Protocol):
-    """Feature space for comparing target patches; attached with `Frame.attach_as` under this type."""
-
-    @property
-    def patch_size(self) -> tuple[int, int]:
-        """Height and width of patches for `embed`, px."""
-
-    @property
-    def version(self) -> int:
-        """Increases whenever the vectors of the same patch change."""
-
-    def embed(self, patches: Float32Array) -> Float32Array:
-        """Maps grey patches, float32[n, h, w], to vectors, float32[n, k]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,13 +1,17 @@
-"""Track: one target in one frame, as a tracker reports it, with its state and provenance."""
+"""Track: one target in one frame, with its state and provenance; the space in which targets compare."""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-if TYPE_CHECKING:
-    from streamkit.geometry.homography import FloatArray  # with numpy, which not every pipeline needs
+if TYPE_CHECKING:  # not every pipeline needs numpy
+    import numpy as np
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
+    Float32Array = NDArray[np.float32]
 
 
 class TrackState(enum.StrEnum):
@@ -81,3 +85,19 @@ class Track:
     def turned_box(self) -> tuple[float, float, float, float, float]:
         """Its x, y, length, width and angle."""
         return self.x, self.y, self.length, self.width, self.angle
+
+
+@runtime_checkable
+class FeatureSpace(Protocol):
+    """Feature space for comparing target patches; attached with `Frame.attach_as` under this type."""
+
+    @property
+    def patch_size(self) -> tuple[int, int]:
+        """Height and width of patches for `embed`, px."""
+
+    @property
+    def version(self) -> int:
+        """Increases whenever the vectors of the same patch change."""
+
+    def embed(self, patches: Float32Array) -> Float32Array:
+        """Maps grey patches, float32[n, h, w], to vectors, float32[n, k]."""

@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
+from streamkit.geometry.track import FeatureSpace
 from streamkit_tracker.appearance.frame_crops import MIDDLE_GREY
 from streamkit_tracker.window_geometry import Float32Array
 
 LEARNING_RATE = 0.05
-
-
-class Space(Protocol):
-    """A feature space, as it comes with frames."""
-
-    @property
-    def patch_size(self) -> tuple[int, int]:
-        """Height and width of the patches, px."""
-
-    @property
-    def version(self) -> int:
-        """Goes up whenever the vectors of the same patch change."""
-
-    def embed(self, patches: Float32Array) -> Float32Array:
-        """float32[n, h, w] to float32[n, k]."""
 
 
 class FeatureTemplate:
@@ -43,7 +28,7 @@ class FeatureTemplate:
         textured: whether the first patch has a direction in the feature space at all.
     """
 
-    def __init__(self, patch: Float32Array, space: Space) -> None:
+    def __init__(self, patch: Float32Array, space: FeatureSpace) -> None:
         self._anchor_patch = patch.copy()
         self._latest_patch = self._anchor_patch
         self.space = space
@@ -51,7 +36,7 @@ class FeatureTemplate:
         self._embed_again()
         self.textured = bool(np.any(self.anchor))
 
-    def follow(self, space: Space) -> None:
+    def follow(self, space: FeatureSpace) -> None:
         """Takes the space of the current frame; embeds again what is kept when its vectors have changed."""
         if space.patch_size == self.space.patch_size:
             is_stale, self.space = space.version != self.space.version, space
@@ -83,7 +68,7 @@ class FeatureTemplate:
         return np.asarray(2.0 * (1.0 - cosines), np.float32)
 
 
-def embed_rows(space: Space, patches: Float32Array) -> Float32Array:
+def embed_rows(space: FeatureSpace, patches: Float32Array) -> Float32Array:
     """Unit vectors float32[n, k] of patches float32[n, p], grey levels minus 128."""
     height, width = space.patch_size
     vectors = space.embed((patches + MIDDLE_GREY).reshape(-1, height, width))
