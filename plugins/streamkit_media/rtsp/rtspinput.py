@@ -21,12 +21,12 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
-from streamkit_media import vp9
 from streamkit_media.failures import InvalidMedia
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import UrlInput
 from streamkit_media.streams import read_packets
 
+VP9_PROFILE_3 = 0x30  # its two bits; a reserved bit follows them
 MAGIC, VERSION = ord("$"), 2
 FRAME_BYTES, HEADER_BYTES, EXTENSION_HEADER_BYTES = 4, 12, 4  # before each packet: "$", the channel, the size
 MARKER, EXTENSION, SOURCES = 0x80, 0x10, 0x0F
@@ -81,7 +81,7 @@ class RtspInput(UrlInput):
             is_vp9 = video.codec_context.name == "vp9"
             for packet in super().packets(container, streams):
                 if is_vp9 and packet.stream_index == video.index:
-                    packet.is_keyframe = vp9.is_keyframe(memoryview(packet))
+                    packet.is_keyframe = is_vp9_keyframe(memoryview(packet))
                 yield packet
             return
         units = AccessUnits(video)
@@ -179,3 +179,15 @@ def with_marks(
             more = piece.size - header.payload_bytes if header is not None else 0
             yield piece, is_last and MIN_MORE_BYTES <= more <= MAX_MORE_BYTES
             header = following
+
+
+def is_vp9_keyframe(data: bytes | memoryview) -> bool:
+    """Whether decoding can begin with a packet of VP9, which FFmpeg does not tell of what it receives.
+
+    Source: VP9 Bitstream and Decoding Process Specification 0.6, 6.2 (uncompressed header).
+    """
+    if not len(data):
+        return False
+    first = data[0] << (data[0] & VP9_PROFILE_3 == VP9_PROFILE_3)
+    shows_existing_frame, is_inter_frame = first & 0x08, first & 0x04
+    return not (shows_existing_frame or is_inter_frame)

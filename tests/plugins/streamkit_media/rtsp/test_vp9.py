@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit_media import vp9
+from streamkit_media.rtsp.rtspinput import is_vp9_keyframe
 
 
 @pytest.mark.parametrize("profile", range(2))
@@ -26,7 +26,7 @@ def test_keyframes_are_those_of_the_encoder(profile: int) -> None:
     packets += encoder.encode(None)
     marked = [packet.is_keyframe for packet in packets]
     assert sum(marked) >= 3
-    assert [vp9.is_keyframe(bytes(packet)) for packet in packets] == marked
+    assert [is_vp9_keyframe(bytes(packet)) for packet in packets] == marked
 
 
 @pytest.mark.parametrize(
@@ -35,9 +35,9 @@ def test_keyframes_are_those_of_the_encoder(profile: int) -> None:
 )
 def test_keyframes_of_more_bits(first_byte: int, expected: bool) -> None:
     """Profile 2; profile 3, whose bits lie one further; a packet that shows an earlier frame again."""
-    assert vp9.is_keyframe(bytes([first_byte, 0x49])) is expected
+    assert is_vp9_keyframe(bytes([first_byte, 0x49])) is expected
 
 
 def test_an_empty_packet_is_none() -> None:
     """A server may send one."""
-    assert not vp9.is_keyframe(b"")
+    assert not is_vp9_keyframe(b"")
