@@ -1,4 +1,4 @@
-"""What is known of each pixel of the canvas: its images, moved together."""
+"""Ground: the images that hold the state of each pixel of the canvas; they move together."""
 
 from __future__ import annotations
 

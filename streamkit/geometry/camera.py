@@ -1,4 +1,4 @@
-"""A posed camera above flat ground: the ground coordinates of its pixels."""
+"""Camera: position and orientation above flat ground, and the ground coordinates of its pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera that a pose describes, above flat ground."""
+"""From a `Pose` to a `Camera`: what telemetry lacks for it, and how uncertain ground coordinates are."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from streamkit_tracker.window_geometry import Float32Array
 DEVIATION_FLOOR = 4.0
 TEXTURE_FLOOR = 0.05
 WEAKEST = 1e-6  # of the largest eigenvalue: what is below is rounding
-NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are not forgiven
+NOISE_SHARE = 0.02  # residual a pixel has anyway; directions that vary less are hardly subtracted
 
 
 @dataclass(frozen=True)
@@ -31,16 +31,16 @@ class EigenTemplate:
 
     Patches are compared after their mean is taken off and their standard deviation (at least 4 grey
     levels) is divided out, so that a change of light does not count. The first patch is kept as an anchor:
-    it joins every update, so that the model cannot walk away from the target it was started on. What lies
-    inside the eigen space is forgiven only as far as it varies more than the noise (probabilistic PCA);
-    else the basis would learn small misalignments and forgive them, and the window would creep.
+    it joins every update, so that the model cannot walk away from the target it was started on. The part
+    of a patch inside the eigen space is subtracted only as far as it varies more than the noise
+    (probabilistic PCA); else small misalignments would be learnt and no longer count: the window would creep.
 
     Source: Ross, Lim, Lin and Yang, Incremental Learning for Robust Visual Tracking, IJCV 77, 2008
     (sequential Karhunen-Loeve with mean update); Tipping and Bishop, Probabilistic PCA, 1999.
 
     Attributes:
         textured: whether the first patch has any structure to compare.
-        rows: float32[c + 2, p], c the largest size of the basis: the basis as far as it is forgiven, zeros,
+        rows: float32[c + 2, p], c the largest size of the basis: the basis, shrunk by its noise, zeros,
             the mean, ones.
         constants: float32[2, c + 1], the sums of these rows but the last, and their products with the mean.
 
@@ -60,7 +60,7 @@ class EigenTemplate:
         self.singular_values = np.zeros(0, np.float32)
         self._count = 1.0
         self._waiting: list[Float32Array] = []
-        self._forgive()
+        self._prepare_comparison()
 
     def update(self, patch: Float32Array) -> None:
         """Learns a patch, float32[p] grey levels; takes effect when a batch is complete."""
@@ -87,14 +87,14 @@ class EigenTemplate:
         singular = np.sqrt(values[strongest])
         basis = product(np.ascontiguousarray(vectors[:, strongest].T), wide) / singular[:, None]
         self.basis, self.singular_values = basis.astype(np.float32), singular.astype(np.float32)
-        self._forgive()
+        self._prepare_comparison()
 
-    def _forgive(self) -> None:
+    def _prepare_comparison(self) -> None:
         """Prepares the factors of the product with patches, see `rows` and `constants`."""
         components, power = self._settings.eigenvectors, self.singular_values**2
-        forgiven = np.sqrt(power / (power + NOISE_SHARE * len(self.mean) * self._count))
+        shrinkage = np.sqrt(power / (power + NOISE_SHARE * len(self.mean) * self._count))
         self.rows = np.zeros((components + 2, len(self.mean)), np.float32)
-        self.rows[: len(self.basis)] = forgiven[:, None] * self.basis
+        self.rows[: len(self.basis)] = shrinkage[:, None] * self.basis
         self.rows[components:] = self.mean, np.ones_like(self.mean)
         used = self.rows[:-1]
         self.constants = np.stack([used.sum(axis=1), product(used, self.mean[:, None])[:, 0]])

@@ -1,4 +1,4 @@
-"""The moments of a track, as recorded, and what they come to."""
+"""The recorded moments of a track, and a summary of them."""
 
 from __future__ import annotations
 
