@@ -9,7 +9,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 from xml.sax.saxutils import escape
 
 from typing_extensions import override
@@ -82,68 +82,90 @@ class CsvFormat(RecordFormat):
         return _csv(rows)
 
 
-class GeoJsonFormat(RecordFormat):
-    """A feature collection (RFC 7946): a point for each target and time with ground coordinates."""
+class Layout(NamedTuple):
+    """What stands before, between and after the features of a file."""
+
+    head: str
+    between: str
+    tail: str
+
+
+GEOJSON = Layout('{"type": "FeatureCollection", "features": [', ",", "\n]}\n")
+KML = Layout(
+    '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
+    'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>',
+    "",
+    "\n</Document></kml>\n",
+)
+
+
+class FeatureFormat(RecordFormat):
+    """Base of GeoJSON and KML: features in a layout, each on a line of its own."""
 
     has_end = True
+    layout: ClassVar[Layout]
+    _has_features = False
 
-    def __init__(self) -> None:
-        self._separator = b""
+    def features(self, record: Record) -> Iterator[str]:
+        """The features that are complete with a record."""
+        raise NotImplementedError
 
     @override
     def begin(self) -> bytes:
-        return b'{"type": "FeatureCollection", "features": ['
+        return self.layout.head.encode()
 
     @override
     def record(self, record: Record) -> bytes:
-        written = b""
+        written = self.joined(self.features(record))
+        self._has_features |= bool(written)
+        return written
+
+    def joined(self, features: Iterable[str]) -> bytes:
+        """Features as they follow those that are written."""
+        text = f"{self.layout.between}\n".join(features)
+        before = self.layout.between if self._has_features else ""
+        return f"{before}\n{text}".encode() if text else b""
+
+    @override
+    def end(self) -> bytes:
+        return self.layout.tail.encode()
+
+
+class GeoJsonFormat(FeatureFormat):
+    """A feature collection (RFC 7946): a point for each target and time with ground coordinates."""
+
+    layout = GEOJSON
+
+    @override
+    def features(self, record: Record) -> Iterator[str]:
         for track in located(record):
             position = track["geo"]
-            names = ("id", "state", "score", "age_ns")
-            fields = {name: track[name] for name in names}
+            fields = {name: track[name] for name in ("id", "state", "score", "age_ns")}
             fields |= {"source": record["source"], "seq": record["seq"]}
             if (time := utc_time(record)) is not None:
                 fields["time"] = iso_text(time)
             if "error_m" in position:
                 fields["error_m"] = position["error_m"]
             point = {"type": "Point", "coordinates": [position["lon"], position["lat"]]}
-            feature = {"type": "Feature", "geometry": point, "properties": fields}
-            written += self._separator + b"\n" + json.dumps(feature).encode()
-            self._separator = b","
-        return written
-
-    @override
-    def end(self) -> bytes:
-        return b"\n]}\n"
+            yield json.dumps({"type": "Feature", "geometry": point, "properties": fields})
 
 
-class KmlFormat(RecordFormat):
+class KmlFormat(FeatureFormat):
     """KML 2.2: a placemark with a time stamp for each target and time with ground coordinates."""
 
-    has_end = True
+    layout = KML
 
     @override
-    def begin(self) -> bytes:
-        return (
-            b'<?xml version="1.0" encoding="UTF-8"?>\n'
-            b'<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
-        )
-
-    @override
-    def record(self, record: Record) -> bytes:
+    def features(self, record: Record) -> Iterator[str]:
         time = utc_time(record)
         when = f"<TimeStamp><when>{iso_text(time)}</when></TimeStamp>" if time else ""
         source = escape(xml_text(record["source"]))
-        return "".join(
-            f"<Placemark><name>{track['id']}</name><description>{source} {track['state']}</description>{when}"
-            f"<Point><coordinates>{track['geo']['lon']:.8f},{track['geo']['lat']:.8f}</coordinates></Point>"
-            "</Placemark>\n"
-            for track in located(record)
-        ).encode()
-
-    @override
-    def end(self) -> bytes:
-        return b"</Document></kml>\n"
+        for track in located(record):
+            place = f"{track['geo']['lon']:.8f},{track['geo']['lat']:.8f}"
+            yield (
+                f"<Placemark><name>{track['id']}</name><description>{source} {track['state']}</description>"
+                f"{when}{kml_line([place])}</Placemark>"
+            )
 
 
 FORMATS: dict[str, type[RecordFormat]] = {

@@ -14,7 +14,7 @@ from streamkit import Pose
 from streamkit.geometry.camera import ground_coordinates
 from streamkit.geometry.homography import corners
 from streamkit.geometry.posed_camera import posed_camera
-from streamkit_tracks.file_formats import iso_text, kml_line, xml_text
+from streamkit_tracks.file_formats import KML, iso_text, kml_line, xml_text
 
 CORNERS = 4
 ABOVE_GROUND = ("above take-off", "above ground")  # of what is nearly level, the same
@@ -24,8 +24,7 @@ VALUES = {
     "sensor_elevation": "Elevation of the sensor to the platform, deg",
 }
 HEAD = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
+    f"{KML.head}\n"
     '<Style id="path"><LineStyle><color>ff00c8ff</color><width>3</width></LineStyle></Style>\n'
     '<Style id="view"><LineStyle><color>ffffffff</color></LineStyle>'
     "<PolyStyle><color>30ffffff</color></PolyStyle></Style>\n"
@@ -37,7 +36,6 @@ HEAD = (
     )
     + "</Schema>\n"
 )
-END = "</Document></kml>\n"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing_extensions import override
 
 from streamkit import SECOND_NS, Frame, OutputFileSink, Pose, Property
-from streamkit_tracks.file_formats import utc_time
-from streamkit_tracks.flight_path import END, HEAD, PathPoint, path_placemark, view_outline, view_placemark
+from streamkit_tracks.file_formats import KML, utc_time
+from streamkit_tracks.flight_path import HEAD, PathPoint, path_placemark, view_outline, view_placemark
 
 # The path is written anew when it has grown by this part: a long flight is not written every second.
 GROWTH = 1 / 50
@@ -93,7 +93,7 @@ class PoseSink(OutputFileSink):
 
     def _tail(self) -> bytes:
         path = path_placemark(self._points, Path(self.location).stem) if self._points else ""
-        return (path + END).encode()
+        return (path + KML.tail).encode()
 
 
 def _shape(frame: Frame) -> tuple[int, int] | None:

@@ -12,9 +12,11 @@ from typing_extensions import override
 
 from streamkit import TrackState
 from streamkit_tracks.file_formats import (
+    GEOJSON,
+    KML,
+    FeatureFormat,
     FileKind,
     Record,
-    RecordFormat,
     iso_text,
     kml_line,
     located,
@@ -44,21 +46,28 @@ class Trail:
     times: list[str] = field(default_factory=list)
 
 
-class TrailFormat(RecordFormat):
+class TrailFormat(FeatureFormat):
     """Base of both: the line of a target is complete once the target is gone, and provisional before."""
-
-    has_end = True
 
     def __init__(self) -> None:
         self._trails: dict[tuple[str, int], Trail] = {}
-        self._is_first = self._is_empty = True
+        self._is_empty = True
 
-    def piece(self, trail: Trail, *, is_first: bool) -> str:
+    def line(self, trail: Trail) -> str:
         """The feature of a target."""
         raise NotImplementedError
 
     @override
     def record(self, record: Record) -> bytes:
+        written = super().record(record)
+        if self._is_empty and self._trails:
+            self._is_empty = False
+            return b"\n" + written  # for the sink, which keeps an older file until something is written
+        return written
+
+    @override
+    def features(self, record: Record) -> Iterator[str]:
+        """The lines that are complete: of targets that are gone, and long ones; too many, too."""
         source, time = record["source"], utc_time(record)
         for track in located(record):
             key = source, track["id"]
@@ -67,78 +76,48 @@ class TrailFormat(RecordFormat):
             trail.places.append((track["geo"]["lon"], track["geo"]["lat"]))
             trail.times.append(iso_text(time) if time else "")
         there = {(source, track["id"]) for track in record["tracks"] if track["state"] != LOST}
-        written = "".join(self._completed(source, there)).encode()
-        if self._is_empty and self._trails:
-            self._is_empty = False
-            return b"\n" + written  # for the sink, which keeps an older file until something is written
-        return written
-
-    def _completed(self, source: str, there: set[tuple[str, int]]) -> Iterator[str]:
-        """The lines of a source that are complete: of targets that are gone, and long ones; too many, too."""
         for key, trail in list(self._trails.items()):
             is_over = key[0] == source and (key not in there or len(trail.places) >= LONGEST)
             if is_over or len(self._trails) > MOST:
-                yield self.piece(trail, is_first=self._is_first)
-                self._is_first = False
+                yield self.line(trail)
                 del self._trails[key]
                 if key in there:
                     self._trails[key] = Trail(*key, trail.state, trail.places[-1:], trail.times[-1:])
 
     @override
     def end(self) -> bytes:
-        pieces = [
-            self.piece(trail, is_first=self._is_first and not index)
-            for index, trail in enumerate(self._trails.values())
-        ]
-        return "".join(pieces).encode()
+        return self.joined(map(self.line, self._trails.values())) + super().end()
 
 
 class GeoJsonTrails(TrailFormat):
     """A feature collection (RFC 7946): a line for each target, with its times as `coordTimes`."""
 
-    @override
-    def begin(self) -> bytes:
-        return b'{"type": "FeatureCollection", "features": ['
+    layout = GEOJSON
 
     @override
-    def piece(self, trail: Trail, *, is_first: bool) -> str:
+    def line(self, trail: Trail) -> str:
         geometry: dict[str, Any] = {"type": "LineString", "coordinates": trail.places}
         if len(trail.places) == 1:  # no line has one position
             geometry = {"type": "Point", "coordinates": trail.places[0]}
         fields = {"id": trail.number, "source": trail.source, "state": trail.state}
         times = {"coordTimes": trail.times} if all(trail.times) else {}
-        feature = {"type": "Feature", "geometry": geometry, "properties": fields | times}
-        return ("" if is_first else ",\n") + json.dumps(feature)
-
-    @override
-    def end(self) -> bytes:
-        return super().end() + b"\n]}\n"
+        return json.dumps({"type": "Feature", "geometry": geometry, "properties": fields | times})
 
 
 class KmlTrails(TrailFormat):
     """KML 2.2: a gx:Track for each target, which viewers play; a line where no time is known."""
 
-    @override
-    def begin(self) -> bytes:
-        return (
-            b'<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
-            b'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>'
-        )
+    layout = KML
 
     @override
-    def piece(self, trail: Trail, *, is_first: bool) -> str:
+    def line(self, trail: Trail) -> str:
         source = escape(xml_text(trail.source))
         head = f"<Placemark><name>{trail.number}</name><description>{source} {trail.state}</description>"
         if all(trail.times):
             whens = "".join(f"<when>{time}</when>" for time in trail.times)
             places = "".join(f"<gx:coord>{east:.8f} {north:.8f} 0</gx:coord>" for east, north in trail.places)
-            return f"{head}<gx:Track>{whens}\n{places}</gx:Track></Placemark>\n"
-        line = kml_line([f"{east:.8f},{north:.8f}" for east, north in trail.places])
-        return f"{head}{line}</Placemark>\n"
-
-    @override
-    def end(self) -> bytes:
-        return super().end() + b"</Document></kml>\n"
+            return f"{head}<gx:Track>{whens}\n{places}</gx:Track></Placemark>"
+        return f"{head}{kml_line([f'{east:.8f},{north:.8f}' for east, north in trail.places])}</Placemark>"
 
 
 TRAILS: dict[str, type[TrailFormat]] = {FileKind.GEOJSON: GeoJsonTrails, FileKind.KML: KmlTrails}
