@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from streamkit.geometry.homography import project
 from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
-from streamkit_differencer.warping import mapped_into
-from streamkit_kernels import FLOAT64, UINT8_STRIDED, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
 LONG_ENOUGH_FRAMES = 4
 # Factor of an object of age 0.
 FIRST_SHARE = 0.5
-# Sampled points along each side of an object.
-GRID = 5
+# Points of an object that are sampled, as shares of its sides, row by row.
+GRID = (np.arange(5) + 0.5) / 5
+POINTS = np.array([[x, y] for y in GRID for x in GRID])
 
 
 @dataclass(slots=True)
@@ -39,7 +39,12 @@ class Persistence:
         return ages
 
 
-@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 3)
+def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
+    """Bounding boxes of boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
+    outlines = project(matrix, boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)).reshape(-1, 4, 2)
+    return np.hstack([outlines.min(axis=1), outlines.max(axis=1)])
+
+
 def contrasts(
     boxes: FloatArray,
     to_image: FloatArray,
@@ -59,21 +64,15 @@ def contrasts(
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
     """
-    result = np.zeros(len(boxes))
-    for number in range(len(boxes)):
-        left, top, right, bottom = boxes[number]
-        total, points = 0.0, 0
-        for place in range(GRID * GRID):
-            x = left + (right - left) * ((place % GRID + 0.5) / GRID)
-            y = top + (bottom - top) * ((place // GRID + 0.5) / GRID)
-            across, down = mapped_into(to_image, x, y, image.shape)
-            column, row = int(np.rint(across)), int(np.rint(down))
-            difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
-            excess = float(difference) / float(max(thresholds[row, column], np.uint8(1)))
-            if excess > 1.0:
-                total, points = total + excess, points + 1
-        result[number] = total / max(points, 1)
-    return result
+    low, sides = boxes[:, None, :2], (boxes[:, 2:] - boxes[:, :2])[:, None]
+    points = project(to_image, (low + sides * POINTS).reshape(-1, 2))
+    columns, rows = np.rint(np.clip(points, 0.0, np.subtract(image.shape[::-1], 1))).astype(int).T
+    difference = np.abs(image[rows, columns].astype(float) - background[rows, columns])
+    excess = (difference / np.maximum(thresholds[rows, columns], 1)).reshape(-1, len(POINTS))
+    counts = excess > 1.0
+    # Added one by one: the order of `sum` differs between machines.
+    totals = (excess * counts).cumsum(axis=1)[:, -1]
+    return np.asarray(totals / np.maximum(counts.sum(axis=1), 1))
 
 
 def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> FloatArray:

@@ -14,7 +14,7 @@ from streamkit_differencer.arrays import ByteImage, FloatArray
 from streamkit_differencer.camera_motion import CameraMotion
 from streamkit_differencer.canvas import FIXED, Canvas, CanvasChange, FramePosition, Motion, working_to_frame
 from streamkit_differencer.comparison import Comparison
-from streamkit_differencer.confidence import Persistence, confidence, contrasts
+from streamkit_differencer.confidence import Persistence, confidence, contrasts, mapped_boxes
 from streamkit_differencer.cuts import Cut, CutDetector
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.shadow import shadow_mask
@@ -28,7 +28,7 @@ from streamkit_differencer.sampling import downsampled, draw_on_canvas, without_
 from streamkit_differencer.settings import DifferencerSettings
 from streamkit_differencer.splitting import split_objects
 from streamkit_differencer.trimming import HALO_SHARE, SHADOW_SHARE, object_contrasts, trim
-from streamkit_differencer.warping import fetch, mapped_boxes
+from streamkit_differencer.warping import fetch
 from streamkit_kernels import prepare
 
 # Smaller frames, in working pixels, are processed at full resolution.

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import types
 
 from streamkit_differencer.arrays import ByteImage, FloatImage, FloatLine
-from streamkit_kernels import UINT8_STRIDED, kernel
 
-FLOAT32_STRIDED = types.Array(types.float32, 2, "A", readonly=True)
 SAMPLE_STEP = 8
 SAMPLES = 600
 MIN_SAMPLES = 100
@@ -58,19 +55,12 @@ def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> 
     return (gain, offset) if is_sound else None
 
 
-@kernel(FLOAT32_STRIDED, UINT8_STRIDED, UINT8_STRIDED, types.int64)
 def sampled(
     model: FloatImage, current: ByteImage, known: ByteImage, step: int
 ) -> tuple[FloatLine, FloatLine]:
     """The values of both images, float32[n] each, at the points of a grid where neither is clipped."""
-    height, width = current.shape
-    before, after = np.empty((2, (height // step + 1) * (width // step + 1)), np.float32)
-    count = 0
-    for row in range(step // 2, height, step):
-        for column in range(step // 2, width, step):
-            value, other = model[row, column], np.float32(current[row, column])
-            is_clipped = min(value, other) <= DARKEST or max(value, other) >= BRIGHTEST
-            if known[row, column] > 0 and not is_clipped:
-                before[count], after[count] = value, other
-                count += 1
-    return before[:count], after[:count]
+    grid = slice(step // 2, None, step), slice(step // 2, None, step)
+    before, after = model[grid], current[grid].astype(np.float32)
+    is_clipped = (np.minimum(before, after) <= DARKEST) | (np.maximum(before, after) >= BRIGHTEST)
+    kept = (known[grid] > 0) & ~is_clipped
+    return before[kept], after[kept]

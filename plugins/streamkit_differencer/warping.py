@@ -75,21 +75,6 @@ def spans_within(outline: FloatArray, height: int, width: int) -> Spans:
     return spans
 
 
-@kernel(FLOAT64, FLOAT64)
-def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
-    """Bounding boxes of boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
-    found = np.empty_like(boxes)
-    for number in range(len(boxes)):
-        left, top, right, bottom = boxes[number]
-        low, high = (np.inf, np.inf), (-np.inf, -np.inf)
-        for x, y in ((left, top), (right, top), (right, bottom), (left, bottom)):
-            across, down = mapped_point(matrix, x, y)
-            low = min(low[0], across), min(low[1], down)
-            high = max(high[0], across), max(high[1], down)
-        found[number, :2], found[number, 2:] = low, high
-    return found
-
-
 @kernel(UINT8, FLOAT64, types.int64, types.int64)
 def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> ByteImage:
     """The nearest pixels of a mask, uint8[height, width]; its border is replicated.
