@@ -6,13 +6,8 @@ from typing import cast
 
 import cv2
 import numpy as np
-from numba import types
 
 from streamkit_differencer.arrays import ByteImage, FloatImage, LabelImage
-from streamkit_kernels import INT32, UINT8, UINT8_STRIDED, kernel
-
-# A part of the canvas that is written to.
-PART = types.Array(types.float32, 2, "A")
 
 
 def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
@@ -33,23 +28,11 @@ def components_of(mask: ByteImage) -> tuple[LabelImage, int]:
     count, labels = cv2.connectedComponents(blocks, connectivity=8)
     if count == 1:
         return np.zeros((0, 3), np.int32), 0
-    return _table_of(cast("LabelImage", labels)), count - 1
+    columns, rows = np.reshape(cv2.findNonZero(blocks), (-1, 2)).T
+    table = np.column_stack([2 * rows, 2 * columns, labels[rows, columns] - 1])
+    return cast("LabelImage", table), count - 1
 
 
-@kernel(INT32)
-def _table_of(labels: LabelImage) -> LabelImage:
-    """The blocks with a label, see `components_of`."""
-    table, count = np.empty((labels.size, 3), np.int32), 0
-    for row in range(labels.shape[0]):
-        for column in range(labels.shape[1]):
-            if labels[row, column] > 0:
-                table[count, 0], table[count, 1] = 2 * row, 2 * column
-                table[count, 2] = labels[row, column] - 1
-                count += 1
-    return table[:count].copy()
-
-
-@kernel(INT32, UINT8, UINT8, UINT8_STRIDED, PART)
 def remove_blocks(
     blocks: LabelImage,
     mask: ByteImage,
@@ -66,9 +49,9 @@ def remove_blocks(
         image: uint8[h, w], f(t).
         background: float32[h, w], B.
     """
-    for index in range(len(blocks)):
-        for offset in range(4):
-            row, column = blocks[index, 0] + offset // 2, blocks[index, 1] + offset % 2
-            if mask[row, column] > 0 and quiet[row, column] > 0:
-                background[row, column] = image[row, column]
-            mask[row, column] = 0
+    rows = (blocks[:, :1] + (0, 0, 1, 1)).ravel()
+    columns = (blocks[:, 1:2] + (0, 1, 0, 1)).ravel()
+    learnt = (mask[rows, columns] > 0) & (quiet[rows, columns] > 0)
+    places = rows[learnt], columns[learnt]
+    background[places] = image[places]
+    mask[rows, columns] = 0
