@@ -70,8 +70,7 @@ def view_of(path: Path, shape: tuple[int, int]) -> tuple[Pose | None, Position]:
     sample = sample_of_photograph(path.read_bytes(), 0)
     if sample is None:
         return None, None
-    pose = Pose(**sample.pose)
-    return pose, ground_view(pose, shape, None, 0.0, None)
+    return sample.pose, ground_view(sample.pose, shape, None, 0.0, None)
 
 
 def photographs(name: str, every: int = 1) -> list[Path]:

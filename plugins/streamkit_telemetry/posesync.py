@@ -21,7 +21,6 @@ from streamkit import (
     Event,
     Frame,
     PadTemplate,
-    Pose,
     Presence,
     Property,
     ResourceError,
@@ -234,7 +233,7 @@ class PoseSync(Combine):
         sample, gap_ns, is_stale = found
         self._counts["stale" if is_stale else "paired"] += 1
         self._largest_gap_ns = max(self._largest_gap_ns, abs(gap_ns))
-        frame = frame.attach(Pose(**sample.pose, gap_ns=gap_ns, is_stale=is_stale), sample)
+        frame = frame.attach(replace(sample.pose, gap_ns=gap_ns, is_stale=is_stale), sample)
         if is_stale or sample.utc_ns is None or (frame.capture and frame.capture.origin == "rtcp"):
             return frame
         return frame.replace(capture=Capture(sample.utc_ns, "misb"))

@@ -13,6 +13,8 @@ from streamkit import Caps, Frame, Transform
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 
+OF_FRAMES = ("gap_ns", "is_stale")  # what a pose has as that of a frame
+
 
 class TelemetryParse(Transform):
     """Decodes KLV (MISB ST 0601, EG 0104) and DJI subtitles to one JSON object for each position.
@@ -55,5 +57,9 @@ class TelemetryParse(Transform):
 
 def as_json(sample: Sample) -> dict[str, Any]:
     """A sample as JSON has it, without what was not sent."""
-    found = {name: value for name, value in asdict(sample).items() if value is not None and value != ()}
+    found = {
+        name: value
+        for name, value in asdict(sample).items()
+        if value not in (None, ()) and name not in OF_FRAMES
+    }
     return {"pts_ns": found.pop("pts"), **found}

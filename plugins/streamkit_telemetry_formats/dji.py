@@ -100,8 +100,8 @@ def sample_of(text: str, pts: int) -> Sample | None:
     # The ground is taken to be as high as the take-off.
     is_above_ground = source in (ABOVE_TAKE_OFF, ABOVE_GROUND)
     return Sample(
-        pts,
         *place,
+        pts=pts,
         altitude=altitude,
         **orientation(flight, gimbal),
         field_of_view=_field_of_view(text),

@@ -92,9 +92,9 @@ def sample_of(values: dict[int, int | float | str | bytes], pts: int) -> Sample 
     ellipsoid = numbers.get(104, numbers.get(75))
     time_ns = values.get(2)
     return Sample(
-        pts,
         numbers[13],
         numbers[14],
+        pts=pts,
         altitude=numbers.get(15) if ellipsoid is None else ellipsoid,
         heading=numbers.get(5),
         pitch=numbers.get(90, numbers.get(6)),

@@ -61,8 +61,8 @@ def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
     if "AbsoluteAltitude" in fields:
         altitude, source = fields["AbsoluteAltitude"], ABOVE_SEA
     return Sample(
-        pts,
         *place,
+        pts=pts,
         altitude=altitude,
         **{"heading": exif.direction, **orientation(flight, gimbal)},
         field_of_view=_field_of_view(exif, size),

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from streamkit.geometry.angles import wrap_bearing, wrap_turn
+from streamkit.geometry.pose import Pose
 
 Position = tuple[float, float, float | None]
 # What a value is between two of them, at a share of the way.
@@ -15,36 +16,23 @@ Interpolation = Callable[[Any, Any, float], Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
-    """Where the camera was and what it saw at one moment."""
+class Sample(Pose):
+    """Where the camera was and what it saw at one moment; the gap is that of a frame, here 0.
 
-    pts: int  # on the video's line of time, ns
-    latitude: float  # deg, WGS84
-    longitude: float  # deg, WGS84
-    altitude: float | None = None  # m; `source` says above what where it is not the ellipsoid
-    heading: float | None = None  # of the platform, rad clockwise from true north
-    pitch: float | None = None  # of the platform, rad, nose up
-    roll: float | None = None  # of the platform, rad, right wing down
-    # azimuth, elevation, roll of the sensor relative to the platform, rad
-    sensor_angles: tuple[float, float, float] | None = None
-    field_of_view: tuple[float, float] | None = None  # horizontal, vertical, rad
-    # latitude, longitude (deg) and elevation (m) of what the centre shows
-    frame_centre: Position | None = None
-    # latitude, longitude (deg) of the image's corners: upper left, then clockwise; or empty
-    corners: tuple[tuple[float, float], ...] = ()
-    target: Position | None = None  # latitude, longitude (deg) and elevation (m) of the target
-    utc_ns: int | None = None  # when, by the platform's clock
-    source: str = ""  # what it was sent as
-    # of the ground, m, with the datum of `altitude`: of the take-off, or of what the frame shows
-    ground_altitude: float | None = None
+    Attributes:
+        pts: on the video's line of time, ns.
+        target: latitude, longitude (deg) and elevation (m) of the target.
+        utc_ns: when, by the platform's clock.
+    """
+
+    pts: int = field(kw_only=True)
+    target: Position | None = None
+    utc_ns: int | None = None
 
     @property
-    def pose(self) -> dict[str, Any]:
-        """The fields that `streamkit.Pose` has too, by name."""
-        return {name: getattr(self, name) for name in POSE_FIELDS}
-
-
-POSE_FIELDS = tuple(field.name for field in fields(Sample) if field.name not in ("pts", "target", "utc_ns"))
+    def pose(self) -> Pose:
+        """The pose alone, without time and target."""
+        return Pose(*(getattr(self, part.name) for part in fields(Pose)))
 
 
 def between(before: Sample, after: Sample, pts: int) -> Sample:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
-from streamkit import SECOND_NS, Caps, Capture, Frame, FrameFlags, Pose, Property, ResourceError, Source
+from streamkit import SECOND_NS, Caps, Capture, Frame, FrameFlags, Property, ResourceError, Source
 from streamkit.output.names import FileNames, local_path
 from streamkit_media.codecs import CODED_CAPS, video_caps
 from streamkit_media.container import open_container, video_stream
@@ -122,5 +122,5 @@ def with_pose(frame: Frame, data: bytes) -> Frame:
     sample = sample_of_photograph(data, frame.pts or 0)
     if sample is None:
         return frame
-    frame = frame.attach(Pose(**sample.pose), sample)
+    frame = frame.attach(sample.pose, sample)
     return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))
