@@ -55,6 +55,8 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     missed = targets["frames_undetected"] > TENTATIVE_MISSES
     gone = np.where(tentative, missed, has_left | (targets["credit_s"] <= 0))
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
+    if not table.are_objects:
+        table.survival.learn(targets["detections"][gone & ~has_left & ~drawn], ended=True)
     for index in np.flatnonzero(gone).tolist():
         cause = "left the frame" if has_left[index] else "coasted too long"
         table.lose(index, cause if followed[index] else "not detected again before it was confirmed")
@@ -130,6 +132,9 @@ def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     detected, hits = targets["detection"] >= 0, targets["hits"]
     hits[detectable, 1:birth_window] = hits[detectable, : birth_window - 1]
     hits[detectable, 0] = detected[detectable]
+    if not table.are_objects:
+        table.survival.learn(targets["detections"][detected & ~targets["drawn"]], ended=False)
+    targets["detections"] += detected
     targets["age_s"] += step_s
     targets["waited_s"] += step_s
     passed_s = np.where(detectable, targets["waited_s"], 0.0)

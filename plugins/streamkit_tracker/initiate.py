@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from streamkit.geometry.track import FeatureSpace
@@ -16,6 +18,7 @@ from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.window_geometry import LENGTH, WIDTH
 
 MIN_STRAIGHTNESS = 0.5
+LIKELY = 0.5  # more than this is more likely than not
 TENTATIVE_SHARE = 4
 
 
@@ -32,25 +35,32 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
 
 
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:
-    """Confirms tentative targets that have moved, in order of the ids."""
+    """Confirms tentative targets, in order of the ids.
+
+    Those of regions of motion have to move, and to be likely to last: where leaves or tall structures are
+    found for some frames at a time, so few detections are no evidence.
+    """
     rows, settings = table.rows, table.settings
     hits_needed = min(settings.birth_hits, settings.birth_window)
+    lasts = table.survival.probabilities() > LIKELY
     for index in np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0)).tolist():
         model = table.models[index]
         position = observation.centroids[rows["detection"][index]]
         model.trail = extended(model.trail, position)
         if np.nansum(rows["hits"][index]) < hits_needed or table.settled >= settings.max_targets:
             continue
-        moves = np.hypot(*span(model.trail)) >= settings.min_travel
-        if observation.are_objects or (moves and straightness(model.trail) >= MIN_STRAIGHTNESS):
-            if not observation.are_objects:
-                one = rows[index : index + 1]
-                headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])
-                right, down = span(model.trail)
-                headings = np.where(np.isinf(deviations), np.arctan2(down, right), headings)
-                one["window"] = turned_windows(one["window"][:, :2], one["box"], headings)
-            start_appearance(table, index, observation.space, sampler)
-            table.confirm(index, "confirmed")
+        if not observation.are_objects:
+            right, down = span(model.trail)
+            moves = math.hypot(right, down) >= settings.min_travel
+            will_last = lasts[min(rows["detections"].item(index), settings.lasting_hits)]
+            if not (moves and will_last and straightness(model.trail) >= MIN_STRAIGHTNESS):
+                continue
+            one = rows[index : index + 1]
+            headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])
+            headings = np.where(np.isinf(deviations), np.arctan2(down, right), headings)
+            one["window"] = turned_windows(one["window"][:, :2], one["box"], headings)
+        start_appearance(table, index, observation.space, sampler)
+        table.confirm(index, "confirmed")
 
 
 def start_appearance(

@@ -18,9 +18,7 @@ from streamkit_tracker.window_geometry import (
     NO_SCALE,
     WIDTH,
     FloatArray,
-    determinants,
     half_turn,
-    inverses,
     map_points,
 )
 
@@ -81,7 +79,7 @@ def carry_states(targets: TargetRows, mapped: FloatArray, jacobians: FloatArray)
     around, (length, width, angle) = jacobians[count + index], window[index, LENGTH:].T
     x, y = np.matvec(around, np.stack([np.cos(angle), np.sin(angle)], axis=1)).T
     stretch = np.maximum(np.hypot(x, y), NO_SCALE)
-    area = np.abs(determinants(around))
+    area = np.abs(np.linalg.det(around))
     window[index, LENGTH] = np.maximum(length * stretch, MINIMUM_SIDE)
     window[index, WIDTH] = np.maximum(width * area / stretch, MINIMUM_SIDE)
     window[index, ANGLE] = half_turn(np.arctan2(y, x))
@@ -109,7 +107,7 @@ def correct(targets: TargetRows) -> None:
     if not len(index):
         return
     covariance, noise = targets["covariance"][index], targets["noise"][index]
-    gain = covariance[:, :, :2] @ inverses(covariance[:, :2, :2] + noise)
+    gain = covariance[:, :, :2] @ np.linalg.inv(covariance[:, :2, :2] + noise)
     error = targets["measurement"][index] - targets["mean"][index, :2]
     targets["mean"][index] += np.matvec(gain, error)
     # with H of the first two rows of the identity: (I - K H) P (I - K H)' + K R K'

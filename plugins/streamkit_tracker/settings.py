@@ -43,6 +43,13 @@ class TrackerSettings:
     min_travel: float = setting(
         4.0, min=0.0, unit="px", doc="Distance over the ground before a target is confirmed."
     )
+    lasting_hits: int = setting(
+        15,
+        min=0,
+        max=100,
+        doc="A target of regions of motion is confirmed once most of the earlier ones that were detected as "
+        "often reached so many detections; 0 is off.",
+    )
     max_speed: float = setting(500.0, min=1.0, unit="px/s", doc="Fastest target expected, in frame pixels.")
     coast: float = setting(3.0, min=0.0, unit="s", doc="Longest time without a detection.")
     lost_threshold: float = setting(0.6, min=0.0, max=1.0, doc="Similarity below which a target is unseen.")

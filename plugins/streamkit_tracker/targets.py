@@ -14,6 +14,7 @@ from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.mean_features import MeanFeatures
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.survival import Survival
 from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import Particles
@@ -42,6 +43,7 @@ TARGET = np.dtype(
         ("credit_s", np.float64),  # how much longer the target may coast
         ("waited_s", np.float64),  # since a detector last ran; 0 for targets drawn by hand
         ("hits", np.float64, 100),  # 1 where it was detected, the latest frame first; NaN before it began
+        ("detections", np.int64),  # frames in which it was detected
         ("frames_undetected", np.int64),
         ("frames_unseen", np.int64),
         ("score", np.float64),  # similarity to the template, kept from the last comparison
@@ -114,6 +116,7 @@ class TargetTable:
         closeness: for how many frames pairs of ids have been on one object.
         score_sums: float64[2], sums of the scores of objects and of their squares over some 50 frames.
         are_objects: whether the last detections were whole objects, and not regions of motion.
+        survival: of the targets of regions of motion.
         confirmed: number of targets that were ever confirmed.
     """
 
@@ -124,8 +127,12 @@ class TargetTable:
     closeness: dict[tuple[int, int], int] = field(default_factory=dict)
     score_sums: FloatArray = field(default_factory=lambda: np.zeros(2))
     are_objects: bool = False
+    survival: Survival = field(init=False)
     next_id: int = 1
     confirmed: int = 0
+
+    def __post_init__(self) -> None:
+        self.survival = Survival(self.settings.lasting_hits)
 
     def add(self, window: FloatArray, *, drawn: bool, cause: str) -> int:
         """Appends a tentative target at a window, float64[5]; returns its row."""
@@ -137,7 +144,7 @@ class TargetTable:
         row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
         row["credit_s"], row["score"], row["last_position"] = INITIAL_CREDIT_S, 1.0, window[:2]
         row["predicted"] = row["gate"] = row["similarity"] = np.nan
-        row["detection"] = -1
+        row["detection"], row["detections"] = -1, 1
         row["hits"], row["hits"][0, 0] = np.nan, 1.0
         self.causes[self.next_id] = cause
         self.rows = np.concatenate([self.rows, row])

@@ -27,7 +27,6 @@ MINIMUM_SIDE = 2.0
 NO_SCALE = 1e-9
 IDENTITY: FloatArray = np.eye(2)
 IDENTITY.setflags(write=False)
-ADJUGATE: FloatArray = 2 * IDENTITY - 1  # signs
 
 upright_sides = register_jitable(boxes.upright_sides)
 
@@ -36,16 +35,6 @@ upright_sides = register_jitable(boxes.upright_sides)
 def half_turn(angle: Number) -> Number:
     """Wraps angles of directions without sign into [-pi/2, pi/2)."""
     return (angle + np.pi / 2) % np.pi - np.pi / 2
-
-
-def determinants(matrices: FloatArray) -> FloatArray:
-    """Of matrices float64[n, 2, 2]: float64[n]; for so small ones numpy's own take four times as long."""
-    return matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
-
-
-def inverses(matrices: FloatArray) -> FloatArray:
-    """Of regular, symmetric matrices float64[n, 2, 2]."""
-    return matrices[:, ::-1, ::-1] * ADJUGATE / determinants(matrices)[:, None, None]
 
 
 def map_points(homography: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,5 +1,6 @@
 """Many targets on simulated detections that miss, lie and merge."""
 
+from collections.abc import Iterator
 from itertools import pairwise
 from types import ModuleType
 
@@ -378,3 +379,36 @@ def test_people_keep_their_ids_and_sizes_in_a_region_that_shows_both():
             )
     assert [(report.id, report.state) for report in reports] == [(1, "confirmed"), (2, "confirmed")]
     np.testing.assert_allclose([report.turned_box[0] for report in reports], [72 + 158, 272 - 158], atol=1)
+
+
+def flicker(frames: int, car_from: int, **observed: bool) -> Iterator[Observation]:
+    """Regions that move and are detected for four frames each, and from one frame on a car among them."""
+    for index in range(frames):
+        age = index % 4
+        corners = [(40.0 + 90 * slot + 4 * age, 40.0 + 70 * (index // 4 % 3)) for slot in range(5)]
+        if index >= car_from:
+            corners.append((30.0 + 4 * (index - car_from), 260.0))
+        boxes = np.array([[x, y, x + 24, y + 12] for x, y in corners])
+        yield Observation(0.04, centroids=(boxes[:, :2] + boxes[:, 2:]) / 2, boxes=boxes, **observed)
+
+
+def first_confirmed(settings: TrackerSettings, **observed: bool) -> dict[int, tuple[int, bool]]:
+    """By id the frame in which a target of `flicker` is confirmed first, and whether it is the car."""
+    tracker, image = MultiTargetTracker(settings), np.full((300, 500), 90, np.uint8)
+    found: dict[int, tuple[int, bool]] = {}
+    for index, observation in enumerate(flicker(160, 100, **observed)):
+        for one in confirmed(tracker.step(image, observation)):
+            found.setdefault(one.id, (index, one.turned_box[1] > 240))
+    return found
+
+
+def test_where_regions_flicker_a_target_is_confirmed_once_it_lasts():
+    """After some that ended only the car is confirmed; without the rule all are, of a detector's, too."""
+    found = list(first_confirmed(TrackerSettings()).values())
+    assert [frame for frame, is_car in found if not is_car and frame >= 40] == []
+    (when,) = [frame for frame, is_car in found if is_car]
+    assert 102 <= when <= 115
+    all_of_them = first_confirmed(TrackerSettings(lasting_hits=0)).values()
+    assert sum(not is_car and frame >= 40 for frame, is_car in all_of_them) > 50
+    objects = first_confirmed(TrackerSettings(), are_objects=True).values()
+    assert sum(not is_car and frame >= 40 for frame, is_car in objects) > 20
