@@ -50,7 +50,7 @@ class TrackOverlay(Transform):
     sink = src = "video/x-raw, format=BGR"
 
     trails: float = Property(
-        2.0, min=0.0, max=60.0, unit="s", live=True, doc="Length of the trails; 0 draws none."
+        2.0, min=0.0, max=60.0, unit="s", live=True, doc="Length of the trails of targets that are shown; 0 draws none."
     )
     covariance: float = Property(
         2.0,
@@ -137,14 +137,12 @@ class TrackOverlay(Transform):
         self._trails.drop_before(self._time_ns - int(self.trails * 1e9))
 
     def _draw_trails(self, image: NDArray[np.uint8], tracks: list[Track]) -> None:
-        """Draws each trail up to the target's box, so that the target itself stays visible."""
+        """Draws the trail of each target that is shown up to its box, so that it stays visible."""
         current = {track.id: track for track in tracks}
         for identity, points in self._trails.paths():
-            track = current.get(identity)
-            outside = np.ones(len(points), dtype=bool)
-            if track is not None:
+            if (track := current.get(identity)) is not None:
                 outside = np.hypot(points[:, 0] - track.x, points[:, 1] - track.y) > track.length / 2.0
-            drawing.draw_trail(image, points[outside], drawing.identity_colour(identity))
+                drawing.draw_trail(image, points[outside], drawing.identity_colour(identity))
 
     def _draw_track(self, image: NDArray[np.uint8], track: Track, labels: list[drawing.Rectangle]) -> None:
         colour = drawing.identity_colour(track.id)

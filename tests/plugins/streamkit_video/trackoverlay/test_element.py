@@ -107,6 +107,17 @@ def test_trails_are_as_long_as_asked() -> None:
         assert abs(int(drawn.min()) - oldest) <= 2
 
 
+def test_a_trail_is_drawn_with_its_target() -> None:
+    """None where the target is not shown, for a while or for good; with it the old positions are back."""
+    with Harness("trackoverlay", trails=10.0, **PLAIN) as harness:
+        harness.push(frame(Tracks((track(1, 30.0, 10.0),))))
+        harness.push(frame(Tracks((track(1, 30.0, 50.0),)), pts=1_000_000_000))
+        (without,) = harness.push(frame(Tracks(()), pts=2_000_000_000))
+        (back,) = harness.push(frame(Tracks((track(1, 30.0, 90.0),)), pts=3_000_000_000))
+    assert not changed(without.data).any()
+    assert changed(back.data)[12:48, 30].all()
+
+
 def test_the_ellipse_shows_how_well_a_place_is_known() -> None:
     """Two deviations along each axis of the covariance, turned with it; none where it is off or not known."""
     along, across = np.array([0.8, 0.6]), np.array([-0.6, 0.8])
