@@ -52,8 +52,10 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
         if not observation.are_objects:
             right, down = span(model.trail)
             moves = math.hypot(right, down) >= settings.min_travel
-            will_last = lasts[min(rows["detections"].item(index), settings.lasting_hits)]
-            if not (moves and will_last and straightness(model.trail) >= MIN_STRAIGHTNESS):
+            if not moves or straightness(model.trail) < MIN_STRAIGHTNESS:
+                continue
+            if not lasts[min(rows["detections"].item(index), settings.lasting_hits)]:
+                table.causes[rows["id"].item(index)] = "waits: most that were detected as often ended soon"
                 continue
             one = rows[index : index + 1]
             headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])

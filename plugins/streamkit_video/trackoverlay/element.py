@@ -50,7 +50,12 @@ class TrackOverlay(Transform):
     sink = src = "video/x-raw, format=BGR"
 
     trails: float = Property(
-        2.0, min=0.0, max=60.0, unit="s", live=True, doc="Length of the trails of targets that are shown; 0 draws none."
+        2.0,
+        min=0.0,
+        max=60.0,
+        unit="s",
+        live=True,
+        doc="Length of the trails of targets that are shown; 0 draws none.",
     )
     covariance: float = Property(
         2.0,

@@ -392,6 +392,15 @@ def flicker(frames: int, car_from: int, **observed: bool) -> Iterator[Observatio
         yield Observation(0.04, centroids=(boxes[:, :2] + boxes[:, 2:]) / 2, boxes=boxes, **observed)
 
 
+def test_a_target_that_waits_says_why():
+    """Its provenance has the reason in the frames in which all else would confirm it."""
+    tracker, image = MultiTargetTracker(), np.full((300, 500), 90, np.uint8)
+    reports = [report for seen in flicker(60, 100) for report in tracker.step(image, seen)]
+    waiting = [report.state for report in reports if report.provenance.cause.startswith("waits")]
+    assert len(waiting) > 20
+    assert set(waiting) == {TrackState.TENTATIVE}
+
+
 def first_confirmed(settings: TrackerSettings, **observed: bool) -> dict[int, tuple[int, bool]]:
     """By id the frame in which a target of `flicker` is confirmed first, and whether it is the car."""
     tracker, image = MultiTargetTracker(settings), np.full((300, 500), 90, np.uint8)
