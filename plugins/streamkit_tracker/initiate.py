@@ -18,6 +18,7 @@ from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.window_geometry import LENGTH, WIDTH
 
 MIN_STRAIGHTNESS = 0.5
+TRAVEL_STDS = 2.0  # of the registration: a twentieth of what stands still would seem to move so far
 LIKELY = 0.5  # more than this is more likely than not
 TENTATIVE_SHARE = 4
 
@@ -37,8 +38,9 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:
     """Confirms tentative targets, in order of the ids.
 
-    Those of regions of motion have to move, and to be likely to last: where leaves or tall structures are
-    found for some frames at a time, so few detections are no evidence.
+    Those of regions of motion have to move by more than the registration may be wrong, and to be likely to
+    last: where leaves or tall structures are found for some frames at a time, so few detections are no
+    evidence.
     """
     rows, settings = table.rows, table.settings
     hits_needed = min(settings.birth_hits, settings.birth_window)
@@ -51,8 +53,9 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
             continue
         if not observation.are_objects:
             right, down = span(model.trail)
-            moves = math.hypot(right, down) >= settings.min_travel
-            if not moves or straightness(model.trail) < MIN_STRAIGHTNESS:
+            least = max(settings.min_travel, TRAVEL_STDS * observation.registration_std)
+            travel = least if settings.min_travel > 0 else 0.0
+            if math.hypot(right, down) < travel or straightness(model.trail) < MIN_STRAIGHTNESS:
                 continue
             if not lasts[min(rows["detections"].item(index), settings.lasting_hits)]:
                 table.causes[rows["id"].item(index)] = "waits: most that were detected as often ended soon"

@@ -29,6 +29,7 @@ class Observation:
         continuity: known; lost (no registration: targets coast); new (a cut: all targets end).
         to_previous: float64[3, 3], this frame's pixels to the previous frame's.
         to_reference: float64[3, 3], this frame's pixels to the reference plane.
+        registration_std: predicted error of `to_reference`, px; 0 if unknown.
         chroma: planes u and v, uint8[h / 2, w / 2], or None for a frame without colour.
         centroids: float64[n, 2], px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
@@ -45,6 +46,7 @@ class Observation:
     continuity: FrameContinuity = FrameContinuity.KNOWN
     to_previous: FloatArray = field(default_factory=lambda: np.eye(3))
     to_reference: FloatArray = field(default_factory=lambda: np.eye(3))
+    registration_std: float = 0.0
     chroma: Chroma | None = None
     centroids: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     boxes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))

@@ -381,6 +381,31 @@ def test_people_keep_their_ids_and_sizes_in_a_region_that_shows_both():
     np.testing.assert_allclose([report.turned_box[0] for report in reports], [72 + 158, 272 - 158], atol=1)
 
 
+@pytest.mark.parametrize(
+    ("speed", "registration_std", "min_travel", "is_confirmed"),
+    [(1.5, 0.0, 4.0, True), (1.5, 12.0, 4.0, False), (4.0, 12.0, 4.0, True), (1.5, 12.0, 0.0, True)],
+)
+def test_a_target_moves_by_more_than_the_registration_may_be_wrong(
+    speed: float, registration_std: float, min_travel: float, is_confirmed: bool
+):
+    """What seems to move less may stand still, px a frame; `min-travel=0` asks for no motion at all."""
+    tracker, image = (
+        MultiTargetTracker(TrackerSettings(min_travel=min_travel)),
+        np.full((300, 500), 90, np.uint8),
+    )
+    found = []
+    for index in range(30):
+        x = 40.0 + speed * index
+        seen = Observation(
+            0.04,
+            registration_std=registration_std,
+            centroids=np.array([[x, 50.0]]),
+            boxes=np.array([[x - 12, 44.0, x + 12, 56.0]]),
+        )
+        found += confirmed(tracker.step(image, seen))
+    assert bool(found) == is_confirmed
+
+
 def flicker(frames: int, car_from: int, **observed: bool) -> Iterator[Observation]:
     """Regions that move and are detected for four frames each, and from one frame on a car among them."""
     for index in range(frames):
