@@ -62,7 +62,7 @@ def main() -> None:
     atexit.register(gc.freeze)  # no search for garbage in memory that the kernel takes back at once
     arguments = sys.argv[1:]
     try:
-        make_app()()
+        make_app()(prog_name="streamkit")  # of `python -m streamkit`, too: it names the completion's script
     except (KeyboardInterrupt, SystemExit) as ended:
         # Ctrl-C before the command handles it itself; typer makes an exit of it.
         if isinstance(ended, SystemExit) and ended.code != INTERRUPTED:

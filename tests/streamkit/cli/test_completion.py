@@ -87,11 +87,14 @@ def test_bash_gets_it_from_the_command(line: str, offered: list[str]) -> None:
     assert (done.stdout.splitlines(), done.stderr) == (offered, "")
 
 
-def test_the_script_is_installed_for_a_shell(tmp_path: Path) -> None:
-    """The start file of the shell in which it is called reads it."""
+@pytest.mark.parametrize("command", [BINARY, f"{sys.executable} -m streamkit"])
+def test_the_script_is_installed_for_a_shell(tmp_path: Path, command: str) -> None:
+    """The start file of the shell in which it is called reads it; it completes the command `streamkit`."""
     done = subprocess.run(
-        ["bash", "-c", f"{BINARY} --install-completion && true"], env={**os.environ, "HOME": str(tmp_path)},
+        ["bash", "-c", f"{command} --install-completion && true"], env={**os.environ, "HOME": str(tmp_path)},
         capture_output=True, text=True, timeout=patience(30), check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
-    assert "completion" in (tmp_path / ".bashrc").read_text()
+    script = tmp_path / ".bash_completions/streamkit.sh"
+    assert str(script) in (tmp_path / ".bashrc").read_text()
+    assert script.read_text().rstrip().endswith("_streamkit_completion streamkit")
