@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
+import sys
 from pathlib import Path
 
 _STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
@@ -15,8 +16,13 @@ _HOME_OF = {name: module for module, name in re.findall(r"^from (\S+) import (\w
 # Of `from streamkit import *`: the names of the stub; but files are still opened by Python's own `open`.
 __all__ = sorted(_HOME_OF.keys() - {"open"})  # noqa: PLE0605
 
-# For NumPy, which reads it when it is imported: its threads would compete with those of the elements.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+if "OPENBLAS_NUM_THREADS" not in os.environ:
+    # For NumPy, which reads it when it is imported: its threads would compete with those of the elements.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    if "numpy" in sys.modules:
+        from threadpoolctl import threadpool_limits
+
+        threadpool_limits(1, user_api="blas")
 
 
 def __getattr__(name: str) -> object:

@@ -506,6 +506,26 @@ def test_blas_is_limited_to_one_thread(program: str, wanted: str | None, threads
     assert int(running) <= int(threads)
 
 
+@pytest.mark.parametrize(("wanted", "limit"), [(None, 1), ("2", 2)])
+def test_blas_is_limited_in_a_program_that_has_imported_numpy(wanted: str | None, limit: int) -> None:
+    """It has read its variable then; twice the processor time of tracking would go into its threads."""
+    code = (
+        "import numpy, threadpoolctl, streamkit\n"
+        "print([found['num_threads'] for found in threadpoolctl.threadpool_info()])\n"
+    )
+    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    own = {} if wanted is None else {"OPENBLAS_NUM_THREADS": wanted}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=inherited | own,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert done.stdout == f"[{min(limit, len(os.sched_getaffinity(0)))}]\n"
+
+
 @pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full"])
 def test_closed_standard_streams_do_no_harm(tmp_path: Path, closed: str) -> None:
     """Messages do not get into a file of the pipeline, and do not end it."""
