@@ -35,19 +35,21 @@ def pipeline_for(location: str) -> tuple[str, str]:
         return "run.pipe", "tracksrc location"
     source = choose_source(location)
     name = "camera.pipe" if source.is_live else "file.pipe"
+    if source.is_live and ("://" not in location or urlsplit(location).scheme == "v4l2"):
+        name = "local_camera.pipe"
     if Path(location).is_file() and not has_page_codec(caps_of(location)):
         name = "images.pipe"
     return name, f"{source.element} {source.property}"
 
 
 def unplayable(location: str, *, with_records: bool = False) -> str:
-    """Why a file cannot be played; "" where it can, and for a URL, which is opened with the page.
+    """Why a file cannot be played; "" where it can, and for a URL or camera, which is opened with the page.
 
     Args:
         location: file or URL.
         with_records: whether it is the video of a finished run, of which the page gets the packets.
     """
-    if "://" in location:
+    if choose_source(location).is_live or "://" in location:
         return ""
     try:
         caps = caps_of(location)
