@@ -54,7 +54,7 @@ class SourceChoice(NamedTuple):
 
 
 def choose_source(location: str) -> SourceChoice:
-    """The element that reads a file or URL; of a camera of this machine, the one that says what does."""
+    """The element that reads a file, a URL or a camera of this machine."""
     parts = urlsplit(location)
     if CAMERA.fullmatch(location) and not os.path.isfile(location):
         return SourceChoice("livesrc", "uri", True)
@@ -226,7 +226,7 @@ def _check_images(source: object) -> None:
     if not isinstance(source, Iterable):
         raise TypeError(
             f"open takes a file, a URL or an iterable of images, got {source!r}; "
-            "give a camera by its URL, such as rtsp://camera/stream; docs/live-sources.md says how"
+            "give a camera by its URL, such as rtsp://camera/stream, and one of this machine as '0'"
         )
     shape = getattr(source, "shape", None)
     if shape is not None and (len(shape) < 3 or (len(shape) == 3 and shape[2] in FORMATS)):

@@ -109,7 +109,7 @@ def _live_line(location: str, source: str, seen: Seen) -> str:
     """The line for a source whose location is to be filled in."""
     parts = urlsplit(location)
     user, mark, host = parts.netloc.rpartition("@")
-    bare = mask_secrets(urlunsplit(parts._replace(netloc=host)))
+    bare = mask_secrets(urlunsplit(parts._replace(netloc=host)) if mark else location)
     settings = ""
     if mark and user:
         settings, bare = (

@@ -1,4 +1,4 @@
-"""livesrc: live video over UDP, TCP, RTMP or HTTP."""
+"""livesrc: live video over UDP, TCP, RTMP or HTTP, or from a camera of this machine."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from streamkit import Caps, Direction, PadTemplate, Presence, Property, Resource
 from streamkit.output.names import is_network, lacks_protocol
 from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
+from streamkit_media.live.camerainput import SCHEME, CameraInput, camera_device, camera_options
 from streamkit_media.live.datagraminput import DatagramInput
 from streamkit_media.live.liveinput import LiveInput, UrlInput
 from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
@@ -21,19 +22,14 @@ from streamkit_media.udp import source_address
 UDP = "udp"
 # What a server sends must not make FFmpeg open files.
 PROTOCOLS = "tcp,tls,http,https,httpproxy,crypto,data,rtmp,rtmps,rtmpt,rtmpts,rtmpe,ffrtmphttp,ffrtmpcrypt"
-CAMERA = (
-    "FFmpeg reads no cameras here; have GStreamer send it: gst-launch-1.0 v4l2src ! videoconvert ! "
-    "x264enc tune=zerolatency key-int-max=30 ! mpegtsmux ! udpsink host=127.0.0.1 port=5000, "
-    "and receive udp://127.0.0.1:5000"
-)
 REMEDIES = {
     "rtsp": "rtspsrc receives RTSP; write rtspsrc location=rtsp://host:port/path",
     "rtsps": "rtspsrc receives RTSP; write rtspsrc location=rtsps://host:port/path",
     "rtp": "MPEG-TS in RTP is recognised by itself; write uri=udp://@:PORT",
     "srt": "FFmpeg has no SRT here; pass it on with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:5000 "
     "(or GStreamer's srtsrc ! udpsink, or MediaMTX), and write uri=udp://127.0.0.1:5000",
-    "v4l2": CAMERA,
 }
+CAMERA_EXAMPLE = "uri=v4l2:///dev/video0?video_size=1280x720&framerate=30&input_format=mjpeg"
 FILE = "filesrc reads files; write filesrc location=FILE"
 NO_PROTOCOL = (
     "an address must begin with its protocol; write uri=http://camera/video.mjpg, or for rtsp:// "
@@ -46,15 +42,16 @@ class LiveSrc(LiveSource):
 
     `udp://[@]HOST:PORT[?localaddr=ADDRESS]` is MPEG-TS, bare or in RTP, from one sender or a multicast group;
     no HOST is every interface. FFmpeg opens `tcp://`, `rtmp://`, `rtmps://`, `http://` and `https://`; a
-    playlist (HLS) is played in real time. Reconnects, epochs, drops, the message `connection` and the pads
-    of telemetry are those of `rtspsrc`.
+    playlist (HLS) is played in real time. `v4l2:///dev/video0`, `/dev/video0` or `0` is a camera of this
+    machine; `?video_size=1280x720&framerate=30&input_format=mjpeg` chooses what it gives. Reconnects, epochs,
+    drops, the message `connection` and the pads of telemetry are those of `rtspsrc`.
 
     Example:
         livesrc uri=udp://@239.1.2.3:5000 ! decode ! fakesink
     """
 
     schemes = (*LIVE_SCHEMES, "http", "https")
-    uri_schemes = LIVE_SCHEMES
+    uri_schemes = (*LIVE_SCHEMES, SCHEME)
     example = "uri=udp://@:5000"
     templates = (
         VIDEO_PAD,
@@ -89,8 +86,13 @@ class LiveSrc(LiveSource):
 
     @override
     def check_address(self, parts: SplitResult) -> None:
-        is_camera = self.location.startswith("/dev/video") or self.location.isdecimal()
-        remedy = CAMERA if is_camera else REMEDIES.get(parts.scheme, "")
+        if camera_device(self.location):
+            try:
+                camera_options(self.location)
+            except ValueError as error:
+                raise ResourceError(f"{self._where!r}: {error}; write {CAMERA_EXAMPLE}") from None
+            return
+        remedy = REMEDIES.get(parts.scheme, "")
         if not remedy and self.location and not is_network(self.location):
             remedy = NO_PROTOCOL if lacks_protocol(self.location) else FILE
         if remedy:
@@ -108,7 +110,7 @@ class LiveSrc(LiveSource):
     @property
     @override
     def carrier(self) -> str:
-        return urlsplit(self.location).scheme
+        return SCHEME if camera_device(self.location) else urlsplit(self.location).scheme
 
     @override
     def make_input(self) -> LiveInput:
@@ -121,6 +123,8 @@ class LiveSrc(LiveSource):
                 is_first=self._epoch < 0 and not self._delay.tries,
                 low_latency=self.low_latency,
             )
+        if self.carrier == SCHEME:
+            return CameraInput(self.location, self.timeout_s)
         return UrlInput(self._url, {**self._tls_options, "protocol_whitelist": PROTOCOLS}, self.timeout_s)
 
     @override
