@@ -1,17 +1,16 @@
-"""Draws a graph for a terminal, Graphviz and Mermaid, optionally with the counters of a run."""
+"""Draws a graph for a terminal, Graphviz, Mermaid and as SVG, optionally with the counters of a run."""
 
 from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import sys
 import textwrap
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from streamkit.cli.stderr import fail_usage
+from streamkit.cli.layered_svg import Arrow, Box, draw_svg
 from streamkit.cli.table import Row, facts
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from streamkit.element.pad import Pad
     from streamkit.graph.graph import Graph
 
-SVG_LIMIT_S = 30
+SVG_COLUMNS = 50
 MIN_CAPS_COLUMNS = 20  # columns
 DRAWN_FORMATS = 3  # in the label of a link; the file sources alone have two dozen
 
@@ -46,6 +45,12 @@ def _ids(built: Graph) -> dict[Element, str]:
         number = taken[element.name]
         found[element] = element.name if number == 1 else f"{element.name} ({number})"
     return found
+
+
+def _title(element: Element, ids: dict[Element, str]) -> str:
+    """The element's name in a drawing, with its factory where that does not show."""
+    kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
+    return ids[element] + kind
 
 
 def _label(element: Element, counters: Counters) -> str:
@@ -132,8 +137,7 @@ def as_text(built: Graph, counters: Counters) -> str:
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for element in built.elements:
         _, *more = _label(element, counters).splitlines()
-        kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
-        lines.append("  ".join([ids[element] + kind, *more]))
+        lines.append("  ".join([_title(element, ids), *more]))
         for src, sink in built.links():
             if src.element is element:
                 caps = link_caps(src, sink)
@@ -147,18 +151,17 @@ def as_text(built: Graph, counters: Counters) -> str:
 
 
 def as_svg(built: Graph, counters: Counters) -> str:
-    """The graph as SVG; needs Graphviz's `dot`."""
-    dot = shutil.which("dot")
-    if dot is None:
-        fail_usage("svg needs the program dot of Graphviz; install Graphviz, or use --format mermaid")
-    drawn = subprocess.run(
-        [dot, "-Tsvg"],
-        input=as_dot(built, counters),
-        capture_output=True,
-        text=True,
-        timeout=SVG_LIMIT_S,
-        check=False,
-    )
-    if drawn.returncode:
-        fail_usage(f"dot could not draw the graph: {drawn.stderr.strip()[:300]}")
-    return drawn.stdout
+    """The graph as SVG, from top to bottom."""
+    indices = {element: index for index, element in enumerate(built.elements)}
+    ids, colours = _ids(built), _colours(built, counters)
+    boxes = []
+    for element in built.elements:
+        _, *more = _label(element, counters).splitlines()
+        lines = [line[:SVG_COLUMNS] for line in (_title(element, ids), *more)]
+        boxes.append(Box(lines, colours.get(element, "white")))
+    arrows = []
+    for src, sink in built.links():
+        lines = _link_label(src, sink, counters).splitlines()
+        wrapped = [part for line in lines for part in textwrap.wrap(line, SVG_COLUMNS)]
+        arrows.append(Arrow(indices[src.element], indices[sink.element], wrapped))
+    return draw_svg(boxes, arrows)
