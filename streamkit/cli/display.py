@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager
+from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING
 
 import typer
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
     from streamkit.graph.pipeline import Pipeline
 
 REDRAW_EVERY_S = 0.2
-LINE_EVERY_S = 1.0
+LINE_EVERY_S = START_EVERY_S = 1.0
 SHARE_OF_BAR, MIN_BAR_COLUMNS = 0.25, 8  # of the columns; columns
 
 
@@ -43,6 +46,10 @@ class Display:
     def __init__(self, pipeline: Pipeline) -> None:
         self.pipeline = pipeline
         self.began_s = self._drawn_s = time.monotonic()
+
+    def starting(self) -> AbstractContextManager[object]:
+        """Held while elements start, which compiles loops once on a machine; shows nothing."""
+        return contextlib.nullcontext()
 
     def begin(self) -> None:
         """Counts the time from now on: before, elements have started, and perhaps compiled loops."""
@@ -101,6 +108,28 @@ class Progress(Display):
     _frames = 0
     _frames_s = 0.0
 
+    def __init__(self, pipeline: Pipeline) -> None:
+        super().__init__(pipeline)
+        self._writing = Lock()  # while elements start, lines come from another thread
+
+    @contextlib.contextmanager
+    @override
+    def starting(self) -> Iterator[None]:
+        has_started = Event()
+        thread = Thread(target=self._count_start, args=(has_started,), name="progress of the start")
+        thread.start()
+        try:
+            yield
+        finally:
+            has_started.set()
+            thread.join()
+            self._clear()
+
+    def _count_start(self, has_started: Event) -> None:
+        while not has_started.wait(START_EVERY_S):
+            with self._writing:
+                self._show(f"{time.monotonic() - self.began_s:7.1f} s  starting")
+
     @override
     def draw(self) -> None:
         now = self.measure()
@@ -121,9 +150,17 @@ class Progress(Display):
             line = bar(share, width) + text
         else:
             line = f"{now.elapsed_s:7.1f} s{text}"[:columns]
+        self._show(line)
+
+    def _show(self, line: str) -> None:
         sys.stderr.write(f"\r{line}\x1b[K")
         sys.stderr.flush()
         self.shown = True
+
+    def _clear(self) -> None:
+        if self.shown:
+            sys.stderr.write("\r\x1b[K")
+            self.shown = False
 
     def _position(self, elapsed_s: float) -> tuple[float | None, str]:
         """How much of a file is done, and how long the rest takes at the rate so far."""
@@ -137,10 +174,9 @@ class Progress(Display):
 
     def print_line(self, line: str) -> None:
         """Prints a line in place of the progress line, which is redrawn below."""
-        if self.shown:
-            sys.stderr.write("\r\x1b[K")
-            self.shown = False
-        super().print_line(line)
+        with self._writing:
+            self._clear()
+            super().print_line(line)
 
 
 def bar(share: float, width: int) -> str:

@@ -95,7 +95,8 @@ class Run:
     def _play(self) -> int:
         """Plays the pipeline to its end; returns the exit code so far."""
         try:
-            self.pipeline.play()
+            with self.display.starting():
+                self.pipeline.play()
             self.has_played = True
             self.printer.end_start()
             self.display.begin()

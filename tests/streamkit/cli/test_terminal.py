@@ -36,6 +36,28 @@ class Hangs(Sink):
 """
 
 
+WAITS = """
+import sys
+from streamkit import Sink
+class Waits(Sink):
+    sink = "ANY"
+    def start(self):
+        sys.stdin.readline()
+    def render(self, frame):
+        pass
+"""
+
+
+def install(folder: Path, name: str, code: str) -> dict[str, str]:
+    """Makes the element of a module known; the variables with which a process finds it."""
+    (folder / f"{name}.py").write_text(code, encoding="utf-8")
+    (folder / f"{name}-1.dist-info").mkdir()
+    (folder / f"{name}-1.dist-info" / "entry_points.txt").write_text(
+        f"[streamkit.elements]\n{name} = {name}:{name.capitalize()}\n", encoding="utf-8"
+    )
+    return {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
+
+
 def on_terminal(
     *arguments: str, keys: Sequence[tuple[str, bytes]] = (), variables: Mapping[str, str] = NO_VARIABLES
 ) -> tuple[int, str]:
@@ -89,6 +111,15 @@ def test_the_progress_line_is_redrawn_in_place() -> None:
     assert out.count("\x1b[K") > 3
     (line,) = [line for line in lines_of(out) if line]
     assert re.fullmatch(r"66 frames in \d\.\d s, \d+\.\d/s", line)
+
+
+def test_a_start_that_takes_long_is_counted(tmp_path: Path) -> None:
+    """As one that compiles loops; the line is gone when the pipeline plays."""
+    variables = install(tmp_path, "waits", WAITS)
+    code, out = on_terminal("fakesrc num-buffers=3 ! waits", keys=[("starting", b"\n")], variables=variables)
+    assert code == 0
+    assert re.search(r"\r    [1-9]\.\d s  starting", out)
+    assert out.rindex("starting") < out.rindex("\r\x1b[K") < out.rindex("3 frames in")
 
 
 def test_a_file_shows_how_much_is_left(streamkit_data: Path) -> None:
@@ -153,15 +184,9 @@ def test_a_second_control_c_does_not_wait_for_the_end() -> None:
 
 def test_a_second_control_c_ends_a_process_that_hangs(tmp_path: Path) -> None:
     """An element does not stop; the cursor is shown again."""
-    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
-    (tmp_path / "hangs-1.dist-info").mkdir()
-    (tmp_path / "hangs-1.dist-info" / "entry_points.txt").write_text(
-        "[streamkit.elements]\nhangs = hangs:Hangs\n", encoding="utf-8"
-    )
     keys = [("hangs0", b"\x03"), ("interrupt: stopping", b"\x03")]
-    code, out = on_terminal(
-        "--stats", "fakesrc is-live=true ! hangs", keys=keys, variables={"PYTHONPATH": str(tmp_path)}
-    )
+    variables = install(tmp_path, "hangs", HANGS)
+    code, out = on_terminal("--stats", "fakesrc is-live=true ! hangs", keys=keys, variables=variables)
     assert code == 128 + 2
     assert out.rindex("\x1b[?25h") > out.rindex("\x1b[?25l")
 
