@@ -109,6 +109,22 @@ def awaits_pads(element: Element) -> bool:
     )
 
 
+def check_names(request: LinkRequest) -> None:
+    """Checks that the pads that a link names may come to be, whatever the stream adds.
+
+    Raises:
+        DescriptionError: code `link`; no pad of the element can have the name.
+    """
+    for element, direction, name, place in (
+        (request.source, Direction.SRC, request.src_name, request.src_place),
+        (request.sink, Direction.SINK, request.sink_name, request.sink_place),
+    ):
+        templates = [each for each in element.pad_templates.values() if each.direction is direction]
+        is_possible = any(each.matches(name) or each.name == name for each in templates)
+        if name and name not in element.pads and not is_possible:
+            raise _no_such_pad(element, name, place or request.place)
+
+
 def _choices(element: Element, direction: Direction, name: str, place: Place) -> Iterator[Choice]:
     """The pad of a name, else free pads, then templates of request pads."""
     if name:
@@ -153,11 +169,7 @@ def _named(element: Element, direction: Direction, name: str, place: Place) -> P
                 if template.presence is Presence.SOMETIMES and "%u" in template.name:
                     continue
                 return element.request_pad(template, name)
-        known = dict.fromkeys(
-            [*element.pads, *(template.name for template in element.pad_templates.values())]
-        )
-        hint = did_you_mean(name, known) or f"it has {', '.join(known) or 'none'}"
-        raise DescriptionError("link", f"{element.name} has no pad {name!r}", place, hint)
+        raise _no_such_pad(element, name, place)
     if pad.template.direction is not direction:
         raise DescriptionError(
             "link", f"{pad.path} is a {pad.template.direction} pad, here a {direction} pad is needed", place
@@ -165,6 +177,12 @@ def _named(element: Element, direction: Direction, name: str, place: Place) -> P
     if pad.peer is not None:
         raise DescriptionError("link", f"{pad.path} is linked to {pad.peer.path} already", place)
     return pad
+
+
+def _no_such_pad(element: Element, name: str, place: Place) -> DescriptionError:
+    known = dict.fromkeys([*element.pads, *(each.name for each in element.pad_templates.values())])
+    hint = did_you_mean(name, known) or f"it has {', '.join(known) or 'none'}"
+    return DescriptionError("link", f"{element.name} has no pad {name!r}", place, hint)
 
 
 def _nothing_free(element: Element, direction: Direction, place: Place) -> DescriptionError:

@@ -15,7 +15,7 @@ from streamkit.flow.video import misspelt_fields
 from streamkit.graph.bins import BinTree, bin_of
 from streamkit.graph.delayed_link import DelayedLink
 from streamkit.graph.graph import Graph
-from streamkit.graph.link import LinkRequest, awaits_pads, choose_pads
+from streamkit.graph.link import LinkRequest, awaits_pads, check_names, choose_pads
 from streamkit.graph.parse import LinkNode
 
 
@@ -78,6 +78,7 @@ class Linker:
         except DescriptionError:
             if not awaits_pads(request.source):
                 raise
+            check_names(request)
             self._graph.delayed_links.append(DelayedLink(request, self._connect_strictly))
 
     def _make_all(self, request: LinkRequest) -> None:

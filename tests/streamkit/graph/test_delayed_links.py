@@ -156,6 +156,22 @@ def test_only_src_pads_are_waited_for() -> None:
         assert caught.value.code == "link"
 
 
+@pytest.mark.usefixtures("demuxer")
+@pytest.mark.parametrize(
+    ("text", "message", "column"),
+    [
+        ("demux name=d d.vidoe_0 ! fakesink", "d has no pad 'vidoe_0'; did you mean \"video_%u\"?", 16),
+        ("demux name=d d.video_0 ! fakesink name=f d.data_0 ! f.snk", "f has no pad 'snk'; did you mean", 55),
+    ],
+)
+def test_a_pad_that_can_never_come_is_an_error_at_once(text: str, message: str, column: int) -> None:
+    """A warning at the end would blame the stream for a name that is misspelt."""
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    assert message in str(caught.value)
+    assert caught.value.place.column == column
+
+
 class Listed(Source):
     """A pad that is named in the text is made at once."""
 
