@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
+from streamkit.output.pipe import STANDARD_OUTPUT
+
 if TYPE_CHECKING:
     from streamkit.flow.statistics import RunStatistics
 
@@ -98,6 +100,8 @@ def as_text(summary: RunSummary, written: Mapping[str, Sequence[str]] | None = N
 
 
 def _files_text(count: int, names: str, *, is_part: bool) -> str:
+    if names == STANDARD_OUTPUT:
+        return "to the standard output"
     if count == 1:
         return f"part of {names}" if is_part else names
     return f"{count} files {names}" + (" (the last in part)" if is_part else "")

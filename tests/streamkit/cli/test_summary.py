@@ -94,6 +94,9 @@ def test_words() -> None:
         elapsed_s=0.0, frames=1, dropped=0, results={}, files={"a": 1, "b-%d": 3}, incomplete=["a", "b-%d"]
     )
     assert as_text(made) == "1 frame in 0.0 s, wrote part of a and 3 files b-%d (the last in part)"
+    assert as_text(
+        RunSummary(elapsed_s=0.0, frames=2, dropped=0, reasons={}, results={}, files={"-": 1})
+    ) == ("2 frames in 0.0 s, wrote to the standard output")
     assert dropped_text({"queue full": 2}) == "2 (queue full)"
 
 
