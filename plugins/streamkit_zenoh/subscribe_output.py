@@ -207,10 +207,10 @@ def as_table(record: TrackRecord, age_ms: float | None = None, missed: int | Non
     for name in ("id", "state", "x", "y", "size", "vx", "vy", "score", "age", "place"):
         table.add_column(name, justify="left" if name == "state" else "right", no_wrap=True)
     for track in shown:
-        speeds = ("" if speed is None else f"{speed:.0f}" for speed in (track.vx, track.vy))
+        speeds = ("" if speed is None else str(round(speed)) for speed in (track.vx, track.vy))
         geo = "" if track.geo is None else f"{track.geo.lat:.5f} {track.geo.lon:.5f}"
         place = f"{track.x:.0f}", f"{track.y:.0f}", f"{track.length:.0f}x{track.width:.0f}", *speeds
         table.add_row(
             str(track.id), str(track.state), *place, f"{track.score:.2f}", f"{track.age_ns / 1e9:.0f}", geo
         )
-    return Group(Text(title, "italic", no_wrap=True, overflow="ellipsis"), table)
+    return Group(Text(title, "italic", no_wrap=True, overflow="ellipsis"), *([table] if shown else []))

@@ -220,6 +220,25 @@ def test_the_table_fits_80_columns() -> None:
     assert captured.get().splitlines()[-1].split() == words.split()
 
 
+def test_a_table_without_targets_is_its_title() -> None:
+    """A head over nothing, in widths of its own, would only be noise."""
+    record = structs.replace(track_record(_frame(5), source="uav/1", published_ns=1), tracks=())
+    console = Console(width=80, file=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(as_table(record))
+    assert captured.get() == "uav/1  seq 5  0.200 s  0 tracks\n"
+
+
+def test_no_speed_of_the_table_is_minus_zero() -> None:
+    """A speed below half a px/s is 0, whatever its sign."""
+    record = track_record(_frame(5), source="uav/1", published_ns=1)
+    target = structs.replace(record.tracks[0], vx=-0.4, vy=0.4)
+    console = Console(width=80, file=None, force_terminal=False)
+    with console.capture() as captured:
+        console.print(as_table(structs.replace(record, tracks=(target,))))
+    assert captured.get().splitlines()[-1].split()[5:7] == ["0", "0"]
+
+
 def test_a_record_without_time_as_text() -> None:
     """An unknown time is a question mark, not zero."""
     record = track_record(_frame(5).replace(pts=None), source="uav/1", published_ns=1)
