@@ -98,7 +98,8 @@ class PoseSync(Combine):
         try:
             yield
         except NoTelemetry as error:
-            raise ResourceError(str(error)) from None
+            remedy = f"link what a video itself holds, as s.klv ! {self.name}.telemetry"
+            raise ResourceError(f"{error}; {remedy}") from None
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise ResourceError(f"{self.location}: cannot be read: {reason}; check the path") from None

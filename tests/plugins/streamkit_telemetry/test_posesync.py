@@ -188,13 +188,22 @@ def test_subtitles_inside_the_video() -> None:
 
 @pytest.mark.parametrize(
     ("name", "rule"),
-    [("nosuch.SRT", "cannot be read: No such file"), ("broken_empty.SRT", "no position in it")],
+    [
+        ("dji/nosuch.SRT", "cannot be read: No such file"),
+        ("dji/broken_empty.SRT", "no position in it"),
+        (
+            "sample-stream.ts",
+            r"no position in it.*; link what a video itself holds, as s\.klv ! p\.telemetry",
+        ),
+    ],
 )
 def test_bad_files_fail_before_playing(streamkit_data: Path, name: str, rule: str) -> None:
     """A file that is not there or holds no position is refused when the element starts."""
-    location = streamkit_data / "telemetry" / "dji" / name
+    location = streamkit_data / "telemetry" / name
     with pytest.raises(ElementFailure, match=rule):
-        Pipeline.parse(f"fakesrc num-buffers=1 ! posesync location={location} ! fakesink").run(timeout_s=5)
+        Pipeline.parse(f"fakesrc num-buffers=1 ! posesync name=p location={location} ! fakesink").run(
+            timeout_s=5
+        )
 
 
 def subtitles(path: Path, count: int, period_ms: int = 33) -> Path:
