@@ -85,6 +85,12 @@ class LiveSrc(LiveSource):
         super().start()
 
     @override
+    def stop(self) -> None:
+        super().stop()
+        if lost := self._counts["lost"]:
+            self.post_warning(f"{self._where}: {lost} datagrams were lost on their way here")
+
+    @override
     def check_address(self, parts: SplitResult) -> None:
         if camera_device(self.location):
             try:

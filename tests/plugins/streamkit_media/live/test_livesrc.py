@@ -239,13 +239,20 @@ def test_groups_and_ipv6(send: Send, port: int, datagrams: list[bytes], uri: str
 def test_gaps_in_rtp_are_counted(
     send: Send, port: int, datagrams: list[bytes], as_rtp: Callable[..., bytes]
 ) -> None:
-    """Packets missing, repeated and late are counted; the frames around a gap are marked as damaged."""
+    """Packets missing, repeated and late are counted, and those missing warned of at the end.
+
+    The frames around a gap are marked as damaged.
+    """
     packets = [as_rtp(data, 65530 + number) for number, data in enumerate(datagrams)]
     middle = len(packets) // 2
     packets[middle : middle + 3] = [packets[middle - 1]]
     with Pipeline.parse(
         f"livesrc name=s uri=udp://127.0.0.1:{port} latency=5000 ! decode ! appsink name=out max-buffers=0"
     ) as pipeline:
+        warnings: list[str] = []
+        pipeline.bus.watch(
+            lambda message: message.kind is MessageKind.WARNING and warnings.append(message.text)
+        )
         pipeline.play()
         sender = send(("127.0.0.1", port), packets, 4)
         frames = list(islice(pipeline["out"], 70))
@@ -254,6 +261,7 @@ def test_gaps_in_rtp_are_counted(
     damaged = [frame.seq for frame in frames if frame.flags & FrameFlags.CORRUPT]
     assert damaged
     assert min(damaged) > 30
+    assert any(text.endswith(": 3 datagrams were lost on their way here") for text in warnings)
 
 
 @pytest.mark.parametrize("seed", range(4))
