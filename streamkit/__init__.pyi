@@ -95,6 +95,7 @@ from streamkit.geometry.track import Provenance as Provenance
 from streamkit.geometry.track import Track as Track
 from streamkit.geometry.track import TrackState as TrackState
 from streamkit.graph.pipeline import Pipeline as Pipeline
+from streamkit.graph.variables import missing_variables as missing_variables
 from streamkit.graph.variables import unused_variables as unused_variables
 from streamkit.graph.variables import variable_names as variable_names
 from streamkit.masking import mask_secrets as mask_secrets

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from streamkit import Pipeline, ResourceError, StreamkitError
+from streamkit import Pipeline, ResourceError, StreamkitError, missing_variables
 
 SCHEMES = ("env:", "file:")
 # Ray's own resources, which a machine cannot have as tags.
@@ -118,9 +118,11 @@ def _feed(path: Path, name: str, defaults: dict[str, Any], row: dict[str, Any]) 
             raise ResourceError("it has no description; write file= or text=")
         text = feed.text or (path.parent / feed.file).read_text("utf-8")
         feed = msgspec.structs.replace(feed, file="", text=text)
-        Pipeline.parse(
-            text, msgspec.structs.replace(feed, secrets={}).variables() | dict.fromkeys(feed.secrets, "x")
-        )
+        given = msgspec.structs.replace(feed, secrets={}).variables() | dict.fromkeys(feed.secrets, "x")
+        if missing := missing_variables(text, given):
+            remedy = f'write set = {{ {missing[0]} = "VALUE" }}'
+            raise ResourceError(f"variable {missing[0]!r} has no value and no default; {remedy}")
+        Pipeline.parse(text, given)
     except (msgspec.ValidationError, UnicodeDecodeError, StreamkitError) as error:
         raise ResourceError(f"{path}: feed {name}: {error}") from error
     except OSError as error:

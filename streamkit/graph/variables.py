@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from streamkit.errors import DescriptionError, Place
@@ -90,6 +90,12 @@ def _pieces(text: str) -> Iterator[re.Match[str]]:
 def variable_names(text: str) -> list[str]:
     """The names of the variables in a description, each once."""
     return list(dict.fromkeys(match["name"] for match in _pieces(text) if match["name"] is not None))
+
+
+def missing_variables(text: str, given: Container[str]) -> list[str]:
+    """The names of the variables in a description that have neither a value given nor a default."""
+    needed = [match["name"] for match in _pieces(text) if match["name"] and match["default"] is None]
+    return list(dict.fromkeys(name for name in needed if name not in given))
 
 
 def unused_variables(text: str, given: Iterable[str]) -> list[str]:

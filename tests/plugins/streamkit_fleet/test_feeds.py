@@ -65,6 +65,10 @@ def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytes
         ("", "has no feed"),
         ("[other]\n[feeds.a]", r"\[defaults\] and \[feeds.NAME\] only, got 'other'"),
         ("[feeds.a]\ntext='fakesrc ! nothing'", "feed a: .*nothing"),
+        (
+            "[feeds.a]\ntext='${A:-fakesrc} ! ${B}'",
+            r"feed a: variable 'B' has no .*; write set = \{ B = \"VALUE",
+        ),
         ("[feeds.a]\ncolour=1", "feed a: .*colour"),
         ("[feeds.a]\nfile='gone.pipe'", "feed a: cannot read .*gone.pipe: No such file"),
         ("[feeds.a]\nfile='.'", "feed a: cannot read .*: Is a directory"),

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.variables import expand
+from streamkit.graph.variables import expand, missing_variables
 
 
 @pytest.mark.parametrize(
@@ -83,3 +83,9 @@ def test_a_text_that_is_too_long_is_not_searched() -> None:
     """Its length alone refuses it, also where variables would make it shorter."""
     with pytest.raises(DescriptionError, match="at most 1000000 characters"):
         expand("${x:-" + "a" * 1_000_000 + "}", {"x": ""})
+
+
+def test_variables_without_a_value_are_found() -> None:
+    """Each once; not those in comments, with a default, or given."""
+    text = "# ${COMMENT}\na=${X} b=${Y:-1} c=${Z} d=${X} e=${Y}"
+    assert missing_variables(text, {"Z": ""}) == ["X", "Y"]
