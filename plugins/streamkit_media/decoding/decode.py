@@ -14,6 +14,8 @@ from av.video.frame import VideoFrame
 from streamkit import (
     SECOND_NS,
     Caps,
+    DiscontinuityEvent,
+    Event,
     Frame,
     FrameFlags,
     Property,
@@ -169,6 +171,12 @@ class Decode(Transform):
             self._report_missing_frames(stream)
         frames = [*held, *self._shown(stream, decoded)]
         return frames[0] if len(frames) == 1 else frames
+
+    def event(self, event: Event) -> None:
+        """Sends what the decoder holds before a discontinuity: after it, it is outside the stream."""
+        if isinstance(event, DiscontinuityEvent):
+            for frame in self._finish():
+                self.push_output("src", frame)
 
     def drain(self) -> Iterable[Frame]:
         """The frames the decoder still holds.

@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 from av.codec.context import ThreadType
 
-from streamkit import Caps, ElementFailure, Frame, FrameFlags, Message, MessageKind, NotNegotiated, Pipeline
+from streamkit import (
+    Caps,
+    DiscontinuityEvent,
+    ElementFailure,
+    Frame,
+    FrameFlags,
+    Message,
+    MessageKind,
+    NotNegotiated,
+    Pipeline,
+)
 from streamkit.testing import Harness, ManualClock
 from streamkit_media.codecs import coded_caps
 from streamkit_media.decoding.decode import FIRST_FRAME_PACKETS, Decode
@@ -302,6 +312,18 @@ def test_a_new_epoch_begins_a_new_decoder(small_video: Path) -> None:
     with Harness("decode") as harness:
         frames = decoded(harness, [*packets, *(packet.replace(epoch=1) for packet in packets)])
     assert [frame.epoch for frame in frames] == [0] * 12 + [1] * 12
+
+
+def test_held_frames_leave_before_a_discontinuity(small_video: Path) -> None:
+    """After it, sinks take them for frames outside the stream, whose new segment begins later."""
+    packets = packets_of(small_video)
+    with Harness("decode") as harness:
+        before = [frame for packet in packets for frame in harness.push(packet)]
+        held = harness.send(DiscontinuityEvent(1))
+        after = decoded(harness, [packet.replace(epoch=1) for packet in packets])
+    assert held
+    assert [frame.epoch for frame in [*before, *held]] == [0] * 12
+    assert [frame.epoch for frame in after] == [1] * 12
 
 
 def test_packets_only_for_decoding_are_not_shown(small_video: Path) -> None:
