@@ -22,6 +22,7 @@ from streamkit_media.container import open_container
 from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import LIVE_OPTIONS, LiveInput
+from streamkit_media.live.recentpackets import RecentPackets
 from streamkit_media.live.transportpackets import TransportPackets
 from streamkit_media.streams import nanoseconds, read_packets
 from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, overflows, source_address
@@ -46,6 +47,8 @@ class DatagramInput(LiveInput):
         is_first: whether no connection was made before: it warns when nothing comes, a later one is reported
             as a retry.
         low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
+        before: the input that has ended, perhaps because the sender has begun another stream: its port and
+            what has come of that stream are taken over.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class DatagramInput(LiveInput):
         *,
         is_first: bool,
         low_latency: bool,
+        before: DatagramInput | None = None,
     ) -> None:
         super().__init__(location, timeout_s)
         self._counts, self._warn = counts, warn
@@ -65,17 +69,23 @@ class DatagramInput(LiveInput):
         self._packets = TransportPackets(counts)
         self._receiver: socket.socket | None = None
         self._held = b""
+        self._recent = RecentPackets()
+        self._begun_anew = b""  # what has come of the sender's next stream
+        if before is not None and before._begun_anew:
+            self._receiver, self._held = before._receiver, before._begun_anew
+            self._recent.add(self._held)
         self._failure: Silence | None = None
         self._overflowed = self._datagrams = 0
         self._has_come = False
 
     @override
     def open(self) -> InputContainer:
-        try:
-            self._receiver = open_receiver(source_address(self.location))
-        except OSError as error:
-            raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
-        self._receiver.settimeout(POLL_S)
+        if self._receiver is None:
+            try:
+                self._receiver = open_receiver(source_address(self.location))
+            except OSError as error:
+                raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
+            self._receiver.settimeout(POLL_S)
         options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
         return open_container(self.location, options, format_name="mpegts", stream=self)
 
@@ -119,6 +129,7 @@ class DatagramInput(LiveInput):
             self._count_overflows(overflows(ancillary))
             if payload := self._packets.payload(datagram):
                 self._has_come = True
+                self._recent.add(payload)
                 return payload
         return b""
 
@@ -166,12 +177,19 @@ class DatagramInput(LiveInput):
             if packet.stream_index == video.index and packet.dts is not None:
                 now = nanoseconds(packet.dts, packet.time_base)
                 if highest is not None and not lowest_ns <= now - highest <= highest_ns:
+                    self._begun_anew = self._recent.since(video.id, packet.dts)
                     raise ConnectionLost(f"{self.where}: the sender has begun another stream")
                 highest = now if highest is None else max(highest, now)
+                self._recent.end_frame()
             yield packet
 
     @override
     def close(self) -> None:
+        if self._receiver is not None and not self._begun_anew:
+            self._receiver.close()
+
+    def leave(self) -> None:
+        """Closes the port that no other input takes over."""
         if self._receiver is not None:
             self._receiver.close()
 

@@ -82,11 +82,14 @@ class LiveSrc(LiveSource):
     def start(self) -> None:
         """Checks the address; the connection is made by the source's thread."""
         self._counts = Counter[str]()
+        self._datagrams: DatagramInput | None = None
         super().start()
 
     @override
     def stop(self) -> None:
         super().stop()
+        if self._datagrams is not None:
+            self._datagrams.leave()
         if lost := self._counts["lost"]:
             self.post_warning(f"{self._where}: {lost} datagrams were lost on their way here")
 
@@ -121,14 +124,16 @@ class LiveSrc(LiveSource):
     @override
     def make_input(self) -> LiveInput:
         if self.carrier == UDP:
-            return DatagramInput(
+            self._datagrams = DatagramInput(
                 self.location,
                 self.timeout_s,
                 self._counts,
                 self.post_warning,
                 is_first=self._epoch < 0 and not self._delay.tries,
                 low_latency=self.low_latency,
+                before=self._datagrams,
             )
+            return self._datagrams
         if self.carrier == SCHEME:
             return CameraInput(self.location, self.timeout_s)
         return UrlInput(self._url, {**self._tls_options, "protocol_whitelist": PROTOCOLS}, self.timeout_s)

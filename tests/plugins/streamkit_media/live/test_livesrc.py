@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+import numpy as np
 import pytest
 
 from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
@@ -128,7 +129,10 @@ def test_a_sender_that_comes_back_is_a_new_epoch(start_ffmpeg: Start, port: int)
 
 
 def test_a_sender_that_begins_anew_is_a_new_epoch(send: Send, port: int, datagrams: list[bytes]) -> None:
-    """A sender that restarts sooner than silence is noticed does not make times go back."""
+    """A sender that restarts sooner than silence is noticed does not make times go back.
+
+    Its first keyframe is not lost: the new epoch begins with the same picture as the old one.
+    """
     text = f"livesrc uri=udp://127.0.0.1:{port} timeout-s=20 ! decode ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
@@ -136,6 +140,8 @@ def test_a_sender_that_begins_anew_is_a_new_epoch(send: Send, port: int, datagra
         frames = list(islice(pipeline["out"], 120))
     assert frames[0].epoch == 0
     assert frames[-1].epoch == 1
+    first = next(frame for frame in frames if frame.epoch == 1)
+    assert np.array_equal(first.data, frames[0].data)
     assert all(a.pts < b.pts for a, b in pairwise(frames))
 
 
