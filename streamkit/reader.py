@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 SOURCE, SINK = "reader_source", "reader_sink"
 FILE_SCHEMES = ("", "file", "http", "https")
+LIVE_SUFFIXES = (".m3u8", ".mjpg", ".mjpeg")  # of URLs that have no end
 CAMERA = re.compile(r"\d{1,2}|/dev/video\d+")  # as OpenCV names one of this machine
 FORMATS = {1: "GRAY8", 3: "BGR", 4: "BGRA"}  # by channels; OpenCV's order of colours
 POLL_S = 0.005
@@ -60,7 +61,7 @@ def choose_source(location: str) -> SourceChoice:
         return SourceChoice("livesrc", "uri", True)
     if parts.scheme in ("rtsp", "rtsps"):
         return SourceChoice("rtspsrc", "location", True)
-    if "://" in location and (parts.scheme not in FILE_SCHEMES or parts.path.endswith(".m3u8")):
+    if "://" in location and (parts.scheme not in FILE_SCHEMES or parts.path.endswith(LIVE_SUFFIXES)):
         return SourceChoice("livesrc", "uri", True)
     is_pattern = not parts.scheme and FileNames(location).has_number and not os.path.isfile(location)
     return SourceChoice("multifilesrc" if is_pattern else "filesrc", "location", False)

@@ -35,11 +35,17 @@ def pipeline_for(location: str) -> tuple[str, str]:
         return "run.pipe", "tracksrc location"
     source = choose_source(location)
     name = "camera.pipe" if source.is_live else "file.pipe"
-    if source.is_live and ("://" not in location or urlsplit(location).scheme == "v4l2"):
-        name = "local_camera.pipe"
+    if source.is_live and gives_images(location):
+        name = "encoded_camera.pipe"
     if Path(location).is_file() and not has_page_codec(caps_of(location)):
         name = "images.pipe"
     return name, f"{source.element} {source.property}"
+
+
+def gives_images(location: str) -> bool:
+    """Whether a live location is a camera of this machine, or a web camera of JPEG pictures."""
+    parts = urlsplit(location)
+    return "://" not in location or parts.scheme == "v4l2" or parts.path.endswith((".mjpg", ".mjpeg"))
 
 
 def unplayable(location: str, *, with_records: bool = False) -> str:

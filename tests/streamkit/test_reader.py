@@ -291,6 +291,7 @@ def test_image_files_by_number_are_read_from_the_lowest(tmp_path: Path) -> None:
         ("img/%06d.jpg", "multifilesrc", False),
         ("https://host/flight.mp4", "filesrc", False),
         ("https://host/live.m3u8?x=1", "livesrc", True),
+        ("http://camera/video.mjpg", "livesrc", True),
         ("udp://@239.1.2.3:5000", "livesrc", True),
         ("rtsps://drone/live", "rtspsrc", True),
         ("0", "livesrc", True),

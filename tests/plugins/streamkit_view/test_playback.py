@@ -107,11 +107,12 @@ def test_the_video_of_another_run_is_refused(tmp_path: Path) -> None:
         ("https://host/live.m3u8?x=1", "camera.pipe", "livesrc uri"),
         ("udp://@239.1.2.3:5000", "camera.pipe", "livesrc uri"),
         ("rtsps://drone/live", "camera.pipe", "rtspsrc location"),
-        ("0", "local_camera.pipe", "livesrc uri"),
-        ("v4l2:///dev/video0?framerate=30", "local_camera.pipe", "livesrc uri"),
+        ("0", "encoded_camera.pipe", "livesrc uri"),
+        ("v4l2:///dev/video0?framerate=30", "encoded_camera.pipe", "livesrc uri"),
+        ("http://camera/video.mjpg?fps=5", "encoded_camera.pipe", "livesrc uri"),
         ("tracks.jsonl", "run.pipe", "tracksrc location"),
     ],
 )
 def test_the_pipeline_fits_the_location(location: str, pipeline: str, source: str) -> None:
-    """Live URLs are received with reconnects, a camera of this machine is encoded, files take real time."""
+    """Live URLs are received with reconnects, cameras of images are encoded, files take real time."""
     assert pipeline_for(location) == (pipeline, source)
