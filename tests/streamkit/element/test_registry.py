@@ -88,6 +88,8 @@ def test_names_of_gstreamer_lead_to_ours() -> None:
         "audiotestsrc",
         "tcpserversrc",
         "deinterlace",
+        "rawvideoparse",
+        "v4l2sink",
     ):
         with pytest.raises(DescriptionError, match=f'no element "{name}"; here: '):
             element_class(name)
