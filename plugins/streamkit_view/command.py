@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from streamkit import exit_with_error
+from streamkit import choose_source, exit_with_error
 
 if TYPE_CHECKING:
     from streamkit_view.server import ViewServer
@@ -45,6 +45,12 @@ def view(
     config: Annotated[
         str | None, typer.Option(help="zenoh configuration file, for TLS and passwords.")
     ] = None,
+    encode: Annotated[
+        bool,
+        typer.Option(
+            "--encode", help="Encode the video of a live feed that is not H.264 or H.265 anew, here."
+        ),
+    ] = False,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Shows video, tracks and mosaic of one or more publishers in a browser, until Ctrl-C.
@@ -66,6 +72,10 @@ def view(
     sources = [text for text in what if is_source(text)]
     _check_arguments(what, sources, video, SessionSettings(connect=connect, config=config))
     _check_playable(sources, video)
+    if encode and not (sources and choose_source(sources[0]).is_live):
+        _refuse(
+            "--encode is for the URL of live video; a file is shown in images where browsers do not decode it"
+        )
     try:
         base = None if basemap is None else read_basemap(basemap)
     except InvalidBasemap as error:
@@ -79,7 +89,10 @@ def view(
         playback = None
         if sources:
             key = f"view/{os.getpid()}"
-            playback, what = stack.enter_context(closing(PlayedPipeline(sources[0], key, video))), [key]
+            playback, what = (
+                stack.enter_context(closing(PlayedPipeline(sources[0], key, video, encodes=encode))),
+                [key],
+            )
         url = _url(host, bound.getsockname()[1], token)
         typer.echo(f"open {url}")
         if open_page:

@@ -29,13 +29,18 @@ def is_run(text: str) -> bool:
     return Path(text).suffix.lower() == ".jsonl"
 
 
-def pipeline_for(location: str) -> tuple[str, str]:
-    """The name of the pipeline for a location, and the element and property that take it."""
+def pipeline_for(location: str, *, encodes: bool = False) -> tuple[str, str]:
+    """The name of the pipeline for a location, and the element and property that take it.
+
+    Args:
+        location: file, URL or camera.
+        encodes: whether the video of a live feed is encoded anew.
+    """
     if is_run(location):
         return "run.pipe", "tracksrc location"
     source = choose_source(location)
     name = "camera.pipe" if source.is_live else "file.pipe"
-    if source.is_live and gives_images(location):
+    if source.is_live and (encodes or gives_images(location)):
         name = "encoded_camera.pipe"
     if Path(location).is_file() and not has_page_codec(caps_of(location)):
         name = "images.pipe"

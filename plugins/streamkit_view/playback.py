@@ -16,6 +16,8 @@ from streamkit_view.locations import pipeline_for
 
 STOP_LIMIT_S = 5.0
 LINE_LIMIT_BYTES = 2000
+LIVE_PIPELINES = ("camera.pipe", "encoded_camera.pipe")
+OTHER_CODEC = "takes video/x-h264; video/x-h265"  # in the error of packets that are not for a browser
 
 
 class PrintedLine(NamedTuple):
@@ -33,18 +35,25 @@ class PlayedPipeline:
         key: where it publishes.
         video: the file of a finished run's video, or "".
         command: of streamkit; the process gets `launch` and its arguments.
+        encodes: whether the video of a live feed is encoded anew.
 
     Attributes:
         printed: what the pipeline printed last, for example that a camera is away.
     """
 
     def __init__(
-        self, location: str, key: str, video: str = "", command: tuple[str, ...] = STREAMKIT_COMMAND
+        self,
+        location: str,
+        key: str,
+        video: str = "",
+        command: tuple[str, ...] = STREAMKIT_COMMAND,
+        *,
+        encodes: bool = False,
     ) -> None:
         self._location, self._command = location, command
-        self._pipeline, source = pipeline_for(location)
+        self._pipeline, source = pipeline_for(location, encodes=encodes)
         self._variables = {"location": location, "key": key} | ({"video": video} if video else {})
-        if self._pipeline == "camera.pipe":
+        if self._pipeline in LIVE_PIPELINES:
             self._variables["source"] = source
         self._process: subprocess.Popen[bytes] | None = None
         self._error, self.printed = "", PrintedLine()
@@ -95,6 +104,8 @@ class PlayedPipeline:
         with process.stderr as lines:
             while line := lines.readline(LINE_LIMIT_BYTES):
                 text = mask_secrets(line.decode(errors="replace").strip())
+                if OTHER_CODEC in text:
+                    text += "; streamkit view --encode encodes the video for browsers"
                 if shown := text.removeprefix("warning: "):
                     self.printed = PrintedLine(shown, time.monotonic())
                 if text.startswith("error: "):

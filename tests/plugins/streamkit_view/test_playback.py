@@ -1,16 +1,22 @@
 """The pipeline of a file or camera: what it prints while it starts, and why it failed."""
 
+import contextlib
+import socket
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import av
 import pytest
+from av.video.frame import VideoFrame
 
 from streamkit import Pipeline
 from streamkit_view.locations import pipeline_for, size_conflict, unplayable
 from streamkit_view.playback import PlayedPipeline
+from tests.slowness import patience
 
 SCRIPT = """
 import sys, time
@@ -55,6 +61,47 @@ def test_a_failure_is_its_first_error_without_secrets(wait_for: Callable[..., An
         assert "secret" not in found.failure
     finally:
         found.close()
+
+
+@pytest.fixture
+def mpeg2_feed(tmp_path: Path) -> Iterator[str]:
+    """The URL of a server that sends MPEG-2 video to one client."""
+    path = tmp_path / "feed.ts"
+    with av.open(str(path), "w") as output:
+        stream = output.add_stream("mpeg2video", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in range(50):
+            frame = VideoFrame(64, 48, "yuv420p")
+            frame.pts = number
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+
+    def serve() -> None:
+        with contextlib.suppress(OSError):
+            client, _ = server.accept()
+            with client:
+                client.sendall(path.read_bytes())
+                client.recv(1)  # until it leaves
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(patience(40))
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        thread.join(patience(40))
+
+
+def test_a_codec_that_browsers_do_not_have_names_the_option(
+    wait_for: Callable[..., Any], mpeg2_feed: str
+) -> None:
+    """Of a live feed the codec is known only when it is connected; encoded here, it is played."""
+    found = PlayedPipeline(mpeg2_feed, "view/1")
+    try:
+        found.start()
+        wait_for(lambda: found.failure.endswith("; streamkit view --encode encodes the video for browsers"))
+    finally:
+        found.close()
+    assert pipeline_for(mpeg2_feed, encodes=True) == ("encoded_camera.pipe", "livesrc uri")
 
 
 def test_a_file_that_cannot_be_played_is_known_before(tmp_path: Path, streamkit_data: Path) -> None:

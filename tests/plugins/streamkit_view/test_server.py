@@ -351,6 +351,8 @@ def test_the_end_of_a_publisher_and_a_missing_one_are_told_apart(
         (("tracks.jsonl",), "tracks.jsonl: there is no such file"),
         (("uav/1", "--video", "flight.mp4"), "flight.mp4: there is no such file"),
         (("rtsp://a/b", "--video", "/dev/null"), "records and their video go together"),
+        (("uav/1", "--encode"), "--encode is for the URL of live video"),
+        (("LICENSE", "--encode"), "LICENSE: no media that FFmpeg can read"),
         (("uav/1", "--listen", "nonsense"), "--listen must be HOST:PORT"),
         (("uav/1", "--listen", "127.0.0.1:99999"), "--listen must be HOST:PORT"),
         (("uav/1", "--config", "tests"), "zenoh configuration tests: Is a directory"),
