@@ -47,10 +47,17 @@ def pipeline_for(location: str, *, encodes: bool = False) -> tuple[str, str]:
     return name, f"{source.element} {source.property}"
 
 
+def local_camera(location: str) -> str:
+    """The device of a live location that is a camera of this machine; "" where it is another."""
+    if location.isdecimal():
+        return f"/dev/video{location}"
+    parts = urlsplit(location)
+    return parts.path if parts.scheme in ("", "v4l2") else ""
+
+
 def gives_images(location: str) -> bool:
     """Whether a live location is a camera of this machine, or a web camera of JPEG pictures."""
-    parts = urlsplit(location)
-    return "://" not in location or parts.scheme == "v4l2" or parts.path.endswith((".mjpg", ".mjpeg"))
+    return bool(local_camera(location)) or urlsplit(location).path.endswith((".mjpg", ".mjpeg"))
 
 
 def unplayable(location: str, *, with_records: bool = False) -> str:
@@ -89,6 +96,8 @@ def wrong_address(url: str) -> str:
         return f"{mask_secrets(url)!r} names no host; write for example {scheme}://camera/video.mjpg"
     if not source.is_live:
         return ""
+    if (device := local_camera(url)) and not Path(device).exists():
+        return f"{device}: there is no such camera; check the name: ls /dev/video*"
     pipeline = Pipeline.parse(f"{source.element} name=camera ! fakesink")
     pipeline["camera"].set_property(source.property, url)
     try:
