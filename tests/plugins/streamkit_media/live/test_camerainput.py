@@ -71,14 +71,22 @@ def test_a_camera_is_played(shim: Path, tmp_path: Path) -> None:
 
 def test_a_camera_that_gives_no_more_is_stalled(shim: Path, tmp_path: Path) -> None:
     """A wait that FFmpeg cannot end is ended from outside, so that the pipeline stops at once."""
-    _, reason, stop_s = play(shim, tmp_path, " timeout-s=0.5", "5", "stalled", FAKE_PICTURES="5")
+    _, reason, stop_s = play(shim, tmp_path, " timeout-s=0.5", "1", "stalled", FAKE_PICTURES="5")
     assert "silent for 0.5 s" in reason
+    assert stop_s < patience(2)
+
+
+def test_a_camera_that_gives_nothing_ends_the_pipeline(shim: Path, tmp_path: Path) -> None:
+    """FFmpeg waits for the first picture while it opens the device: that wait is ended, too."""
+    rows, error, stop_s = play(shim, tmp_path, " timeout-s=0.5", "1", FAKE_PICTURES="0")
+    assert not rows
+    assert "silent for 0.5 s" in error
     assert stop_s < patience(2)
 
 
 def test_a_camera_that_is_unplugged_is_tried_again(shim: Path, tmp_path: Path) -> None:
     """The reason names the cable."""
-    _, reason, _ = play(shim, tmp_path, "", "5", "retrying", FAKE_PICTURES="5", FAKE_END="ENODEV")
+    _, reason, _ = play(shim, tmp_path, "", "1", "retrying", FAKE_PICTURES="5", FAKE_END="ENODEV")
     assert "No such device; check the cable of the camera" in reason
 
 
