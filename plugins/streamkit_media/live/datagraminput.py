@@ -71,12 +71,14 @@ class DatagramInput(LiveInput):
         self._held = b""
         self._recent = RecentPackets()
         self._begun_anew = b""  # what has come of the sender's next stream
-        if before is not None and before._begun_anew:
-            self._receiver, self._held = before._receiver, before._begun_anew
-            self._recent.add(self._held)
         self._failure: Silence | None = None
         self._overflowed = self._datagrams = 0
         self._has_come = False
+        if before is not None and before._begun_anew:
+            self._receiver, self._held = before._receiver, before._begun_anew
+            self._packets, self._overflowed = before._packets, before._overflowed  # counted by the socket
+            self._recent.add(self._held)
+            self._has_come = True
 
     @override
     def open(self) -> InputContainer:

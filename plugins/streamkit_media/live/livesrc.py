@@ -75,6 +75,8 @@ class LiveSrc(LiveSource):
         doc="Datagrams that were no MPEG-TS, late or repeated.",
     )
 
+    _datagrams: DatagramInput | None = None  # the last one
+
     def __init__(self, name: str = "", **properties: Any) -> None:
         self._counts = Counter[str]()
         super().__init__(name, **properties)
@@ -82,7 +84,7 @@ class LiveSrc(LiveSource):
     def start(self) -> None:
         """Checks the address; the connection is made by the source's thread."""
         self._counts = Counter[str]()
-        self._datagrams: DatagramInput | None = None
+        self._datagrams = None
         super().start()
 
     @override

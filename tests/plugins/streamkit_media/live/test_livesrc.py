@@ -128,16 +128,23 @@ def test_a_sender_that_comes_back_is_a_new_epoch(start_ffmpeg: Start, port: int)
     assert after.seq > before[-1].seq
 
 
-def test_a_sender_that_begins_anew_is_a_new_epoch(send: Send, port: int, datagrams: list[bytes]) -> None:
+@pytest.mark.parametrize("is_rtp", [False, True])
+def test_a_sender_that_begins_anew_is_a_new_epoch(
+    send: Send, port: int, datagrams: list[bytes], as_rtp: Callable[..., bytes], is_rtp: bool
+) -> None:
     """A sender that restarts sooner than silence is noticed does not make times go back.
 
     Its first keyframe is not lost: the new epoch begins with the same picture as the old one.
     """
-    text = f"livesrc uri=udp://127.0.0.1:{port} timeout-s=20 ! decode ! appsink name=out max-buffers=0"
+    sent = datagrams * 2
+    if is_rtp:
+        sent = [as_rtp(datagram, number) for number, datagram in enumerate(sent)]
+    text = f"livesrc name=s uri=udp://127.0.0.1:{port} timeout-s=20 ! decode ! appsink name=out max-buffers=0"
     with Pipeline.parse(text) as pipeline:
         pipeline.play()
-        send(("127.0.0.1", port), datagrams * 2, 6)
+        send(("127.0.0.1", port), sent, 6)
         frames = list(islice(pipeline["out"], 120))
+        assert (pipeline["s"].lost, pipeline["s"].overflowed) == (0, 0)
     assert frames[0].epoch == 0
     assert frames[-1].epoch == 1
     first = next(frame for frame in frames if frame.epoch == 1)
