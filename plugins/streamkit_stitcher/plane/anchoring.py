@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from streamkit.geometry.homography import FloatArray, GreyArray, corner_shift, inverse, normalised
@@ -15,10 +15,10 @@ from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving, is_outworn
 from streamkit_stitcher.plane.loop_closure import tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
+from streamkit_stitcher.plane.placement import Placement, placed
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
 from streamkit_stitcher.registration.motion_models import MotionModel
-from streamkit_stitcher.registration.pairwise import PairwiseMotion
 
 # Patches that agree, as a part of those in view, which no mover can outvote.
 _DOMINANT: Final = 0.75
@@ -35,54 +35,12 @@ _TIED_POINTS: Final = 250
 # An earlier keyframe takes over where it overlaps this much more than a new one would be needed for.
 _REVISIT_MARGIN: Final = 0.1
 _REVISIT_TRIES: Final = 2
+# Frames on a doubtful keyframe after which features of the others are compared.
+_RETURN_PERIOD: Final = 16
 _RELOCALISED: Final = 3
 # Frames without a match after which one becomes a keyframe: where the camera leaves the keyframe, and else.
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
-
-
-@dataclass(frozen=True, eq=False)
-class Placement:
-    """Where a frame lies on the plane.
-
-    Attributes:
-        to_reference: float64[3, 3], the frame to the plane.
-        std: predicted error at the worst corner, px, without that of its fields.
-        match: with a keyframe; None where `to_reference` is a prediction.
-        motion: since the last frame, where that was measured.
-        is_recognised: whether features of a keyframe were matched, even if too few of them for `match`.
-        is_due: whether the frame becomes a keyframe in any case.
-        is_keyframe: whether the frame became a keyframe.
-        change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
-        field_error: how far the fields of an interlaced frame are from an even motion, px.
-        is_adrift: whether the place on this plane is unknown, so that no keyframe may be made of it.
-    """
-
-    to_reference: FloatArray
-    std: float
-    match: KeyframeMatch | None = None
-    motion: PairwiseMotion | None = None
-    is_recognised: bool = False
-    is_due: bool = False
-    is_keyframe: bool = False
-    change: FloatArray | None = None
-    field_error: float = 0.0
-    is_adrift: bool = False
-
-    @property
-    def is_trusted(self) -> bool:
-        """Whether a frame without a match may become a keyframe: a homography explains the motion."""
-        return self.motion is not None and self.motion.model is MotionModel.HOMOGRAPHY
-
-    @property
-    def counts(self) -> tuple[int, int, float]:
-        """Number of points compared, of those that agree, and their root mean square residual, px."""
-        if self.match is not None:
-            fit = self.match.fit
-            return len(fit.inliers), fit.count, fit.rmse
-        if self.motion is not None:
-            return self.motion.matches, self.motion.inliers, self.motion.rmse
-        return 0, 0, 0.0
 
 
 class KeyframeAnchor:
@@ -107,7 +65,7 @@ class KeyframeAnchor:
         self._patches = PatchMatcher()
         self._dense = DenseMatcher()
         self.features: FrameFeatures | None = None
-        self._unmatched = 0
+        self._unmatched = self._doubtful_frames = 0
         self._is_prediction_reliable = True
 
     def add(
@@ -119,7 +77,7 @@ class KeyframeAnchor:
     ) -> None:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
         self.keyframes.add(images, to_reference, self._level, ties, corner_std, self.features)
-        self._unmatched = 0
+        self._unmatched = self._doubtful_frames = 0
         self._is_prediction_reliable = True
 
     def match_near(
@@ -206,8 +164,10 @@ class KeyframeAnchor:
         """
         features = self.features = describe(images[scene_level(images[0].shape)])
         active = self.keyframes.active
-        newest = [one for one in self.keyframes.stored[::-1] if one.index != active.index]
-        recent, older = [active, *newest[: _RELOCALISED - 1]], newest[_RELOCALISED - 1 :]
+        stored = [active, *(one for one in self.keyframes.stored[::-1] if one.index != active.index)]
+        # What matches a doubtful keyframe has a doubtful place.
+        stored.sort(key=lambda one: one.corner_std > OK_STD)
+        recent, older = stored[:_RELOCALISED], stored[_RELOCALISED:]
         other = None
         for candidates in (recent, likeliest(features, older, _RELOCALISED)):
             for keyframe in candidates:
@@ -244,9 +204,13 @@ class KeyframeAnchor:
             self.features = None
         if found.change is not None:
             return found
+        active = self.keyframes.active
+        if active.corner_std > OK_STD and found.match is not None:
+            returned = self._return(images, found)
+            if returned is not None:
+                return returned
         self._unmatched = 0 if is_certain else self._unmatched + 1
         self._is_prediction_reliable = is_certain or (found.is_trusted and self._is_prediction_reliable)
-        active = self.keyframes.active
         leaving = is_leaving(active, found.to_reference, self._settings.keyframe_overlap)
         leaving = leaving or (found.match is not None and is_outworn(active, found.match))
         if found.match is not None and not found.is_due and not leaving:
@@ -293,12 +257,38 @@ class KeyframeAnchor:
         for keyframe in candidates[:_REVISIT_TRIES]:
             match = self._match_whole(keyframe, images, found.to_reference)
             if match is not None and match.corner_std < most_std:
-                self.keyframes.activate(keyframe)
-                self._unmatched = 0
-                revisited = placed(keyframe, match)
-                change = normalised(revisited.to_reference @ inverse(found.to_reference))
-                return replace(revisited, change=change)
+                return self._moved_to(keyframe, placed(keyframe, match), found)
         return None
+
+    def _return(self, images: Sequence[GreyArray], found: Placement) -> Placement | None:
+        """Leaves a doubtful keyframe for one of the plane whose area or features match, now and then.
+
+        What hid the scene may be gone, while frames continue on a keyframe that was taken from a prediction.
+        """
+        self._doubtful_frames += 1
+        if self._doubtful_frames % _RETURN_PERIOD:
+            return None
+        plane, small = self.keyframes.plane, images[self._level]
+        certain = [one for one in self.keyframes.stored if one.plane == plane and one.corner_std <= OK_STD]
+        for keyframe in certain[: -_REVISIT_TRIES - 1 : -1]:
+            to_key = normalised(inverse(keyframe.to_reference) @ found.to_reference)
+            place = placed(keyframe, self._dense.match_from(keyframe, small, to_key, found.std))
+            if place.std < found.std and place.match is not None and place.match.share >= SURE_SHARE:
+                return self._moved_to(keyframe, place, found)
+        features = describe(images[scene_level(images[0].shape)])
+        for keyframe in likeliest(features, certain, _RELOCALISED):
+            match = match_by_features(features, keyframe)
+            if match is not None:
+                place = self._place_recognised(images, keyframe, match, is_jump=False)
+                if place.match is not None and place.std < found.std:
+                    return self._moved_to(keyframe, replace(place, is_recognised=False), found)
+        return None
+
+    def _moved_to(self, keyframe: Keyframe, place: Placement, found: Placement) -> Placement:
+        """Makes an earlier keyframe current; the plane moves by as much as it places a frame elsewhere."""
+        self.keyframes.activate(keyframe)
+        self._unmatched = 0
+        return replace(place, change=normalised(place.to_reference @ inverse(found.to_reference)))
 
     def _promote(self, images: Sequence[GreyArray], found: Placement) -> Placement:
         """Makes the frame a keyframe, tied to the keyframes that it overlaps most."""
@@ -317,15 +307,9 @@ class KeyframeAnchor:
             found = replace(placed(*next(iter(matches.values()))), field_error=found.field_error)
         for _, match in matches.values():
             self.keyframes.learn(match)
-        # Of its own registration only: ties and adjustments correct what earlier keyframes had.
-        own = min((match.corner_std for _, match in matches.values()), default=found.std)
-        own = math.hypot(own, found.field_error)
+        # A tie to a doubtful keyframe is as doubtful, however precise it is.
+        stds = (math.hypot(match.corner_std, keyframe.corner_std) for keyframe, match in matches.values())
+        own = math.hypot(min(stds, default=found.std), found.field_error)
         ties = [tie_of(keyframe, 0, match.on_plane()) for keyframe, match in matches.values()]
         self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
         return replace(found, is_keyframe=True, change=change)
-
-
-def placed(keyframe: Keyframe, match: KeyframeMatch) -> Placement:
-    """Where a match with a keyframe places the frame."""
-    to_reference = normalised(keyframe.to_reference @ match.fit.matrix)
-    return Placement(to_reference, math.hypot(match.corner_std, keyframe.corner_std), match)

@@ -14,13 +14,14 @@ from streamkit.geometry.homography import (
     normalised,
 )
 from streamkit.geometry.registration_status import RegistrationStatus
-from streamkit_stitcher.plane.anchoring import SURE_SHARE, KeyframeAnchor, Placement, placed
+from streamkit_stitcher.plane.anchoring import SURE_SHARE, KeyframeAnchor
 from streamkit_stitcher.plane.footage import Footage, is_jump
 from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistration
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
+from streamkit_stitcher.plane.placement import Placement, placed
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.plane.tie_checks import MAX_DRIFT

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import IDENTITY, corner_shift, normalised, translation
-from streamkit_stitcher.plane.anchoring import KeyframeAnchor, Placement
+from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import LEVELS
+from streamkit_stitcher.plane.placement import Placement
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import PairwiseMotion
@@ -201,6 +202,33 @@ def test_fields_that_jump_apart_are_a_keyframe_only_if_nothing_better_comes(anch
     assert anchor.keyframes.active.corner_std == pytest.approx(3.0, abs=0.1)
     assert anchor.keep(view(ground, 250), replace(sure, is_due=True)).is_keyframe
     assert anchor.keyframes.active.corner_std == 0.0
+
+
+def test_a_keyframe_is_as_doubtful_as_the_one_that_it_is_tied_to(ground):
+    """However precise the tie is: a chain of precise ties hid that the first of them was lost."""
+    anchor = KeyframeAnchor(PlaneSettings(), 0)
+    anchor.add(view(ground, 0), IDENTITY, corner_std=30.0)
+    placed = anchor.place(
+        view(ground, 250), None, Placement(shift(251.0), 0.0, motion=HOMOGRAPHY), 0.0, False
+    )
+    assert anchor.keep(view(ground, 250), replace(placed, is_due=True)).is_keyframe
+    assert anchor.keyframes.active.corner_std == pytest.approx(30.0, abs=0.1)
+    anchor.keyframes.close()
+
+
+def test_a_camera_returns_from_a_doubtful_keyframe_to_an_earlier_one(anchor, ground):
+    """Frames that continue on one that was taken 400 px off also show the first, whose place is known."""
+    anchor.add(view(ground, 60), shift(460.0), corner_std=300.0)
+    kept = []
+    for left in range(62, 94, 2):
+        images = view(ground, left)
+        found = anchor.place(images, None, Placement(shift(left + 401.0), 300.0), 300.0, False)
+        assert found.match is not None
+        kept.append(anchor.keep(images, found))
+    assert [found.change is None for found in kept] == [True] * 15 + [False]
+    assert kept[-1].to_reference == pytest.approx(shift(92.0), abs=0.3)
+    assert kept[-1].change == pytest.approx(shift(-400.0), abs=0.3)
+    assert anchor.keyframes.active.index == 0
 
 
 def test_a_frame_whose_place_is_unknown_is_no_keyframe(anchor, ground):
