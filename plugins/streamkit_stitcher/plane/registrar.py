@@ -35,8 +35,6 @@ from streamkit_stitcher.registration.pairwise import (
 from streamkit_stitcher.registration.patches import pyramid
 
 _MAX_LOST: Final = 25
-# Largest predicted error of the motion since the previous frame, px: of two frames that are ok.
-_OK_STEP_STD: Final = 1.2
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
@@ -299,8 +297,8 @@ class FrameRegistrar:
         if self._planes.has_jumped:
             return RegistrationStatus.CUT
         steady = self._previous is not None and self._previous.status is not RegistrationStatus.LOST
-        # The frame itself is certain, and the motion since a previous frame that was seen.
-        is_step_certain = not steady or math.hypot(self._std_before, found.std) <= _OK_STEP_STD
+        # Errors of successive frames are alike: the motion between the two is as certain as either.
+        is_step_certain = not steady or self._std_before <= OK_STD
         if found.match is None or found.std > OK_STD or not is_step_certain:
             return RegistrationStatus.WEAK
         is_still = steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT
