@@ -25,6 +25,7 @@ from streamkit_stitcher.registration.dense_alignment import (
 )
 from streamkit_stitcher.registration.dense_level import STEP_RATIOS, DenseLevel, levels_of, textures_of
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel
+from streamkit_stitcher.registration.tilt import TiltRatio
 
 _CACHED: Final = 3
 _FIRST_DEVIATION: Final = 2.0
@@ -65,6 +66,7 @@ class DenseMatcher:
         self._covariance, self._std = np.zeros((8, 8)), 0.0
         self._rest_share, self._seen = _FIRST_REST_SHARE, 0
         self._resting = _RestEvidence()
+        self._tilt = TiltRatio()
 
     def match(
         self,
@@ -91,9 +93,17 @@ class DenseMatcher:
         prior = self._prior(before_std / factor)
         levels = self._levels(keyframe.content())
         found = align_densely(
-            levels, self._textures_of(small), predictions, prior, self._rest_share, _DOUBTED / factor
+            levels,
+            self._textures_of(small),
+            predictions,
+            prior,
+            self._rest_share,
+            tilt=self._tilt,
+            doubted=_DOUBTED / factor,
         )
         self._learn(found)
+        if not found.at_rest:
+            self._tilt.learn(levels[-1], found.key_to_frame, found.tilt, found.tilt_variances)
         was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
         if not (found.at_rest and was_at_rest):
             self._resting = _RestEvidence(keyframe.index)
@@ -113,7 +123,12 @@ class DenseMatcher:
         factor, levels = keyframe.factor, self._levels(keyframe.content())
         prediction, prior = to_reduced(inverse(proposed), factor), self._prior(before_std / factor)
         found = align_densely(
-            levels, self._textures_of(small), [prediction], prior, doubted=_DOUBTED / factor
+            levels,
+            self._textures_of(small),
+            [prediction],
+            prior,
+            tilt=self._tilt,
+            doubted=_DOUBTED / factor,
         )
         return self._match_of(found, keyframe, before_std, _RestEvidence().add(found.evidence))
 

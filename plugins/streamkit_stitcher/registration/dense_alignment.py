@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,7 @@ from streamkit_stitcher.registration.dense_level import (
     BlockComparison,
     DenseLevel,
 )
+from streamkit_stitcher.registration.tilt import MotionPrior, TiltRatio, motion_prior, tilt_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +32,8 @@ class DenseAlignment:
     Attributes:
         key_to_frame: float64[3, 3].
         agreement: share of the contrast in view that agrees, less what agrees by chance, 0 to 1.
-        corner_std: standard deviation of the best motion at the worst corner, px.
+        corner_std: standard deviation of the best motion at the worst corner, px; that of its shear and
+            perspective by this frame and the camera's `TiltRatio` alone, as their errors last.
         covariance: float64[8, 8], of the motion's parameters.
         step: float64[8], from the prediction.
         blocks: int64[k], numbers of the blocks that agree.
@@ -38,6 +41,8 @@ class DenseAlignment:
         at_rest: whether `key_to_frame` is exactly the first prediction, which explains the frame as well.
         away: distance of the first prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
+        tilt: float64[4], shear and perspective that this frame alone shows, see `tilt_of`.
+        tilt_variances: float64[4], of these, px squared.
         evidence: float64[8], against each motion that is `doubted` px off, see `DenseLevel.neighbours`.
     """
 
@@ -51,6 +56,8 @@ class DenseAlignment:
     at_rest: bool
     away: float
     rmse: float
+    tilt: FloatArray
+    tilt_variances: FloatArray
     evidence: FloatArray
 
 
@@ -67,19 +74,37 @@ _EVIDENT: Final = 3.0
 # width above which it is that of photographs, which features register.
 ELSEWHERE: Final = 8.0
 _FARTHEST: Final = 0.25
-_RIVAL_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
+_RIVAL_COVARIANCE: Final[FloatArray] = np.diag([*(2.0 * STEP_RATIOS[:4]) ** 2, *[1e6] * 4])
+# Information, 1 / px squared, of a frame that shows nothing.
+_UNSEEN: Final = 1e-4
 # Shifts, px, under which only chance agrees.
 _WRONG: Final = ((25.0, 17.0), (-25.0, 17.0))
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A motion, where its search began, its covariance, and the comparison there, px of its level."""
+    """A motion, what was known before, its covariance, and the comparison there, px of its level."""
 
-    start: FloatArray
+    prior: MotionPrior
     motion: FloatArray
     posterior: FloatArray
     compared: BlockComparison
+
+    @cached_property
+    def information(self) -> FloatArray:
+        """Of the frame alone, float64[8, 8]."""
+        alone = np.linalg.inv(self.posterior) - np.linalg.inv(self.prior.covariance)
+        return np.asarray(alone + _UNSEEN * np.eye(8))
+
+    def corner_std(self, level: DenseLevel) -> float:
+        """Predicted error at the worst corner, px."""
+        return level.corner_std(np.linalg.inv(self.information + self.prior.lasting))
+
+    def tilt(self, level: DenseLevel) -> FloatArray:
+        """Shear and perspective where the frame alone has its maximum of likelihood, float64[4]."""
+        step = level.step_of(inverse(self.prior.start) @ self.motion)
+        beyond = np.linalg.solve(self.information, np.linalg.solve(self.prior.covariance, step))
+        return np.asarray(tilt_of(level, self.motion) + beyond[4:])
 
 
 def align_densely(
@@ -88,6 +113,7 @@ def align_densely(
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
     rest_share: float | None = None,
+    tilt: TiltRatio | None = None,
     doubted: float = 2.0,
 ) -> DenseAlignment:
     """Aligns a frame with a keyframe, coarse to fine, by all blocks that can agree.
@@ -105,13 +131,14 @@ def align_densely(
         rest_share: share of the latest frames that the first prediction explained, 0 to 1. It is kept where
             it explains the frame about as well as any motion; the larger the share, the less well is enough.
             None to prefer no prediction.
+        tilt: how much the camera tilts as it moves; None if that is unknown.
         doubted: error of the worst corner that the result is tested for, px.
 
     Source: Black and Anandan, The robust estimation of multiple motions, CVIU 1996; Irani, Rousso and Peleg,
     Computing occluding and transparent motions, IJCV 1994.
     """
-    finest, image = levels[-1], textures[-1]
-    best = _best(levels, textures, predictions, covariance)
+    finest, image, tilt = levels[-1], textures[-1], tilt or TiltRatio()
+    best = _best(levels, textures, predictions, covariance, tilt)
     at_rest, motion, compared = False, best.motion, best.compared
     if rest_share is not None:
         resting = finest.compare(image, predictions[0])
@@ -124,7 +151,8 @@ def align_densely(
     needed = _EVIDENT * (1 + rest_share) if at_rest and rest_share is not None else _EVIDENT
     if evidence.min() < -needed:
         start = motion @ neighbours[int(evidence.argmin())]
-        moved = _Fit(start, *finest.refine(image, start, start, _RIVAL_COVARIANCE))
+        rival = motion_prior(finest, start, _RIVAL_COVARIANCE, tilt)
+        moved = _Fit(rival, *finest.refine(image, start, rival.start, rival.covariance))
         confirmed = _evidence(finest, image, moved.motion, moved.compared, neighbours)
         # Where the scene is hidden, a motion that agrees by chance has better ones beside it, too.
         if confirmed.min() > 0:
@@ -133,14 +161,16 @@ def align_densely(
     return DenseAlignment(
         motion,
         _beyond_chance(finest, image, motion, compared),
-        finest.corner_std(best.posterior),
+        best.corner_std(finest),
         best.posterior,
-        finest.step_of(inverse(best.start) @ motion),
+        finest.step_of(inverse(best.prior.start) @ motion),
         np.flatnonzero(compared.weights > _AGREEING),
         int(np.count_nonzero(compared.visible)),
         at_rest,
         corner_shift(inverse(predictions[0]) @ best.motion, finest.shape),
         float(np.sqrt(compared.variance)),
+        best.tilt(finest),
+        np.diag(np.linalg.inv(best.information))[4:],
         evidence,
     )
 
@@ -150,6 +180,7 @@ def _best(
     textures: Sequence[SingleArray],
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
+    tilt: TiltRatio,
 ) -> _Fit:
     """The best motion near the predictions, else elsewhere."""
     finest = levels[-1]
@@ -158,12 +189,13 @@ def _best(
         levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
         for prediction in predictions
     ]
-    *_, best = _refined(levels, textures, predictions[int(np.argmax(scores))], covariance)
+    prior = motion_prior(finest, predictions[int(np.argmax(scores))], covariance, tilt)
+    *_, best = _refined(levels, textures, prior)
     shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
     is_other = corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE
     if is_near and is_other:
-        rivals = _refined(levels, textures, shift, _RIVAL_COVARIANCE)
+        rivals = _refined(levels, textures, motion_prior(finest, shift, _RIVAL_COVARIANCE, tilt))
         rough = next(rivals)
         # Finer levels take most of the time: only where the coarsest one prefers the shift.
         known = levels[0].compare(textures[0], to_reduced(best.motion, coarsest))
@@ -194,20 +226,15 @@ def _beyond_chance(
 
 
 def _refined(
-    levels: Sequence[DenseLevel], textures: Sequence[SingleArray], start: FloatArray, covariance: FloatArray
+    levels: Sequence[DenseLevel], textures: Sequence[SingleArray], prior: MotionPrior
 ) -> Iterator[_Fit]:
-    """`DenseLevel.refine` from coarse to fine, in px of each level.
-
-    `start` and `covariance` are in px of the finest level.
-    """
-    motion = to_reduced(start, 2 ** len(levels))
+    """`DenseLevel.refine` from coarse to fine, in px of each level."""
+    motion = to_reduced(prior.start, 2 ** len(levels))
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
         size = 2 ** (len(levels) - 1 - number)
-        begin = to_reduced(start, size)
-        motion, posterior, compared = level.refine(
-            image, from_reduced(motion, 2), begin, covariance / size**2
-        )
-        yield _Fit(begin, motion, posterior, compared)
+        begin, covariance = to_reduced(prior.start, size), prior.covariance / size**2
+        motion, posterior, compared = level.refine(image, from_reduced(motion, 2), begin, covariance)
+        yield _Fit(prior, motion, posterior, compared)
 
 
 def _is_rest(

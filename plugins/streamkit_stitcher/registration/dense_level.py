@@ -145,7 +145,9 @@ class DenseLevel:
         x, y = self._corner_slopes
         lengths = distance / np.hypot(x, y).max(axis=1)
         return [
-            self._matrix(way * lengths[number] * np.eye(8)[number]) for number in range(4) for way in (1, -1)
+            self.matrix_of(way * lengths[number] * np.eye(8)[number])
+            for number in range(4)
+            for way in (1, -1)
         ]
 
     def refine(
@@ -175,18 +177,25 @@ class DenseLevel:
             whole = scale * normal + information
             away = self.step_of(predicted @ motion)
             step = np.linalg.solve(whole, -scale * sides - information @ away)
-            motion = normalised(motion @ self._matrix(step))
+            motion = normalised(motion @ self.matrix_of(step))
             compared = self.compare(image, motion)
             if float(np.abs(step).max()) < _SETTLED:
                 break
         return motion, np.linalg.inv(whole), compared
 
-    def _matrix(self, step: FloatArray) -> FloatArray:
+    def matrix_of(self, step: FloatArray) -> FloatArray:
+        """The homography of a step, float64[3, 3], from its parameters, float64[8], px."""
         return step_matrix(_BASIS.T @ step, self._scaling)
 
     def step_of(self, matrix: FloatArray) -> FloatArray:
         """The parameters of a step, float64[8], px, from its homography."""
         return np.asarray(_FROM_BASIS @ step_parameters(matrix, self._scaling), np.float64)
+
+    def similarity_of(self, motion: FloatArray) -> FloatArray:
+        """A motion without its shear and perspective, float64[3, 3]."""
+        step = self.step_of(motion)
+        step[4:] = 0
+        return self.matrix_of(step)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import translation
+from streamkit.geometry.homography import corner_shift, inverse, translation
 from streamkit_stitcher.plane.dense_matching import DenseMatcher
 from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import keyframe_content
@@ -74,3 +74,16 @@ def test_a_comparison_with_another_motion_teaches_nothing(keyframe, scene):
         without = plain.match(keyframe, frame, rest, 0.3, rest)
         assert with_question.corner_std == without.corner_std
         assert np.array_equal(with_question.fit.matrix, without.fit.matrix)
+
+
+def test_a_camera_that_moves_by_similarities_is_known_where_movers_hide_the_scene(keyframe, ground):
+    """Half of a frame fixes all of it, once others have shown that the camera does not tilt."""
+    matchers, before = (DenseMatcher(), DenseMatcher()), np.eye(3)
+    for step in range(1, 21):
+        frame = np.ascontiguousarray(ground[300:420, 300 + step : 460 + step])
+        before = matchers[0].match(keyframe, frame, before, 0.1, before).fit.matrix
+    frame = hidden(np.ascontiguousarray(ground[300:420, 321:481]), 1, 80)
+    moved = translation(np.array([21.0, 0.0]))
+    known, unknown = (matcher.match_from(keyframe, frame, moved, 0.1) for matcher in matchers)
+    errors = [corner_shift(inverse(moved) @ match.fit.matrix, SHAPE) for match in (known, unknown)]
+    assert errors[0] < 0.7 * errors[1]

@@ -13,10 +13,12 @@ from streamkit_stitcher.registration.dense_level import (
     texture,
     textures_of,
 )
+from streamkit_stitcher.registration.tilt import TiltRatio
 
 SHAPE = (180, 320)
 LOOSE = np.diag((3.0 * STEP_RATIOS) ** 2)
 STEADY = np.diag((0.3 * STEP_RATIOS) ** 2)
+WIDE = np.diag([9.0] * 8)
 
 
 @pytest.fixture
@@ -136,3 +138,30 @@ def test_a_turn_that_was_not_expected_is_found(ground):
     )
     assert not found.at_rest
     assert corner_shift(inverse(turn) @ found.key_to_frame, SHAPE) < 0.25
+
+
+def test_shear_and_perspective_of_a_camera_that_does_not_tilt_are_not_taken_from_movers(ground):
+    """Three quarters of a frame show something else that moves along, which bends a free motion."""
+    key, still = ground[300:480, 300:620], TiltRatio()
+    frame = np.ascontiguousarray(ground[300:480, 320:640])
+    frame[:, 80:] = ground[1000:1180, 1000:1240]
+    true = translation(np.array([-20.0, 0.0]))
+    finest = levels(key)[-1]
+    for _ in range(30):
+        still.learn(finest, true, np.zeros(4), np.full(4, 1e-4))
+    found = [aligned(levels(key), frame, [true], WIDE, tilt=tilt) for tilt in (still, TiltRatio())]
+    errors = [corner_shift(inverse(true) @ one.key_to_frame, SHAPE) for one in found]
+    assert errors[0] < errors[1]
+    assert errors[0] < found[0].corner_std < found[1].corner_std / 1.5
+
+
+def test_what_a_frame_shows_of_its_tilt_does_not_depend_on_the_prior(ground):
+    """A camera that was taken not to tilt shows that it does."""
+    key, still = ground[300:480, 300:620], TiltRatio()
+    finest = levels(key)[-1]
+    true = translation(np.array([-20.0, 0.0])) @ finest.matrix_of(np.array([0, 0, 0, 0, 0, 0, 2.0, 0]))
+    for _ in range(100):
+        still.learn(finest, true, np.zeros(4), np.full(4, 1e-4))
+    frame = cv2.warpPerspective(ground, true @ translation(np.array([-300.0, -300.0])), (320, 180))
+    found = aligned(levels(key), frame, [true], WIDE, tilt=still)
+    assert found.tilt == pytest.approx([0, 0, 2.0, 0], abs=0.5)
