@@ -12,6 +12,7 @@ from streamkit.geometry.homography import normalised, translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.plane import registrar as registrar_module
+from streamkit_stitcher.plane.anchoring import KeyframeAnchor
 from streamkit_stitcher.plane.settings import ReferenceChoice
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import PairwiseMotion, register
@@ -336,3 +337,16 @@ def test_frames_of_unknown_place_start_a_plane_once_they_continue_each_other(
     assert [found[index].reference for index in (0, first, first + 3, -1)] == [0, 0, 1, 1]
     step = np.linalg.inv(found[first + 3].to_reference) @ found[-1].to_reference
     assert flight.error(normalised(step), len(flight) - 1, first + 3) < 1.0
+
+
+def test_a_frame_is_as_certain_as_the_one_before_it_allows(ground, registrar, monkeypatch):
+    """Two frames that are known to 1 px each, against one keyframe, are ok; one after a worse one is not."""
+    predicted, match_near = iter([0.9, 0.9, 1.1, 0.3, 0.9]), KeyframeAnchor.match_near
+
+    def with_error(self, *arguments):
+        return replace(match_near(self, *arguments), corner_std=next(predicted))
+
+    monkeypatch.setattr(KeyframeAnchor, "match_near", with_error)
+    frames = [ground[400:760, left : left + 640] for left in range(300, 318, 3)]
+    states = [registrar.register(np.ascontiguousarray(frame)).status.value for frame in frames]
+    assert states == ["ok", "ok", "ok", "weak", "weak", "ok"]
