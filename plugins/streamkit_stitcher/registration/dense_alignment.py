@@ -98,7 +98,8 @@ class _Fit:
 
     def corner_std(self, level: DenseLevel) -> float:
         """Predicted error at the worst corner, px."""
-        return level.corner_std(np.linalg.inv(self.information + self.prior.lasting))
+        known = self.information + self.prior.lasting
+        return level.corner_std(np.asarray(np.linalg.inv(known), np.float64))
 
     def tilt(self, level: DenseLevel) -> FloatArray:
         """Shear and perspective where the frame alone has its maximum of likelihood, float64[4]."""

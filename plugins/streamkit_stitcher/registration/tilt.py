@@ -102,6 +102,6 @@ def motion_prior(
     known, lasting = np.zeros((8, 8)), np.zeros((8, 8))
     known[4:, 4:] = lasting[4:, 4:] = np.diag(1 / ratio.variances(level, prediction))
     lasting[:4, :4] = np.linalg.inv(covariance[:4, :4])
-    product = np.linalg.inv(np.linalg.inv(covariance) + known)
+    product = np.asarray(np.linalg.inv(np.linalg.inv(covariance) + known), np.float64)
     step = -product[:, 4:] @ known[4:, 4:] @ tilt_of(level, prediction)
     return MotionPrior(prediction @ level.matrix_of(step), product, lasting)
