@@ -74,7 +74,7 @@ _EVIDENT: Final = 3.0
 # width above which it is that of photographs, which features register.
 ELSEWHERE: Final = 8.0
 _FARTHEST: Final = 0.25
-_RIVAL_COVARIANCE: Final[FloatArray] = np.diag([*(2.0 * STEP_RATIOS[:4]) ** 2, *[1e6] * 4])
+_RIVAL_COVARIANCE: Final[FloatArray] = np.diag((2.0 * STEP_RATIOS) ** 2)
 # Information, 1 / px squared, of a frame that shows nothing.
 _UNSEEN: Final = 1e-4
 # Shifts, px, under which only chance agrees.
