@@ -303,13 +303,13 @@ class KeyframeAnchor:
                 matches[keyframe.index] = keyframe, match
         if found.match is not None and active.index not in matches:
             matches[active.index] = active, found.match
-        elif found.match is None and matches:
-            found = replace(placed(*next(iter(matches.values()))), field_error=found.field_error)
+        # A tie to a doubtful keyframe is as doubtful, however precise it is.
+        best = min((placed(*tie) for tie in matches.values()), key=lambda place: place.std, default=found)
+        if found.match is None or found.std > OK_STD:
+            found = replace(best, field_error=found.field_error)
         for _, match in matches.values():
             self.keyframes.learn(match)
-        # A tie to a doubtful keyframe is as doubtful, however precise it is.
-        stds = (math.hypot(match.corner_std, keyframe.corner_std) for keyframe, match in matches.values())
-        own = math.hypot(min(stds, default=found.std), found.field_error)
+        own = math.hypot(best.std, found.field_error)
         ties = [tie_of(keyframe, 0, match.on_plane()) for keyframe, match in matches.values()]
         self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
         return replace(found, is_keyframe=True, change=change)

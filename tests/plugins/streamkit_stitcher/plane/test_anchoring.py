@@ -216,6 +216,16 @@ def test_a_keyframe_is_as_doubtful_as_the_one_that_it_is_tied_to(ground):
     anchor.keyframes.close()
 
 
+def test_a_doubtful_frame_that_becomes_a_keyframe_is_placed_by_its_best_tie(anchor, ground):
+    """Whose predicted error it takes: not the place that was doubted with the error of another one."""
+    sure = anchor.place(view(ground, 60), None, Placement(shift(61.0), 0.0, motion=HOMOGRAPHY), 0.0, False)
+    doubtful = replace(sure, to_reference=shift(62.0), std=9.0, is_due=True)
+    kept = anchor.keep(view(ground, 60), doubtful)
+    assert kept.is_keyframe
+    assert kept.to_reference == pytest.approx(shift(60.0), abs=0.1)
+    assert anchor.keyframes.active.corner_std == 0.0
+
+
 def test_a_camera_returns_from_a_doubtful_keyframe_to_an_earlier_one(anchor, ground):
     """Frames that continue on one that was taken 400 px off also show the first, whose place is known."""
     anchor.add(view(ground, 60), shift(460.0), corner_std=300.0)
