@@ -176,8 +176,10 @@ class FrameRegistrar:
         # Frames that continue each other at an unknown place: a cut was not noticed.
         is_elsewhere = was_adrift and self._is_adrift and predicted.is_trusted and self._footage.is_calm
         if is_elsewhere or (found.match is None and (is_photograph or self._is_search_due(motion))):
-            found = self._recognise(images, anchor) or found
-            is_elsewhere |= found.is_adrift and self._footage.is_calm
+            recognised = self._recognise(images, anchor) or found
+            is_elsewhere |= recognised.is_adrift and self._footage.is_calm
+            # Where it is adrift, its place is on another plane.
+            found = found if recognised.is_adrift else recognised
         is_placed = (found.match is not None or motion.model is not None) and not is_elsewhere
         if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
