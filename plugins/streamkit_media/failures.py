@@ -98,7 +98,7 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
 def protocol_remedy(scheme: str) -> str:
     """What to write in place of a protocol that FFmpeg does not have here."""
     if scheme == "srt":
-        return "pass it on to a UDP port, as in srt-live-transmit srt://HOST:9000 udp://127.0.0.1:5000"
+        return "livesrc receives SRT; write livesrc uri=srt://HOST:PORT"
     return did_you_mean(scheme, PROTOCOLS) or f"write one of {', '.join(PROTOCOLS)}"
 
 

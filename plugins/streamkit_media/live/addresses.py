@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 DEFAULT_PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443, "rtmp": 1935, "rtmps": 443}
 RTSP_SCHEMES = ("rtsp", "rtsps")
-LIVE_SCHEMES = ("udp", "tcp", "rtmp", "rtmps")  # never a file, which http may lead to
+LIVE_SCHEMES = ("udp", "tcp", "srt", "rtmp", "rtmps")  # never a file, which http may lead to
 PLAIN_OF = {"rtsps": "rtsp", "https": "http", "rtmps": "rtmp"}  # schemes with TLS, and the same without
 
 

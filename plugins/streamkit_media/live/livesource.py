@@ -65,8 +65,8 @@ class LiveSource(Endpoint, Source):
 
     low_latency: bool = Property(
         True,
-        doc="Take a frame's end from RTP (RTSP over TCP) or MPEG-TS (over UDP); off, FFmpeg's parser adds "
-        "one frame of delay.",
+        doc="Take a frame's end from RTP (RTSP over TCP) or MPEG-TS (over UDP or SRT); off, FFmpeg's "
+        "parser adds one frame of delay.",
     )
 
     _connection: LiveConnection | None = None

@@ -1,4 +1,4 @@
-"""livesrc: live video over UDP, TCP, RTMP or HTTP, or from a camera of this machine."""
+"""livesrc: live video over UDP, SRT, TCP, RTMP or HTTP, or from a camera of this machine."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from streamkit_media.failures import ConnectionLost, Silence
 from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
 from streamkit_media.live.camerainput import SCHEME, CameraInput, camera_device, camera_options
 from streamkit_media.live.datagraminput import DatagramInput
+from streamkit_media.live.ffmpegprogram import srt_program
 from streamkit_media.live.liveinput import LiveInput, UrlInput
 from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
+from streamkit_media.live.srtinput import SRT, SrtInput, check_srt_address, is_listener
 from streamkit_media.streams import KLV_CAPS
 from streamkit_media.udp import source_address
 
@@ -26,10 +28,9 @@ REMEDIES = {
     "rtsp": "rtspsrc receives RTSP; write rtspsrc location=rtsp://host:port/path",
     "rtsps": "rtspsrc receives RTSP; write rtspsrc location=rtsps://host:port/path",
     "rtp": "MPEG-TS in RTP is recognised by itself; write uri=udp://@:PORT",
-    "srt": "FFmpeg has no SRT here; pass it on with srt-live-transmit srt://HOST:PORT udp://127.0.0.1:5000 "
-    "(or GStreamer's srtsrc ! udpsink, or MediaMTX), and write uri=udp://127.0.0.1:5000",
 }
 CAMERA_EXAMPLE = "uri=v4l2:///dev/video0?video_size=1280x720&framerate=30&input_format=mjpeg"
+SRT_EXAMPLE = "uri=srt://host:port, or uri=srt://:port?mode=listener to wait for a sender"
 FILE = "filesrc reads files; write filesrc location=FILE"
 NO_PROTOCOL = (
     "an address must begin with its protocol; write uri=http://camera/video.mjpg, or for rtsp:// "
@@ -41,9 +42,11 @@ class LiveSrc(LiveSource):
     """Receives live video from anything but RTSP as coded packets, by the rules of `rtspsrc`.
 
     `udp://[@]HOST:PORT[?localaddr=ADDRESS]` is MPEG-TS, bare or in RTP, from one sender or a multicast group;
-    no HOST is every interface. FFmpeg opens `tcp://`, `rtmp://`, `rtmps://`, `http://` and `https://`; a
-    playlist (HLS) is played in real time. `v4l2:///dev/video0`, `/dev/video0` or `0` is a camera of this
-    machine; `?video_size=1280x720&framerate=30&input_format=mjpeg` chooses what it gives. Reconnects, epochs,
+    no HOST is every interface. `srt://HOST:PORT[?passphrase=...&streamid=...]` calls a sender, and
+    `srt://:PORT?mode=listener` waits for one; a program ffmpeg of this machine receives it. FFmpeg opens
+    `tcp://`, `rtmp://`, `rtmps://`, `http://` and `https://`; a playlist (HLS) is played in real time.
+    `v4l2:///dev/video0`, `/dev/video0` or `0` is a camera of this machine;
+    `?video_size=1280x720&framerate=30&input_format=mjpeg` chooses what it gives. Reconnects, epochs,
     drops, the message `connection` and the pads of telemetry are those of `rtspsrc`.
 
     Example:
@@ -108,15 +111,21 @@ class LiveSrc(LiveSource):
             remedy = NO_PROTOCOL if lacks_protocol(self.location) else FILE
         if remedy:
             raise ResourceError(f"{self._where!r}: {remedy}")
-        if parts.scheme != UDP:
+        if parts.scheme not in (UDP, SRT):
             super().check_address(parts)
             if not port_of(self.location):
                 raise ResourceError(f"{self._where!r}: the port is missing; write uri=tcp://host:port")
             return
         try:
-            source_address(self.location)
+            if parts.scheme == SRT:
+                check_srt_address(self.location)
+            else:
+                source_address(self.location)
         except ValueError as error:
-            raise ResourceError(f"{self._where!r}: {error}; write {self.example}") from None
+            example = SRT_EXAMPLE if parts.scheme == SRT else self.example
+            raise ResourceError(f"{self._where!r}: {error}; write {example}") from None
+        if parts.scheme == SRT:
+            srt_program()
 
     @property
     @override
@@ -136,10 +145,13 @@ class LiveSrc(LiveSource):
                 before=self._datagrams,
             )
             return self._datagrams
+        if self.carrier == SRT:
+            return SrtInput(self._url, self.timeout_s, low_latency=self.low_latency)
         if self.carrier == SCHEME:
             return CameraInput(self.location, self.timeout_s)
         return UrlInput(self._url, {**self._tls_options, "protocol_whitelist": PROTOCOLS}, self.timeout_s)
 
     @override
     def listens(self, failure: ResourceError | None) -> bool:
-        return self.carrier == UDP and isinstance(failure, Silence | ConnectionLost)
+        waits = self.carrier == UDP or (self.carrier == SRT and is_listener(self.location))
+        return waits and isinstance(failure, Silence | ConnectionLost)

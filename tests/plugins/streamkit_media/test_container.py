@@ -154,10 +154,7 @@ def test_a_server_that_fails_is_not_the_fault_of_the_address() -> None:
     ("location", "remedy"),
     [
         ("rstp://user:secret@a/b", 'did you mean "rtsp"?'),
-        (
-            "srt://a:9000",
-            "pass it on to a UDP port, as in srt-live-transmit srt://HOST:9000 udp://127.0.0.1:5000",
-        ),
+        ("srt://a:9000", "livesrc receives SRT; write livesrc uri=srt://HOST:PORT"),
         ("gopher2://a/b", "write one of rtsp, rtsps, udp, tcp, rtmp, http, https, file"),
     ],
 )

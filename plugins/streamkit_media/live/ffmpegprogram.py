@@ -1,0 +1,131 @@
+"""The program ffmpeg as a child: it has SRT, which the FFmpeg inside PyAV lacks."""
+
+from __future__ import annotations
+
+import os
+import selectors
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+
+from streamkit import ResourceError
+
+NONE_HERE = (
+    "SRT is received by the program ffmpeg, and none with SRT is here; install ffmpeg, or streamkit[srt]"
+)
+END_WITH_PARENT = Path(__file__).with_name("endwithparent.py")
+LOOK_LIMIT_S = 5.0
+END_LIMIT_S = 0.3  # to close the connection, so that the other side need not wait for its own limit
+POLL_S = 0.1
+PIECE_BYTES = 1 << 16
+TEXT_BYTES = 4000
+
+
+def srt_program() -> str:
+    """The path of an ffmpeg with SRT: that of PATH, else that of the package imageio-ffmpeg.
+
+    Raises:
+        ResourceError: there is none.
+    """
+    for program in programs():
+        if has_srt(program):
+            return program
+    raise ResourceError(NONE_HERE)
+
+
+def programs() -> Iterator[str]:
+    """The programs ffmpeg of this machine."""
+    if found := shutil.which("ffmpeg"):
+        yield os.path.abspath(found)
+    try:
+        import imageio_ffmpeg
+
+        yield str(imageio_ffmpeg.get_ffmpeg_exe())
+    except (ImportError, RuntimeError):  # not installed; without a program for this machine
+        return
+
+
+@cache
+def has_srt(program: str) -> bool:
+    """Whether a program ffmpeg says that it knows SRT."""
+    command = [program, "-hide_banner", "-loglevel", "error", "-protocols"]
+    try:
+        answer = subprocess.run(
+            command, capture_output=True, timeout=LOOK_LIMIT_S, check=False, stdin=subprocess.DEVNULL
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return b"srt" in answer.stdout.split()
+
+
+class FfmpegProgram:
+    """An ffmpeg that runs and writes to a pipe; one thread reads it, others may call `terminate`.
+
+    Args:
+        command: the program and its arguments.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._said = b""  # to its standard error since the last bytes of its output
+        self._child = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(END_WITH_PARENT), str(os.getpid()), *command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C in a terminal ends the pipeline, which ends it
+        )
+        self._selector = selectors.DefaultSelector()
+        for pipe in (self._child.stdout, self._child.stderr):
+            assert pipe is not None
+            self._selector.register(pipe, selectors.EVENT_READ)
+        self._output = self._child.stdout
+
+    def read(self, limit_s: float, ended: threading.Event) -> bytes:
+        """The next bytes of its output as soon as there are any; empty at its end, or once `ended` is set.
+
+        Raises:
+            TimeoutError: there are none within the limit.
+        """
+        deadline = time.monotonic() + limit_s
+        while not ended.is_set() and self._selector.get_map():
+            for key, _ in self._selector.select(POLL_S):
+                data = os.read(key.fd, PIECE_BYTES)
+                if not data:
+                    self._selector.unregister(key.fileobj)
+                elif key.fileobj is self._output:
+                    self._said = b""
+                    return data
+                else:
+                    self._said = (self._said + data)[-TEXT_BYTES:]
+            if time.monotonic() > deadline:
+                raise TimeoutError
+        return b""
+
+    def errors(self) -> list[str]:
+        """What it has reported since the last bytes that were read, by line."""
+        return self._said.decode(errors="replace").splitlines()
+
+    def terminate(self) -> None:
+        """Asks it to end."""
+        self._child.terminate()
+
+    def close(self) -> None:
+        """Ends it, kills it where it does not end in time, and leaves nothing of it."""
+        self._child.terminate()
+        try:
+            self._child.wait(END_LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        self._selector.close()
+        for pipe in (self._child.stdout, self._child.stderr):
+            if pipe is not None:
+                pipe.close()

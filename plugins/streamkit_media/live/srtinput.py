@@ -1,0 +1,151 @@
+"""A transport stream over SRT, received by the program ffmpeg and demultiplexed by FFmpeg."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from urllib.parse import parse_qsl, urlsplit
+
+from av.container import InputContainer
+from av.packet import Packet
+from av.stream import Stream
+from typing_extensions import override
+
+from streamkit import ResourceError, mask_secrets
+from streamkit_media.container import open_container
+from streamkit_media.failures import AccessRefused, ConnectionLost, Silence
+from streamkit_media.live.accessunits import UNPARSED
+from streamkit_media.live.datagraminput import whole_frames
+from streamkit_media.live.ffmpegprogram import FfmpegProgram, srt_program
+from streamkit_media.live.liveinput import LIVE_OPTIONS, LiveInput
+from streamkit_media.streams import read_packets
+
+SRT = "srt"
+LISTENING = ("listener", "server")  # FFmpeg's names of the mode
+# The stream passes as it comes, byte for byte: FFmpeg's muxer would change its times and lose some streams.
+COPY = ("-map", "0", "-c", "copy", "-flush_packets", "1", "-f", "data", "pipe:1")
+REJECTED = re.compile(r"REJECT.*(?:passphrase|password)", re.IGNORECASE)
+SPEAKER = re.compile(r"^\[\w+ @ \w+\] ")  # the part of FFmpeg that reports
+
+
+def is_listener(location: str) -> bool:
+    """Whether the sender connects to this machine, and not this machine to the sender."""
+    return dict(parse_qsl(urlsplit(location).query)).get("mode") in LISTENING
+
+
+def check_srt_address(location: str) -> None:
+    """Checks that a URL names a port, and a host where one is called; raises `ValueError`."""
+    parts = urlsplit(location)
+    if not parts.port:
+        raise ValueError("the port is missing")
+    if not parts.hostname and not is_listener(location):
+        raise ValueError("the host is missing")
+
+
+class SrtInput(LiveInput):
+    """Receives over SRT, as caller or as listener, in a child process that ends with the connection.
+
+    Args:
+        location: with the options of FFmpeg's srt protocol after its `?`.
+        timeout_s: see `LiveInput`.
+        low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
+    """
+
+    def __init__(self, location: str, timeout_s: float, *, low_latency: bool) -> None:
+        super().__init__(location, timeout_s)
+        self.where = mask_secrets(location.partition("?")[0])  # what follows may be a secret to its end
+        self._low_latency = low_latency
+        self._program: FfmpegProgram | None = None
+        self._held = b""
+        self._has_come = self._has_failed = False
+
+    @override
+    def open(self) -> InputContainer:
+        command = (srt_program(), "-loglevel", "error", "-nostdin", "-f", "data", "-i", self.location, *COPY)
+        try:
+            self._program = FfmpegProgram(command)
+        except OSError as error:
+            raise ResourceError(
+                f"{self.where}: the program ffmpeg does not start: {error.strerror or error}; "
+                "SRT needs it, also in a bin with sandbox=true"
+            ) from None
+        options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
+        return open_container(self.location, options, format_name="mpegts", stream=self)
+
+    def read(self, size: int) -> bytes:
+        """Up to `size` bytes of the stream for FFmpeg, as soon as there are any; empty once it is ended.
+
+        Raises:
+            Silence: nothing has come within the limit.
+            ResourceError: there is no connection.
+        """
+        if self._has_failed:
+            return b""  # FFmpeg reads on after an error, and PyAV has kept the first to raise it
+        try:
+            held = self._held or self._next()
+        except ResourceError:
+            self._has_failed = True
+            raise
+        self._held = held[size:]
+        return held[:size]
+
+    def _next(self) -> bytes:
+        assert self._program is not None
+        try:
+            data = self._program.read(self.timeout_s, self.ended)
+        except TimeoutError:
+            raise self._silence() from None
+        if not data and not self._has_come and not self.ended.is_set():
+            raise self._no_connection()
+        self._has_come = True
+        return data
+
+    def _silence(self) -> Silence:
+        limit = f"{self.timeout_s:g} s (timeout-s)"
+        if self._has_come:
+            return Silence(
+                f"{self.where}: nothing has come for {limit}; check the sender, or allow more time"
+            )
+        seen = "nobody has sent here" if is_listener(self.location) else "nothing has come"
+        return Silence(
+            f"{self.where}: no video within {limit}: {seen}; check the address and passphrase at both ends "
+            "and the firewall, or allow more time"
+        )
+
+    def _no_connection(self) -> ResourceError:
+        """Why the program has ended before anything came, by its own words."""
+        lines = self._program.errors() if self._program is not None else []
+        if any(map(REJECTED.search, lines)):
+            return AccessRefused(
+                f"{self.where}: the other side refuses the passphrase; write the one it has: ?passphrase=..."
+            )
+        reason = "the other side has closed the connection"
+        if lines:
+            reason = mask_secrets(SPEAKER.sub("", lines[0]).replace(self.location, self.where))
+        return ResourceError(
+            f"{self.where}: no connection: {reason}; check the address, the passphrase, and that the other "
+            "side runs"
+        )
+
+    @override
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
+        packets = read_packets(container, *streams)
+        yield from (
+            whole_frames(container, packets, self.video_of(container)) if self._low_latency else packets
+        )
+        if not self.ended.is_set():
+            raise ConnectionLost(
+                f"{self.where}: the other side has closed the connection; check that it still runs"
+            )
+
+    @override
+    def cut(self) -> None:
+        is_first = not self.ended.is_set()
+        super().cut()
+        if is_first and self._program is not None:
+            self._program.terminate()
+
+    @override
+    def close(self) -> None:
+        if self._program is not None:
+            self._program.close()
