@@ -66,6 +66,8 @@ def write_remedy(error: Exception) -> str:
         )
     if number == errno.EPIPE:
         return "; what read it has ended"
+    if number == errno.ECONNRESET:
+        return "; check the address, and that the receiver runs"
     if number == errno.ETIMEDOUT:
         return "; let it read on, or allow it more time with timeout-s="
     refused = isinstance(error, OSError) and number not in (None, errno.EINVAL)

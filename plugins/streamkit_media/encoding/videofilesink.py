@@ -58,7 +58,8 @@ class VideoFileSink(MediaOutput):
         "",
         file="write",
         doc="File to write, with a number or time, out-%05d.mp4, one for each size; missing folders are "
-        "made. Or - (the standard output), udp://HOST:PORT, or a playlist of segments (HLS), live.m3u8.",
+        "made. Or - (the standard output), udp://HOST:PORT, srt://HOST:PORT, or a playlist of segments "
+        "(HLS), live.m3u8.",
     )
     max_files: int = Property(
         0, min=0, doc="Segments of a playlist kept; older ones are deleted. 0 keeps all."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import selectors
 import shutil
 import subprocess
@@ -12,12 +13,14 @@ import time
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
+from queue import SimpleQueue
 
-from streamkit import ResourceError
+from streamkit import ResourceError, mask_secrets
 
-NONE_HERE = (
-    "SRT is received by the program ffmpeg, and none with SRT is here; install ffmpeg, or streamkit[srt]"
-)
+NONE_HERE = "SRT needs the program ffmpeg, and none with SRT is here; install ffmpeg, or streamkit[srt]"
+SPEAKER = re.compile(r"^\[\w+ @ \w+\] ")  # the part of FFmpeg that reports
+OPTIONS = re.compile(r"(?<=srt://)([^\s?]*)\?\S*")  # in an address, some of them secret
+REJECTED = re.compile(r"REJECT.*(?:passphrase|password)", re.IGNORECASE)
 END_WITH_PARENT = Path(__file__).with_name("endwithparent.py")
 LOOK_LIMIT_S = 5.0
 END_LIMIT_S = 0.3  # to close the connection, so that the other side need not wait for its own limit
@@ -64,29 +67,54 @@ def has_srt(program: str) -> bool:
 
 
 class FfmpegProgram:
-    """An ffmpeg that runs and writes to a pipe; one thread reads it, others may call `terminate`.
+    """An ffmpeg that runs and writes to a pipe; one thread uses it, others may call `terminate`.
 
     Args:
         command: the program and its arguments.
+        has_input: whether it reads a pipe, too.
 
     Raises:
         OSError: it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str]) -> None:
+    def __init__(self, command: Sequence[str], *, has_input: bool = False) -> None:
         self._said = b""  # to its standard error since the last bytes of its output
-        self._child = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(END_WITH_PARENT), str(os.getpid()), *command],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C in a terminal ends the pipeline, which ends it
+        # The kernel ends it with the thread that has started it: that one must live as long as it is used.
+        self._closed = threading.Event()
+        started = SimpleQueue[subprocess.Popen[bytes] | Exception]()
+        self._keeper = threading.Thread(
+            target=self._keep, args=(command, has_input, started), name="ffmpeg", daemon=False
         )
+        self._keeper.start()
+        child = started.get()
+        if isinstance(child, Exception):
+            raise child
+        self._child = child
         self._selector = selectors.DefaultSelector()
         for pipe in (self._child.stdout, self._child.stderr):
             assert pipe is not None
             self._selector.register(pipe, selectors.EVENT_READ)
         self._output = self._child.stdout
+
+    def _keep(
+        self,
+        command: Sequence[str],
+        has_input: bool,
+        started: SimpleQueue[subprocess.Popen[bytes] | Exception],
+    ) -> None:
+        try:
+            child = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(END_WITH_PARENT), str(os.getpid()), *command],
+                stdin=subprocess.PIPE if has_input else subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C in a terminal ends the pipeline, which ends it
+            )
+        except Exception as error:  # raised in the thread that waits
+            started.put(error)
+            return
+        started.put(child)
+        self._closed.wait()
 
     def read(self, limit_s: float, ended: threading.Event) -> bytes:
         """The next bytes of its output as soon as there are any; empty at its end, or once `ended` is set.
@@ -109,9 +137,41 @@ class FfmpegProgram:
                 raise TimeoutError
         return b""
 
+    @property
+    def input(self) -> int:
+        """The descriptor of the pipe that it reads."""
+        assert self._child.stdin is not None
+        return self._child.stdin.fileno()
+
+    def end_input(self) -> None:
+        """Closes the pipe that it reads."""
+        assert self._child.stdin is not None
+        self._child.stdin.close()
+
+    def has_ended(self, limit_s: float) -> bool:
+        """Waits for its end up to a limit; whether it has ended."""
+        try:
+            self._child.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    @property
+    def code(self) -> int | None:
+        """What it has ended with: 0, an error, or the negative number of a signal; None while it runs."""
+        return self._child.returncode
+
     def errors(self) -> list[str]:
         """What it has reported since the last bytes that were read, by line."""
         return self._said.decode(errors="replace").splitlines()
+
+    def is_refused(self) -> bool:
+        """Whether it has reported that the other side has another passphrase."""
+        return any(map(REJECTED.search, self.errors()))
+
+    def reason(self) -> str:
+        """The first of `errors`, which names the cause, without secrets; "" where there is none."""
+        return next((mask_secrets(OPTIONS.sub(r"\1", SPEAKER.sub("", line))) for line in self.errors()), "")
 
     def terminate(self) -> None:
         """Asks it to end."""
@@ -120,12 +180,12 @@ class FfmpegProgram:
     def close(self) -> None:
         """Ends it, kills it where it does not end in time, and leaves nothing of it."""
         self._child.terminate()
-        try:
-            self._child.wait(END_LIMIT_S)
-        except subprocess.TimeoutExpired:
+        if not self.has_ended(END_LIMIT_S):
             self._child.kill()
             self._child.wait()
         self._selector.close()
-        for pipe in (self._child.stdout, self._child.stderr):
+        for pipe in (self._child.stdin, self._child.stdout, self._child.stderr):
             if pipe is not None:
                 pipe.close()
+        self._closed.set()
+        self._keeper.join()

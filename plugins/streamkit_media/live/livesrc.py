@@ -30,7 +30,6 @@ REMEDIES = {
     "rtp": "MPEG-TS in RTP is recognised by itself; write uri=udp://@:PORT",
 }
 CAMERA_EXAMPLE = "uri=v4l2:///dev/video0?video_size=1280x720&framerate=30&input_format=mjpeg"
-SRT_EXAMPLE = "uri=srt://host:port, or uri=srt://:port?mode=listener to wait for a sender"
 FILE = "filesrc reads files; write filesrc location=FILE"
 NO_PROTOCOL = (
     "an address must begin with its protocol; write uri=http://camera/video.mjpg, or for rtsp:// "
@@ -122,8 +121,8 @@ class LiveSrc(LiveSource):
             else:
                 source_address(self.location)
         except ValueError as error:
-            example = SRT_EXAMPLE if parts.scheme == SRT else self.example
-            raise ResourceError(f"{self._where!r}: {error}; write {example}") from None
+            remedy = "" if parts.scheme == SRT else f"; write {self.example}"
+            raise ResourceError(f"{self._where!r}: {error}{remedy}") from None
         if parts.scheme == SRT:
             srt_program()
 

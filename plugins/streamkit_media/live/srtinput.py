@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from urllib.parse import parse_qsl, urlsplit
 
@@ -24,8 +23,6 @@ SRT = "srt"
 LISTENING = ("listener", "server")  # FFmpeg's names of the mode
 # The stream passes as it comes, byte for byte: FFmpeg's muxer would change its times and lose some streams.
 COPY = ("-map", "0", "-c", "copy", "-flush_packets", "1", "-f", "data", "pipe:1")
-REJECTED = re.compile(r"REJECT.*(?:passphrase|password)", re.IGNORECASE)
-SPEAKER = re.compile(r"^\[\w+ @ \w+\] ")  # the part of FFmpeg that reports
 
 
 def is_listener(location: str) -> bool:
@@ -37,9 +34,9 @@ def check_srt_address(location: str) -> None:
     """Checks that a URL names a port, and a host where one is called; raises `ValueError`."""
     parts = urlsplit(location)
     if not parts.port:
-        raise ValueError("the port is missing")
+        raise ValueError("the port is missing; write srt://HOST:PORT")
     if not parts.hostname and not is_listener(location):
-        raise ValueError("the host is missing")
+        raise ValueError("the host is missing; write srt://HOST:PORT, or srt://:PORT?mode=listener to wait")
 
 
 class SrtInput(LiveInput):
@@ -114,14 +111,12 @@ class SrtInput(LiveInput):
 
     def _no_connection(self) -> ResourceError:
         """Why the program has ended before anything came, by its own words."""
-        lines = self._program.errors() if self._program is not None else []
-        if any(map(REJECTED.search, lines)):
+        assert self._program is not None
+        if self._program.is_refused():
             return AccessRefused(
                 f"{self.where}: the other side refuses the passphrase; write the one it has: ?passphrase=..."
             )
-        reason = "the other side has closed the connection"
-        if lines:
-            reason = mask_secrets(SPEAKER.sub("", lines[0]).replace(self.location, self.where))
+        reason = self._program.reason() or "the other side has closed the connection"
         return ResourceError(
             f"{self.where}: no connection: {reason}; check the address, the passphrase, and that the other "
             "side runs"

@@ -1,4 +1,4 @@
-"""Base of packetsink and videofilesink: a location is a file, `-`, udp://HOST:PORT or a playlist."""
+"""Base of packetsink and videofilesink: a location is a file, `-`, udp:// or srt://, or a playlist."""
 
 from __future__ import annotations
 
@@ -13,21 +13,23 @@ from typing_extensions import override
 from streamkit import SECOND_NS, OutputFileSink, PropertyError, ResourceError, mask_secrets
 from streamkit.output.file import OutputFile
 from streamkit.output.names import is_network
-from streamkit.output.pipe import STANDARD_OUTPUT, standard_output
+from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, standard_output
 from streamkit_media.failures import MEDIA_ERRORS
+from streamkit_media.live.ffmpegprogram import srt_program
+from streamkit_media.live.srtinput import SRT, check_srt_address
 from streamkit_media.recording.destination import Datagrams, Playlist
 from streamkit_media.recording.formats import FORMATS, PLAYLIST_FORMAT, ContainerFormat
 from streamkit_media.recording.packetwriter import Output
+from streamkit_media.recording.srtstream import SrtStream
 from streamkit_media.udp import target_address
 
 SEGMENT_NS = 2 * SECOND_NS
 MAX_AHEAD_NS = 2 * SECOND_NS
 PLAYLIST = ".m3u8"
-REMEDIES = {
-    "srt": "FFmpeg has no SRT here; write location=udp://127.0.0.1:5000 and pass it on with "
-    "srt-live-transmit udp://:5000 srt://HOST:PORT (or GStreamer's udpsrc ! srtsink)",
-    **dict.fromkeys(("rtsp", "rtsps"), "rtspclientsink pushes to an RTSP server"),
-}
+PLACES = (
+    "location must be a file, - (the standard output), udp://HOST:PORT, srt://HOST:PORT or NAME.m3u8 (HLS)"
+)
+REMEDIES = dict.fromkeys(("rtsp", "rtsps"), "rtspclientsink pushes to an RTSP server")
 
 
 class MediaOutput(OutputFileSink):
@@ -53,6 +55,10 @@ class MediaOutput(OutputFileSink):
         """Whether the location is no file, and receivers may join at any time."""
         return is_network(self.location)
 
+    @property
+    def _is_srt(self) -> bool:
+        return urlsplit(self.location).scheme == SRT
+
     @override
     def is_file(self) -> bool:
         return not self.is_sent
@@ -68,10 +74,12 @@ class MediaOutput(OutputFileSink):
             return
         scheme = urlsplit(self.location).scheme
         try:
-            if scheme != "udp":
-                rule = "location must be a file, - (the standard output), udp://HOST:PORT or NAME.m3u8 (HLS)"
-                raise ValueError(REMEDIES.get(scheme, rule))
-            target_address(self.location)
+            if scheme == SRT:
+                check_srt_address(self.location)
+            elif scheme == "udp":
+                target_address(self.location)
+            else:
+                raise ValueError(REMEDIES.get(scheme, PLACES))
         except ValueError as error:
             # The location stands last: with a secret at its end, what follows would be masked, too.
             raise PropertyError(f"{self.name}: {error}; got location={mask_secrets(self.location)}") from None
@@ -84,7 +92,9 @@ class MediaOutput(OutputFileSink):
             raise ResourceError(
                 "location=- is a terminal, which shows no video; write it to a program: ... | ffplay -"
             )
-        if self.is_sent:
+        if self._is_srt:
+            srt_program()
+        elif self.is_sent:
             with self.reported():
                 Datagrams(self.location, self._lose).finish()
 
@@ -101,6 +111,9 @@ class MediaOutput(OutputFileSink):
             segment_ns: length of a playlist's segments; 0 is the usual one.
             count: of segments that are kept; 0 keeps all.
         """
+        if self._is_srt:
+            url = f"{SRT}{self.location[len(SRT) :]}"  # the program knows small letters only
+            return SrtStream(url, ReaderWait(self.timeout_s, self.stopping, self.waiting))
         if self.is_sent:
             return Datagrams(self.location, self._lose)
         if not self.is_playlist:

@@ -63,7 +63,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         "",
         file="write",
         doc="File; segments need a number or time: flight-%05d.ts, flight-%Y%m%dT%H%M%SZ.ts (UTC). Or - (the "
-        "standard output), udp://HOST:PORT, or a playlist of segments (HLS), live.m3u8.",
+        "standard output), udp://HOST:PORT, srt://HOST:PORT, or a playlist of segments (HLS), live.m3u8.",
     )
     max_size_time: int = Property(0, min=0, unit="ns", doc="Length of a segment; 0 is no limit.")
     max_size_bytes: int = Property(0, min=0, unit="bytes", doc="Size of a segment; 0 is no limit.")

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
@@ -262,10 +262,12 @@ def serve_folder(tmp_path: Path) -> Iterator[str]:
 @pytest.fixture
 def port() -> int:
     """A port that is free for UDP and TCP."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams,
-        socket.create_server(("", 0)) as server,
-    ):
-        free = int(server.getsockname()[1])
-        datagrams.bind(("", free))
-        return free
+    while True:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams,
+            socket.create_server(("", 0)) as server,
+            suppress(OSError),  # something of this machine uses it for UDP
+        ):
+            free = int(server.getsockname()[1])
+            datagrams.bind(("", free))
+            return free

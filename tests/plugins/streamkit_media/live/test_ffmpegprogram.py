@@ -1,5 +1,6 @@
 """The program ffmpeg: which one is used, and what is left of it."""
 
+import os
 import sys
 import threading
 import time
@@ -75,6 +76,26 @@ def test_output_ends_with_what_was_reported() -> None:
     assert child.read(10, ended) == b""
     assert child.errors() == ["late"]
     child.close()
+
+
+def test_it_outlives_the_thread_that_asked_for_it() -> None:
+    """A sink's file is begun by a thread that streams, and completed by another once that one has ended."""
+    found: list[FfmpegProgram] = []
+    command = ["/bin/sh", "-c", "echo ready; read line; echo $line"]
+
+    def begin() -> None:
+        found.append(FfmpegProgram(command, has_input=True))
+        assert found[0].read(10, threading.Event()) == b"ready\n"
+
+    thread = threading.Thread(target=begin)
+    thread.start()
+    thread.join(10)
+    os.write(found[0].input, b"still here\n")
+    assert found[0].read(10, threading.Event()) == b"still here\n"
+    found[0].end_input()
+    assert found[0].has_ended(10)
+    assert found[0].code == 0
+    found[0].close()
 
 
 def test_silence_is_bounded() -> None:

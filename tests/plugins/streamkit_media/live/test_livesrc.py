@@ -318,8 +318,8 @@ def test_hostile_transport_packets_never_crash(
 
 
 REFUSED = {
-    "srt://drone": "the port is missing; write uri=srt://host:port",
-    "srt://:9000": "the host is missing; write uri=srt://host:port, or uri=srt://:port?mode=listener",
+    "srt://drone": "the port is missing; write srt://HOST:PORT",
+    "srt://:9000": "the host is missing; write srt://HOST:PORT, or srt://:PORT?mode=listener",
     "v4l2:///dev/video0?size=9": "a camera has video_size, framerate, input_format, got size",
     "v4l2://drone/video0": "must begin with udp:// or tcp://",
     "rtsp://drone/live": "write rtspsrc location=",

@@ -183,8 +183,8 @@ def test_a_file_sent_too_fast_is_told(port: int, clip: Path) -> None:
     ("location", "rule"),
     [
         (
-            "srt://host:9000?passphrase=hidden123",
-            "FFmpeg has no SRT here; write location=udp://127.0.0.1:5000",
+            "srt://host?passphrase=hidden123",
+            "the port is missing; write srt://HOST:PORT",
         ),
         ("rtsp://me:hidden123@host/live", "rtspclientsink pushes to an RTSP server"),
         (

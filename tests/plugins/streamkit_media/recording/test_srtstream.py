@@ -1,0 +1,181 @@
+"""packetsink and videofilesink over SRT, with real receivers."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from itertools import islice
+from pathlib import Path
+
+import pytest
+
+from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
+from streamkit.output.pipe import ReaderWait
+from streamkit_media.live.ffmpegprogram import has_srt
+from streamkit_media.recording.srtstream import SrtStream
+from tests.slowness import patience
+from tests.waiting import next_state
+
+FFMPEG = shutil.which("ffmpeg") or ""
+PASSPHRASE = "flight-of-1903"
+PICTURES = "videotestsrc is-live=true ! video/x-raw,framerate=25/1 ! videofilesink"
+
+pytestmark = [
+    pytest.mark.timeout(90),
+    pytest.mark.skipif(
+        not FFMPEG or not has_srt(FFMPEG), reason="no ffmpeg with SRT: apt-get install ffmpeg"
+    ),
+]
+
+
+def senders(port: int) -> list[int]:
+    """Processes that send to or from a port, also such as have ended and are not reaped."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0") if entry.name.isdigit() else []
+        except OSError:
+            continue  # ended meanwhile
+        if b"pipe:0" in words and any(f":{port}".encode() in word for word in words):
+            found.append(int(entry.name))
+    return found
+
+
+def failure(text: str) -> str:
+    """The text of the error in which a pipeline ends."""
+    with Pipeline.parse(text) as pipeline, pytest.raises(ElementFailure) as caught:
+        pipeline.run()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("calls", [True, False])
+def test_livesrc_receives_video_and_telemetry(clip: Path, port: int, *, calls: bool) -> None:
+    """The sink calls, or is called; encrypted, and without a frame that is damaged."""
+    caller = f"srt://127.0.0.1:{port}?passphrase={PASSPHRASE}&connect_timeout=30000"
+    listener = f"srt://127.0.0.1:{port}?passphrase={PASSPHRASE}&mode=listener"
+    receive_at, send_to = (listener, caller) if calls else (caller, listener)
+    receive = (
+        f'livesrc name=s uri="{receive_at}" timeout-s=40  s.src ! decode ! appsink name=out '
+        "max-buffers=0  s.klv ! appsink name=klv max-buffers=0"
+    )
+    send = f'filesrc name=s location={clip}  s.video ! packetsink name=p sync=true location="{send_to}" '
+    with Pipeline.parse(receive) as receiver:
+        receiver.play()
+        next_state(receiver, "connecting")
+        with Pipeline.parse(f"{send} timeout-s=40 s.klv ! p.klv") as sender:
+            sender.play()
+            frames = list(islice(receiver["out"], 60))
+            telemetry = list(islice(receiver["klv"], 50))
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+    assert len({bytes(packet.data) for packet in telemetry}) == 50
+    assert not senders(port)
+
+
+def test_gstreamer_receives_what_is_encoded_here(port: int) -> None:
+    """The other program that speaks SRT decodes sixty frames; it leaves, which is an error here."""
+    if (
+        not shutil.which("gst-inspect-1.0")
+        or subprocess.run(["gst-inspect-1.0", "srtsrc"], capture_output=True, check=False).returncode
+    ):
+        pytest.skip("no srtsrc: install gstreamer1.0-tools and the plugins good, bad and libav")
+    words = f"srtsrc uri=srt://127.0.0.1:{port}?mode=listener ! tsdemux ! h264parse ! avdec_h264 ! "
+    command = ["gst-launch-1.0", "-q", *words.split(), *["identity", "eos-after=60", "!", "fakesink"]]
+    with subprocess.Popen(command) as receiver:
+        try:
+            text = failure(f"{PICTURES} location=srt://127.0.0.1:{port}?connect_timeout=30000")
+            assert receiver.wait(patience(30)) == 0
+        finally:
+            receiver.kill()
+    assert "cannot be written: no connection to a receiver: " in text
+    assert not senders(port)
+
+
+def test_a_stop_amid_the_stream_is_no_error(port: int) -> None:
+    """The thread that has begun the connection ends before the sink does."""
+    warnings: list[str] = []
+    receive = f'livesrc uri="srt://127.0.0.1:{port}?mode=listener" timeout-s=40 ! appsink name=out'
+    send = f'{PICTURES} timeout-s=40 location="srt://127.0.0.1:{port}?connect_timeout=30000"'
+    with Pipeline.parse(receive) as receiver:
+        receiver.play()
+        with Pipeline.parse(send) as sender:
+            sender.bus.watch(
+                lambda message: warnings.append(message.text) if message.kind is MessageKind.WARNING else None
+            )
+            sender.play()
+            assert len(list(islice(receiver["out"], 10))) == 10
+    assert warnings == []
+    assert not senders(port)
+
+
+def test_nobody_there_is_an_error_without_the_secret(port: int) -> None:
+    """The sink calls, and says what became of it, also where its stream was short."""
+    location = f"srt://127.0.0.1:{port}?passphrase=secret-secret&connect_timeout=500"
+    for count in (-1, 5):
+        text = failure(f'videotestsrc num-buffers={count} ! videofilesink sync=true location="{location}"')
+        assert "cannot be written: no connection to a receiver: " in text
+        assert "check the address, and that the receiver runs" in text
+        assert "secret" not in text
+    assert not senders(port)
+
+
+def test_a_wrong_passphrase_is_told_and_not_shown(port: int) -> None:
+    """The receiver has another one."""
+    command = [FFMPEG, "-loglevel", "quiet", "-nostdin", "-f", "data", "-i"]
+    command += [f"srt://127.0.0.1:{port}?mode=listener&passphrase={PASSPHRASE}", "-f", "null", "-"]
+    with subprocess.Popen(command) as receiver:
+        try:
+            deadline = time.monotonic() + patience(10)
+            while f":{port:04X}" not in Path("/proc/net/udp").read_text():
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            text = failure(f'{PICTURES} location="srt://127.0.0.1:{port}?passphrase=wrong-secret"')
+        finally:
+            receiver.kill()
+    assert "no connection to a receiver: it refuses the passphrase; check" in text
+    assert "secret" not in text
+
+
+def test_a_wait_for_a_receiver_has_a_limit(port: int) -> None:
+    """A listener that nobody calls."""
+    text = failure(f'{PICTURES} timeout-s=0.5 location="srt://:{port}?mode=listener"')
+    assert "its reader has taken nothing for 0.5 s" in text
+    assert not senders(port)
+
+
+def test_ctrl_c_ends_a_wait_for_a_receiver(port: int) -> None:
+    """Within the second that a stop allows, whatever the limit; nothing is left running."""
+    text = f'{PICTURES} timeout-s=600 location="srt://:{port}?mode=listener"'
+    with subprocess.Popen(
+        [sys.executable, "-m", "streamkit", "launch", text], stderr=subprocess.DEVNULL
+    ) as process:
+        try:
+            deadline = time.monotonic() + patience(30)
+            while not senders(port):
+                assert time.monotonic() < deadline
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT)
+            process.wait(patience(10))
+        finally:
+            process.kill()
+    assert not senders(port)
+
+
+def test_what_cannot_be_written_starts_nothing(port: int) -> None:
+    """A stream that is refused before its first byte leaves no program that waits for the rest."""
+    stream = SrtStream(f"srt://127.0.0.1:{port}", ReaderWait())
+    stream.finish()
+    stream.abandon()
+    assert not senders(port)
+
+
+def test_no_program_is_told_before_playing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With what to install."""
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    pipeline = Pipeline.parse("videotestsrc ! videofilesink location=srt://drone:9000")
+    with pytest.raises(ElementFailure, match=r"install ffmpeg, or streamkit\[srt\]"):
+        pipeline.ready()
+    pipeline.stop()
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("reader")]
