@@ -17,7 +17,10 @@ from queue import SimpleQueue
 
 from streamkit import ResourceError, mask_secrets
 
-NONE_HERE = "SRT needs the program ffmpeg, and none with SRT is here; install ffmpeg, or streamkit[srt]"
+NONE_HERE = (
+    "SRT needs the program ffmpeg, and none with SRT can be run here (a bin with sandbox=true runs none); "
+    "install ffmpeg, or streamkit[srt]"
+)
 SPEAKER = re.compile(r"^\[\w+ @ \w+\] ")  # the part of FFmpeg that reports
 OPTIONS = re.compile(r"(?<=srt://)([^\s?]*)\?\S*")  # in an address, some of them secret
 REJECTED = re.compile(r"REJECT.*(?:passphrase|password)", re.IGNORECASE)

@@ -64,7 +64,7 @@ class SrtInput(LiveInput):
         except OSError as error:
             raise ResourceError(
                 f"{self.where}: the program ffmpeg does not start: {error.strerror or error}; "
-                "SRT needs it, also in a bin with sandbox=true"
+                "check that it runs"
             ) from None
         options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
         return open_container(self.location, options, format_name="mpegts", stream=self)
