@@ -19,6 +19,7 @@ from streamkit_media.doctor.examine import examine
 from streamkit_media.failures import AccessRefused, ConnectionLost
 from streamkit_media.live.ffmpegprogram import has_srt
 from streamkit_media.live.srtinput import SrtInput
+from tests.child_programs import programs_at
 from tests.waiting import next_state
 
 MARGIN_S = 5.0  # for a machine under load
@@ -58,21 +59,13 @@ def start_srt(clip: Path) -> Iterator[Start]:
 
 
 def calling(port: int, options: str = "") -> str:
-    """The URL of a sender that calls, for as long as nobody listens."""
+    """The URL of a sender that calls until there is a listener."""
     return f"srt://127.0.0.1:{port}?connect_timeout=30000{options}"
 
 
 def receivers(port: int) -> list[int]:
     """Processes that receive at a port, also such as have ended and are not reaped."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            words = (entry / "cmdline").read_bytes().split(b"\0") if entry.name.isdigit() else []
-        except OSError:
-            continue  # ended meanwhile
-        if b"pipe:1" in words and any(f":{port}".encode() in word for word in words):
-            found.append(int(entry.name))
-    return found
+    return programs_at(port, b"pipe:1")
 
 
 def is_left(port: int) -> bool:
@@ -220,7 +213,7 @@ def test_a_passphrase_that_cannot_be_one_is_not_shown(port: int) -> None:
 
 @pytest.mark.parametrize("mode", ["caller", "listener"])
 def test_nothing_there_ends_within_the_limit(port: int, mode: str) -> None:
-    """Nobody answers, or nobody calls."""
+    """There is no listener to call, or no caller comes."""
     began = time.monotonic()
     text = failure(f"srt://127.0.0.1:{port}?mode={mode}", "timeout-s=1")
     assert time.monotonic() - began < 1 + MARGIN_S

@@ -15,6 +15,7 @@ from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
 from streamkit.output.pipe import ReaderWait
 from streamkit_media.live.ffmpegprogram import has_srt
 from streamkit_media.recording.srtstream import SrtStream
+from tests.child_programs import programs_at
 from tests.slowness import patience
 from tests.waiting import next_state
 
@@ -32,15 +33,7 @@ pytestmark = [
 
 def senders(port: int) -> list[int]:
     """Processes that send to or from a port, also such as have ended and are not reaped."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            words = (entry / "cmdline").read_bytes().split(b"\0") if entry.name.isdigit() else []
-        except OSError:
-            continue  # ended meanwhile
-        if b"pipe:0" in words and any(f":{port}".encode() in word for word in words):
-            found.append(int(entry.name))
-    return found
+    return programs_at(port, b"pipe:0")
 
 
 def failure(text: str) -> str:
@@ -138,7 +131,7 @@ def test_a_wrong_passphrase_is_told_and_not_shown(port: int) -> None:
 
 
 def test_a_wait_for_a_receiver_has_a_limit(port: int) -> None:
-    """A listener that nobody calls."""
+    """A listener without a caller."""
     text = failure(f'{PICTURES} timeout-s=0.5 location="srt://:{port}?mode=listener"')
     assert "its reader has taken nothing for 0.5 s" in text
     assert not senders(port)
