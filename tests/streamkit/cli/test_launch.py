@@ -480,6 +480,21 @@ PROGRAMS = {
 }
 
 
+def output_with_threads(code: str, wanted: str | None) -> str:
+    """What Python prints where the user has set the number of threads of linear algebra, or has not."""
+    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    own = {} if wanted is None else {"OPENBLAS_NUM_THREADS": wanted}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=inherited | own,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    return done.stdout
+
+
 @pytest.mark.parametrize("program", PROGRAMS)
 @pytest.mark.parametrize(("wanted", "threads"), [(None, "1"), ("3", "3")])
 def test_blas_is_limited_to_one_thread(program: str, wanted: str | None, threads: str) -> None:
@@ -491,17 +506,7 @@ def test_blas_is_limited_to_one_thread(program: str, wanted: str | None, threads
         "square = np.ones((600, 600)) @ np.ones((600, 600))\n"
         "print(os.environ['OPENBLAS_NUM_THREADS'], len(os.listdir('/proc/self/task')))\n"
     )
-    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
-    own = {} if wanted is None else {"OPENBLAS_NUM_THREADS": wanted}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=inherited | own,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
-    reported, running = done.stdout.split()
+    reported, running = output_with_threads(code, wanted).split()
     assert reported == threads
     assert int(running) <= int(threads)
 
@@ -513,17 +518,7 @@ def test_blas_is_limited_in_a_program_that_has_imported_numpy(wanted: str | None
         "import numpy, threadpoolctl, streamkit\n"
         "print([found['num_threads'] for found in threadpoolctl.threadpool_info()])\n"
     )
-    inherited = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
-    own = {} if wanted is None else {"OPENBLAS_NUM_THREADS": wanted}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=inherited | own,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
-    assert done.stdout == f"[{min(limit, len(os.sched_getaffinity(0)))}]\n"
+    assert output_with_threads(code, wanted) == f"[{min(limit, len(os.sched_getaffinity(0)))}]\n"
 
 
 @pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full"])
