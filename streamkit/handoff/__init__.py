@@ -1,1 +1,1 @@
-"""How frames and work change threads: bounded queues that count what they hold and what they lose."""
+"""Queues by which frames and work change threads, which count what they lose; processes and their parents."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import subprocess
@@ -11,12 +10,12 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
+from streamkit.handoff.endwithparent import ending_with_parent
 from streamkit.restart_delay import FIRST_DELAY_S, RestartDelay
 from streamkit.service.signals import handling_signals
 
 RESTARTS_VARIABLE = "STREAMKIT_RESTARTS"  # number of restarts before this one
 CLEAN_EXITS = frozenset({0, 2})  # the end; a command that no restart makes right
-PR_SET_PDEATHSIG = 1
 # The command line, in a process of its own.
 STREAMKIT_COMMAND = (sys.executable, "-c", "from streamkit.cli.main import main; main()")
 
@@ -59,19 +58,10 @@ class Supervisor:
 
     def _run_once(self) -> int:
         """Runs the child to its end; its code, negative for a signal."""
-        parent = os.getpid()
-        libc = ctypes.CDLL(None)
-
-        def end_with_parent() -> None:
-            libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-            if os.getppid() != parent:
-                os._exit(1)
-
         child = subprocess.Popen(
-            self._command,
+            ending_with_parent(self._command, signal.SIGTERM),
             env={**os.environ, RESTARTS_VARIABLE: str(self.restarts)},
             start_new_session=True,  # Ctrl-C in a terminal reaches it once, from here
-            preexec_fn=end_with_parent,  # noqa: PLW1509  this process has one thread
         )
         self._child = child
         if self._stopping.is_set():  # the signal came before there was a child

@@ -31,7 +31,7 @@ ALLOWED = {
     "graph": {"masking", "errors", "flow", "element", "handoff", "crossing", "output", "restart_delay"},
     "testing": {"masking", "errors", "flow", "element", "graph"},
     "reader": {"masking", "errors", "flow", "element", "graph", "output"},
-    "service": {"masking", "errors", "flow", "graph", "restart_delay"},
+    "service": {"masking", "errors", "flow", "graph", "handoff", "restart_delay"},
     "__main__": {"cli"},
     "cli": {"masking", "errors", "flow", "element", "graph", "service", "handoff", "output"},
 }

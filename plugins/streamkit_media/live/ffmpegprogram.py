@@ -7,15 +7,14 @@ import re
 import selectors
 import shutil
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from queue import SimpleQueue
 
 from streamkit import ResourceError, mask_secrets
+from streamkit.handoff.endwithparent import ending_with_parent
 
 NONE_HERE = (
     "SRT needs the program ffmpeg, and none with SRT can be run here (a bin with sandbox=true runs none); "
@@ -24,7 +23,6 @@ NONE_HERE = (
 SPEAKER = re.compile(r"^\[\w+ @ \w+\] ")  # the part of FFmpeg that reports
 OPTIONS = re.compile(r"(?<=srt://)([^\s?]*)\?\S*")  # in an address, some of them secret
 REJECTED = re.compile(r"REJECT.*(?:passphrase|password)", re.IGNORECASE)
-END_WITH_PARENT = Path(__file__).with_name("endwithparent.py")
 LOOK_LIMIT_S = 5.0
 END_LIMIT_S = 0.3  # to close the connection, so that the other side need not wait for its own limit
 POLL_S = 0.1
@@ -107,7 +105,7 @@ class FfmpegProgram:
     ) -> None:
         try:
             child = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(END_WITH_PARENT), str(os.getpid()), *command],
+                ending_with_parent(command),
                 stdin=subprocess.PIPE if has_input else subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,

@@ -7,7 +7,6 @@ import functools
 import gc
 import os
 import resource
-import signal
 import socket
 import sys
 import traceback
@@ -16,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from streamkit.crossing.channel import Channel, ChannelClosed
-from streamkit.crossing.shared_memory import LIBC, map_numbers
+from streamkit.crossing.shared_memory import map_numbers
 from streamkit.crossing.values import ValueDecoder, ValueEncoder
 from streamkit.errors import ResourceError, StateError
 from streamkit.flow.messages import Message, MessageKind
@@ -40,9 +39,9 @@ from streamkit.graph.processes.orders import (
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.sandbox import enter_sandbox
 from streamkit.handoff.bounded_queue import POLL_S
+from streamkit.handoff.endwithparent import end_with_parent
 from streamkit.output.names import local_path
 
-PR_SET_PDEATHSIG = 1
 # These wait for elements: they run one after another in a thread of their own, the others at once.
 IN_ORDER = frozenset({"ready", "play", "pause", "flush", "stop"})
 
@@ -187,17 +186,6 @@ def readable_files(graph: Graph) -> Iterator[str]:
             yield str(path.parent)
 
 
-def end_with_parent(parent: int) -> None:
-    """Makes the kernel end this process when the parent dies, however that happens.
-
-    Raises:
-        StateError: it has died already.
-    """
-    LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:
-        raise StateError("the parent has ended")
-
-
 def private_bytes() -> int:
     """Memory of this process that counts for `RLIMIT_DATA`, and its stack."""
     with open("/proc/self/statm", encoding="ascii") as file:
@@ -206,7 +194,8 @@ def private_bytes() -> int:
 
 def main() -> None:
     """Runs a part of a pipeline; the arguments are the descriptor of the control channel and the parent."""
-    end_with_parent(int(sys.argv[2]))
+    if not end_with_parent(int(sys.argv[2])):
+        raise StateError("the parent has ended")
     faulthandler.enable()
     control = Channel(socket.socket(fileno=int(sys.argv[1])))
     try:
