@@ -14,8 +14,8 @@ import numpy as np
 from many_targets import Sequence, norfair, run
 from tracking_sequences import FloatArray, shared_data
 
-from streamkit_tracker.evaluation.readers import read_boxes
-from streamkit_tracker.evaluation.scores import Labelled, overlaps
+from streamkit_tracks.evaluation.readers import read_boxes
+from streamkit_tracks.evaluation.scores import Labelled, overlaps
 
 FOUND_OVERLAP = 0.3
 

@@ -25,8 +25,8 @@ from tracking_sequences import FloatArray, shared_data
 
 from streamkit import SHOWN_STATES, Detections, Frame, Pipeline, Tracks
 from streamkit.geometry.boxes import upright_sides
-from streamkit_tracker.evaluation.readers import read_truth
-from streamkit_tracker.evaluation.scores import Labelled, overlaps, score_identities
+from streamkit_tracks.evaluation.readers import read_truth
+from streamkit_tracks.evaluation.scores import Labelled, overlaps, score_identities
 from streamkit_video.dronetestsrc.truth import TrueTargets
 
 CHAIN = "stitch ! framediff ! particletrack ! appsink name=out"

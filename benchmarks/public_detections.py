@@ -20,7 +20,7 @@ from tracking_sequences import shared_data
 
 from streamkit import Pipeline
 from streamkit_differencer.detectionsrc import read_detections
-from streamkit_tracker.evaluation.command import score_files
+from streamkit_tracks.evaluation.command import score_files
 
 SEQUENCES = {"TUD-Stadtmitte": (179, 25), "KITTI-17": (145, 10), "MOT16-09": (525, 30)}
 QUANTILES = (0.0, 0.25, 0.5)

@@ -68,6 +68,8 @@ from streamkit.flow.metadata import Registration as Registration
 from streamkit.flow.metadata import Tracks as Tracks
 from streamkit.flow.record import TRACKS_CAPS as TRACKS_CAPS
 from streamkit.flow.record import TRACKS_SCHEMA as TRACKS_SCHEMA
+from streamkit.flow.record import MatchRecord as MatchRecord
+from streamkit.flow.record import RegistrationRecord as RegistrationRecord
 from streamkit.flow.record import TargetRecord as TargetRecord
 from streamkit.flow.record import TrackRecord as TrackRecord
 from streamkit.flow.record import decode_record as decode_record

@@ -2,6 +2,5 @@
 
 Algorithm modules work on plain arrays and need nothing of the engine. `tracker.MultiTargetTracker` is the
 entry point; `targets` holds the table of targets, on which one module per role works: `predict`, `associate`,
-`update`, `initiate`, `delete`, `report`. `appearance` reads windows and holds the templates. The commands in
-`evaluation` and `explanation` are imported by nothing that runs a pipeline.
+`update`, `initiate`, `delete`, `report`. `appearance` reads windows and holds the templates.
 """

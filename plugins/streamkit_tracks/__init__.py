@@ -1,5 +1,5 @@
 """Track records for other programs: files (JSON lines, MOT, CSV, GeoJSON, KML, MCAP) and Cursor-on-Target.
 
-`file_formats` and `cursor_on_target` take records as dictionaries with the fields of their JSON and need no
-streamkit.
+The commands for files of finished runs share `recorded_runs`: they list and convert targets (`command`), draw
+them (`report`), explain one (`explanation`), and score all against ground truth (`evaluation`).
 """

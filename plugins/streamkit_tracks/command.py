@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import shutil
-import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -20,29 +18,28 @@ from streamkit import (
     MessageKind,
     Pipeline,
     RecordFile,
-    ResourceError,
     StreamkitError,
     TrackState,
     exit_with_error,
     read_tracks,
-    write_remedy,
 )
-from streamkit.output.file import write_whole
-from streamkit.output.pipe import STANDARD_INPUT, STANDARD_OUTPUT, until_reader_leaves
+from streamkit.output.pipe import STANDARD_OUTPUT, until_reader_leaves
 from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.record_sink import require_library
+from streamkit_tracks.recorded_runs import (
+    RecordsOrStandardInput,
+    RunOption,
+    choose_run,
+    named_file,
+    note_cut_off,
+    reason,
+    write_output,
+)
 
 FileFormat = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
 FORMATS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
 ENDINGS = ", ".join(FORMATS)
-RecordsArgument = Annotated[
-    Path, typer.Argument(help="JSON lines from tracksink.", exists=True, dir_okay=False, readable=True)
-]
-RunOption = Annotated[
-    int | None, typer.Option(min=1, help="Of a file with several runs; without it, the last.")
-]
-
 CONFIRMED = TrackState.CONFIRMED.value
 
 
@@ -68,16 +65,7 @@ class TargetSummary(msgspec.Struct):
 
 
 def tracks(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="JSON lines from tracksink. - is the standard input.",
-            exists=True,
-            dir_okay=False,
-            readable=True,
-            allow_dash=True,
-        ),
-    ],
+    file: RecordsOrStandardInput,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON object for each target.")] = False,
 ) -> None:
     """Lists the targets of a finished run: when they were there, in which states, their size."""
@@ -87,8 +75,7 @@ def tracks(
             found = list_targets(records)
     except (OSError, StreamkitError) as error:
         exit_with_error(reason(error))
-    if records.is_cut_off:
-        typer.echo(f"note: the last line of {file} is only half written and left out", err=True)
+    note_cut_off(records, file)
     as_lines = [msgspec.json.encode(target).decode() for target in found] if as_json else table_lines(found)
     with until_reader_leaves():
         for line in as_lines:
@@ -132,26 +119,13 @@ def convert(
     sink = "mcapsink" if kind == "mcap" else f"tracksink format={kind} points={points}"
     try:
         with until_reader_leaves(), named_file(file) as path, json_lines(path) as records:
-            number = check_run(file, max((number for number, _ in RecordFile(records)), default=0), run)
+            number = choose_run(records, run, file)
             if kind == "parquet":
                 write_parquet(records, number, output)
             else:
                 write_records(records, number, sink, output)
     except (OSError, StreamkitError) as error:
         exit_with_error(reason(error))
-
-
-@contextlib.contextmanager
-def named_file(file: Path) -> Iterator[Path]:
-    """The file itself, or for - a temporary one with what the standard input has."""
-    if str(file) != STANDARD_INPUT:
-        yield file
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "standard-input.jsonl")
-        with path.open("wb") as copy:
-            shutil.copyfileobj(sys.stdin.buffer, copy)
-        yield path
 
 
 @contextlib.contextmanager
@@ -208,14 +182,6 @@ def write_parquet(file: Path, run: int, output: Path) -> None:
     write_output(output, found.getvalue())
 
 
-def write_output(path: Path, content: bytes) -> None:
-    """Writes a file, in place of an older one when it is whole; raises `ResourceError` where it cannot."""
-    try:
-        write_whole(path, content)
-    except OSError as error:
-        raise ResourceError(f"{path}: cannot be written: {error.strerror}{write_remedy(error)}") from error
-
-
 def list_targets(records: RecordFile) -> list[TargetSummary]:
     """The targets, by run and id."""
     found: dict[tuple[int, int], TargetSummary] = {}
@@ -249,21 +215,3 @@ def table_lines(found: list[TargetSummary]) -> list[str]:
         line = f"{target.id:>5} {first:>8} {last:>8} {target.states.total():>6} {size:>11} {counts}"
         lines.append(f"{target.run:>3} {line}" if several else line)
     return lines
-
-
-def check_run(file: Path, count: int, wanted: int | None) -> int:
-    """The number of the run to read of `count`, by default the last; exits where there is no such run."""
-    if not count:
-        exit_with_error(f"{file}: no record in it")
-    if wanted is not None and wanted > count:
-        exit_with_error(f"{file}: no run {wanted}, it has {count}")
-    if wanted is None and count > 1:
-        typer.echo(f"note: {file} has {count} runs, this is run {count}; see --run", err=True)
-    return wanted or count
-
-
-def reason(error: Exception) -> str:
-    """What an error says; of the system's with the file, and without its number."""
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}; check the path"
-    return str(error)

@@ -13,14 +13,20 @@ import typer
 from streamkit import (
     CONTAINER_ROUNDING_NS,
     Pipeline,
-    RecordFile,
     StreamError,
     StreamkitError,
     exit_with_error,
     read_statistics,
 )
 from streamkit.masking import presentable
-from streamkit_tracks.command import RecordsArgument, RunOption, check_run, reason, write_output
+from streamkit_tracks.recorded_runs import (
+    RecordsArgument,
+    RunOption,
+    choose_run,
+    reason,
+    records_of,
+    write_output,
+)
 from streamkit_tracks.report.page import build_page, cost_table
 from streamkit_tracks.report.run_data import RecordedRun, TargetPath
 
@@ -44,7 +50,9 @@ def report(
     if output.suffix.lower() not in PAGE_SUFFIXES:
         exit_with_error(f"--output must end in .html, got {output}; a browser prints it as PDF", code=2)
     try:
-        found = read_run(file, run)
+        found = RecordedRun()
+        for record in records_of(file, choose_run(file, run)):
+            found.add(record)
         costs = "" if stats is None else cost_table(read_statistics(stats))
         frame, crops = (b"", {}) if video is None else take_pictures(found, video)
         write_page(found, file.name, output, frame, crops, costs)
@@ -53,24 +61,6 @@ def report(
     except ImportError as error:
         exit_with_error(f"{error}; install the extra: pip install 'streamkit[report]'")
     typer.echo(f"wrote {output}")
-
-
-def read_run(file: Path, wanted: int | None) -> RecordedRun:
-    """A run of a file, by default the last; exits where there is no such run.
-
-    Raises:
-        OSError: the file cannot be read.
-        StreamError: a line is no track record.
-    """
-    found, number = RecordedRun(), 0
-    for run, record in RecordFile(file):
-        if wanted is None and run > number:
-            found = RecordedRun()
-        number = max(number, run)
-        if run == (wanted or number):
-            found.add(record)
-    check_run(file, number, wanted)
-    return found
 
 
 def write_page(

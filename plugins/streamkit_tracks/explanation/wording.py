@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from streamkit_tracker.explanation.history import FramePlace, Life, Moment, life, turns
+from streamkit import RegistrationRecord
+from streamkit_tracks.explanation.history import Life, Moment, life, turns
 
 MAX_LISTED = 6
 SILENT = "the file has no provenance: write it with tracksink provenance=true, behind particletrack"
@@ -87,7 +88,7 @@ def _distance_text(distance: float, gate: float) -> str:
     return f"{distance:.2f} deviations away ({inside})"
 
 
-def _place_text(place: FramePlace | None) -> str:
+def _place_text(place: RegistrationRecord | None) -> str:
     if place is None:
         return "none: the camera is taken to stand still"
     text = f"{place.status}, plane {place.reference}"

@@ -11,7 +11,8 @@ import typer
 from typer.testing import CliRunner, Result
 
 from streamkit import Pipeline
-from streamkit_tracker.explanation.command import explain
+from streamkit_tracker import associate
+from streamkit_tracks.explanation.command import GATE, explain
 
 STEP_NS = 40_000_000
 
@@ -212,3 +213,8 @@ def test_every_row_of_a_real_run_is_explained(tmp_path: Path) -> None:
             assert result.exit_code == 0
             assert "began on a detection" in result.stdout
             break
+
+
+def test_the_gate_is_that_of_the_tracker() -> None:
+    """Which has it squared."""
+    assert associate.GATE == GATE**2

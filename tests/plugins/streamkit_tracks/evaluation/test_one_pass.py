@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from streamkit_tracker.evaluation.scores import one_pass
+from streamkit_tracks.evaluation.scores import one_pass
 
 TRUTH = np.tile([10.0, 10, 20, 20], (4, 1))
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_tracker.evaluation.scores import Labelled, score_hota
+from streamkit_tracks.evaluation.scores import Labelled, score_hota
 
 Frames = Callable[..., list[Labelled]]
 

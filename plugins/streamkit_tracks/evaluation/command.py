@@ -10,9 +10,8 @@ from typing import Annotated
 
 import typer
 
-from streamkit import SHOWN_STATES, RecordFile, StreamError, exit_with_error
-from streamkit_tracker.evaluation.readers import (
-    Row,
+from streamkit import SHOWN_STATES, StreamError, exit_with_error
+from streamkit_tracks.evaluation.readers import (
     frames_of,
     frames_with_boxes,
     is_one_target,
@@ -24,7 +23,7 @@ from streamkit_tracker.evaluation.readers import (
     swap_sign,
     tracks_by_frame,
 )
-from streamkit_tracker.evaluation.scores import (
+from streamkit_tracks.evaluation.scores import (
     MIN_OVERLAP,
     Labelled,
     one_pass,
@@ -32,6 +31,7 @@ from streamkit_tracker.evaluation.scores import (
     score_identities,
     without_distractors,
 )
+from streamkit_tracks.recorded_runs import RunOption, choose_run, records_of
 
 
 def trackeval(
@@ -57,10 +57,7 @@ def trackeval(
         str | None,
         typer.Option(help="FIRST:LAST, from 1; without it, from the truth's first frame to its last."),
     ] = None,
-    run: Annotated[
-        int | None,
-        typer.Option(min=1, help="Of JSON lines with several runs; without it, the last."),
-    ] = None,
+    run: RunOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Scores tracks against ground truth: HOTA, MOTA and IDF1, or success and precision of one target.
@@ -101,31 +98,14 @@ def frame_range(text: str) -> tuple[int, int]:
 
 
 def read_run(path: Path, number: int | None) -> list[Labelled]:
-    """The tracks of one run of JSON lines for each frame from 1.
-
-    Args:
-        path: JSON lines from tracksink.
-        number: of the run, from 1; None is the last, and a note on the standard error output tells which.
-
-    Raises:
-        ValueError: there is no such run.
-        StreamError: a line is no track record.
-    """
-    runs: list[list[Row]] = [[]]
-    records = RecordFile(path)
-    for run, record in records:
-        if run > len(runs):
-            runs.append([])
-        shown = [target for target in record.tracks if target.state in SHOWN_STATES]
-        runs[run - 1] += [(record.seq + 1, target.id, sides(target.bbox)) for target in shown]
-    if number is not None and number > len(runs):
-        raise ValueError(f"{path}: no run {number}, it has {len(runs)}")
-    chosen = number or len(runs)
-    if number is None and len(runs) > 1:
-        typer.echo(f"note: {path} has {len(runs)} runs, this is run {chosen}; see --run", err=True)
-    if records.is_cut_off:
-        typer.echo(f"note: the last line of {path} is only half written and left out", err=True)
-    return tracks_by_frame(path, runs[chosen - 1])
+    """The tracks of one run of JSON lines for each frame from 1; raises as `choose_run`."""
+    rows = [
+        (record.seq + 1, target.id, sides(target.bbox))
+        for record in records_of(path, choose_run(path, number))
+        for target in record.tracks
+        if target.state in SHOWN_STATES
+    ]
+    return tracks_by_frame(path, rows)
 
 
 def score_files(
@@ -140,7 +120,7 @@ def score_files(
 
     Raises:
         ValueError: a file is not what it should be.
-        StreamError: a line is no track record.
+        StreamError: a line is no track record, or there is no such run.
     """
     found = read_tracks(tracks) if tracks.suffix in (".txt", ".csv") else read_run(tracks, run)
     if is_one_target(truth):

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from streamkit.geometry.homography import FloatArray
 from streamkit.geometry.track import SHOWN_STATES
-from streamkit_tracker.evaluation.scores import Labelled
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit_tracks.evaluation.scores import Labelled
 
 ONE_TARGET_COLUMNS, MOT_COLUMNS = 4, 6
 MOT_USED = 6  # column that says whether a ground truth box counts

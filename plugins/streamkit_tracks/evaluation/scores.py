@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from streamkit.geometry.boxes import box_iou
-from streamkit_tracker.window_geometry import FloatArray
+from streamkit.geometry.homography import FloatArray
 
 IdArray = NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from streamkit_tracker.evaluation.scores import Labelled
+from streamkit_tracks.evaluation.scores import Labelled
 
 
 @pytest.fixture(scope="session")

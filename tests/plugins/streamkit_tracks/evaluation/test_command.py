@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner, Result
 
-from streamkit_tracker.evaluation.command import trackeval
+from streamkit_tracks.evaluation.command import trackeval
 
 
 def run(*words: object) -> Result:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -12,14 +11,14 @@ from typing import Annotated, NamedTuple
 import msgspec
 import typer
 
-from streamkit import RecordFile, StreamError, TrackRecord, exit_with_error
-from streamkit.output.pipe import STANDARD_INPUT, until_reader_leaves
-from streamkit_tracker.associate import GATE
-from streamkit_tracker.explanation.history import FramePlace, Moment, Target, life, moment_at
-from streamkit_tracker.explanation.wording import explanation
+from streamkit import StreamError, TrackState, exit_with_error
+from streamkit.output.pipe import until_reader_leaves
+from streamkit_tracks.explanation.history import Moment, life, moment_at
+from streamkit_tracks.explanation.wording import explanation
+from streamkit_tracks.recorded_runs import RecordsOrStandardInput, choose_run, named_file, records_of
 
 MAX_NAMED = 12
-STANDARD_INPUT_FILE = Path("/dev/stdin")
+GATE = 4.0  # of particletrack, standard deviations
 
 
 class Question(NamedTuple):
@@ -31,16 +30,7 @@ class Question(NamedTuple):
 
 
 def explain(
-    tracks: Annotated[
-        Path,
-        typer.Argument(
-            help="JSON lines from tracksink; - is the standard input.",
-            exists=True,
-            dir_okay=False,
-            readable=True,
-            allow_dash=True,
-        ),
-    ],
+    tracks: RecordsOrStandardInput,
     moment: Annotated[
         str,
         typer.Argument(
@@ -65,10 +55,9 @@ def explain(
             f"{moment!r} must be ID@SECONDS or ID#FRAME, for example 7@2.4 or 7#60, or ID", code=2
         )
     try:
-        file = read_track(
-            STANDARD_INPUT_FILE if str(tracks) == STANDARD_INPUT else tracks, question.track, run
-        )
-    except (OSError, StreamError, ValueError) as error:
+        with named_file(tracks) as path:
+            file = read_track(path, question.track, run, tracks)
+    except (OSError, StreamError) as error:
         exit_with_error(str(error))
     index = _index(file, question, epoch)
     if index is None:
@@ -77,7 +66,7 @@ def explain(
         if as_json:
             typer.echo(msgspec.json.encode(_plain(question.track, file.moments, index)).decode())
             return
-        for line in explanation(question.track, file.moments, index, before, math.sqrt(GATE)):
+        for line in explanation(question.track, file.moments, index, before, GATE):
             typer.echo(line)
 
 
@@ -92,8 +81,6 @@ def read_question(text: str) -> Question | None:
 
 def absence(path: Path, file: TrackFile, question: Question) -> str:
     """Why there is nothing to explain, and what could be asked instead."""
-    if not file.frames:
-        return f"{path}: no record in it"
     if file.moments:
         first, last = file.moments[0], file.moments[-1]
         return (
@@ -121,46 +108,23 @@ class TrackFile:
     frames: int = 0
 
 
-def read_track(path: Path, number: int, run: int | None = None) -> TrackFile:
-    """Reads a file of JSON lines as `tracksink` writes it.
-
-    Args:
-        path: the file.
-        number: id of the track.
-        run: which run; None is the last that has the track, else the last, and a note on the standard error
-            output tells which of several it is.
+def read_track(path: Path, number: int, run: int | None = None, name: Path | None = None) -> TrackFile:
+    """Reads what a run of a file says about a track; by default the last run that has it.
 
     Raises:
-        OSError: the file cannot be read.
-        StreamError: a line is no track record; names file and line.
-        ValueError: there is no such run.
+        OSError, StreamError: see `choose_run`.
     """
-    runs, records = [TrackFile()], RecordFile(path)
-    for of_run, record in records:
-        if of_run > len(runs):
-            runs.append(TrackFile())
-        runs[of_run - 1].frames += 1
-        runs[of_run - 1].others |= {target.id for target in record.tracks if target.state == "confirmed"}
-        runs[of_run - 1].moments += [
-            _moment(record, target) for target in record.tracks if target.id == number
-        ]
-    if run is not None and run > len(runs):
-        raise ValueError(f"{path}: no run {run}, it has {len(runs)}")
-    with_track = [index for index, found in enumerate(runs, 1) if found.moments]
-    chosen = run or (with_track or [len(runs)])[-1]
-    if run is None and len(runs) > 1:
-        typer.echo(f"note: {path} has {len(runs)} runs, this is run {chosen}; see --run", err=True)
-    if records.is_cut_off:
-        typer.echo(f"note: the last line of {path} is only half written and left out", err=True)
-    return runs[chosen - 1]
-
-
-def _moment(record: TrackRecord, target: object) -> Moment:
-    seconds = None if record.pts_ns is None else record.pts_ns / 1e9
-    place = msgspec.convert(record.registration, FramePlace | None, from_attributes=True)
-    return Moment(
-        record.seq, record.epoch, seconds, place, msgspec.convert(target, Target, from_attributes=True)
-    )
+    found = TrackFile()
+    chosen = choose_run(path, run, name, lambda record: any(row.id == number for row in record.tracks))
+    for record in records_of(path, chosen):
+        found.frames += 1
+        seconds = None if record.pts_ns is None else record.pts_ns / 1e9
+        for target in record.tracks:
+            if target.state is TrackState.CONFIRMED:
+                found.others.add(target.id)
+            if target.id == number:
+                found.moments.append(Moment(record.seq, record.epoch, seconds, record.registration, target))
+    return found
 
 
 def _index(file: TrackFile, question: Question, epoch: int | None) -> int | None:
