@@ -96,10 +96,6 @@ class CameraInput(LiveInput):
             except OSError:  # closed meanwhile
                 continue
 
-    @override
-    def close(self) -> None:
-        """Nothing is held apart from the container."""
-
 
 def copied(packet: Packet[Stream]) -> Packet[Stream]:
     """A packet in memory of its own: the camera's is unmapped when its device is closed."""

@@ -9,44 +9,36 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from typing import cast
 
-from av.container import Flags, InputContainer
+from av.container import InputContainer
 from av.packet import Packet
 from av.stream import Stream
-from av.video.stream import VideoStream
 from typing_extensions import override
 
 from streamkit import SECOND_NS, ResourceError
-from streamkit_media.container import open_container
 from streamkit_media.failures import ConnectionLost, Silence
-from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
-from streamkit_media.live.liveinput import LIVE_OPTIONS, LiveInput
 from streamkit_media.live.recentpackets import RecentPackets
+from streamkit_media.live.transportinput import TransportInput
 from streamkit_media.live.transportpackets import TransportPackets
 from streamkit_media.streams import nanoseconds, read_packets
 from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, overflows, source_address
 
 POLL_S = 0.1
 NOTICE_S = 2.0  # how long a first connection waits before it reports what for
-NO_PARSE = cast("int", Flags.no_parse.value)
 DATAGRAM_BYTES = 1 << 16
 # Decoding times that fall by more, or rise by more and longer than silence may last, are of a new stream.
 RESTART_NS = 500_000_000
-# FFmpeg hands on a PES packet in pieces of 200 KB with its header, cut between transport packets.
-FULL_PIECE_BYTES = 200 * 1024 - 184
 
 
-class DatagramInput(LiveInput):
+class DatagramInput(TransportInput):
     """Receives a transport stream at a UDP port.
 
     Args:
-        location, timeout_s: see `LiveInput` and `source_address`.
+        location, timeout_s, low_latency: see `TransportInput` and `source_address`.
         counts: datagrams lost, overflowed (dropped by the kernel) and refused, over all connections.
         warn: called with a text when the kernel first drops datagrams.
         is_first: whether no connection was made before: it warns when nothing comes, a later one is reported
             as a retry.
-        low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
         before: the input that has ended, perhaps because the sender has begun another stream: its port and
             what has come of that stream are taken over.
     """
@@ -62,16 +54,13 @@ class DatagramInput(LiveInput):
         low_latency: bool,
         before: DatagramInput | None = None,
     ) -> None:
-        super().__init__(location, timeout_s)
+        super().__init__(location, timeout_s, low_latency=low_latency)
         self._counts, self._warn = counts, warn
-        self._low_latency = low_latency
         self._reports_absence = is_first  # until it has
         self._packets = TransportPackets(counts)
         self._receiver: socket.socket | None = None
-        self._held = b""
         self._recent = RecentPackets()
         self._begun_anew = b""  # what has come of the sender's next stream
-        self._failure: Silence | None = None
         self._overflowed = self._datagrams = 0
         self._has_come = False
         if before is not None and before._begun_anew:
@@ -88,26 +77,10 @@ class DatagramInput(LiveInput):
             except OSError as error:
                 raise ResourceError(f"{self.where}: the port cannot be used: {error}") from None
             self._receiver.settimeout(POLL_S)
-        options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
-        return open_container(self.location, options, format_name="mpegts", stream=self)
+        return super().open()
 
-    def read(self, size: int) -> bytes:
-        """Up to `size` bytes of the stream for FFmpeg, as soon as there are any; empty once it is ended.
-
-        Raises:
-            Silence: nothing has come within the limit.
-        """
-        if self._failure is not None:
-            return b""  # FFmpeg reads on after an error, and PyAV has kept the first to raise it
-        try:
-            held = self._held or self._next()
-        except Silence as failure:
-            self._failure = failure
-            raise
-        self._held = held[size:]
-        return held[:size]
-
-    def _next(self) -> bytes:
+    @override
+    def receive(self) -> bytes:
         """The transport packets of the next datagram that has some."""
         assert self._receiver is not None
         now_s = time.monotonic()
@@ -167,9 +140,8 @@ class DatagramInput(LiveInput):
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         """The packets until `cut`; raises `ConnectionLost` where the sender restarts."""
-        video = self.video_of(container)
-        packets = self._until_restart(read_packets(container, *streams), video)
-        return whole_frames(container, packets, video) if self._low_latency else packets
+        packets = self._until_restart(read_packets(container, *streams), self.video_of(container))
+        return self.frames(container, packets)
 
     def _until_restart(self, packets: Iterator[Packet[Stream]], video: Stream) -> Iterator[Packet[Stream]]:
         # FFmpeg takes a step back by more than a minute for a wrap of the 33 bits: it seems to go ahead.
@@ -194,24 +166,3 @@ class DatagramInput(LiveInput):
         """Closes the port that no other input takes over."""
         if self._receiver is not None:
             self._receiver.close()
-
-
-def whole_frames(
-    container: InputContainer, pieces: Iterator[Packet[Stream]], video: VideoStream
-) -> Iterator[Packet[Stream]]:
-    """The packets of a container opened with `UNPARSED`, in which a PES packet is a frame, or part of one.
-
-    Where it is several, or the codec is not known here, FFmpeg's parser takes over.
-    """
-    if can_be_joined(video):
-        units = AccessUnits(video, has_decoding_times=True)
-        for piece in pieces:
-            if piece.stream_index != video.index:
-                yield piece
-                continue
-            yield from units.add(piece, is_marked=piece.size <= FULL_PIECE_BYTES)
-            if units.has_several:
-                yield from units.drain()
-                break
-    container.flags &= ~NO_PARSE
-    yield from pieces

@@ -67,7 +67,6 @@ class LiveInput:
 
     def close(self) -> None:
         """Releases what `open` has acquired apart from the container; called in any case."""
-        raise NotImplementedError
 
 
 class UrlInput(LiveInput):

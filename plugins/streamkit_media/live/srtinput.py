@@ -11,12 +11,9 @@ from av.stream import Stream
 from typing_extensions import override
 
 from streamkit import ResourceError, mask_secrets
-from streamkit_media.container import open_container
 from streamkit_media.failures import AccessRefused, ConnectionLost, Silence
-from streamkit_media.live.accessunits import UNPARSED
-from streamkit_media.live.datagraminput import whole_frames
 from streamkit_media.live.ffmpegprogram import FfmpegProgram, srt_program
-from streamkit_media.live.liveinput import LIVE_OPTIONS, LiveInput
+from streamkit_media.live.transportinput import TransportInput
 from streamkit_media.streams import read_packets
 
 SRT = "srt"
@@ -39,22 +36,19 @@ def check_srt_address(location: str) -> None:
         raise ValueError("the host is missing; write srt://HOST:PORT, or srt://:PORT?mode=listener to wait")
 
 
-class SrtInput(LiveInput):
+class SrtInput(TransportInput):
     """Receives over SRT, as caller or as listener, in a child process that ends with the connection.
 
     Args:
         location: with the options of FFmpeg's srt protocol after its `?`.
-        timeout_s: see `LiveInput`.
-        low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
+        timeout_s, low_latency: see `TransportInput`.
     """
 
     def __init__(self, location: str, timeout_s: float, *, low_latency: bool) -> None:
-        super().__init__(location, timeout_s)
+        super().__init__(location, timeout_s, low_latency=low_latency)
         self.where = mask_secrets(location.partition("?")[0])  # what follows may be a secret to its end
-        self._low_latency = low_latency
         self._program: FfmpegProgram | None = None
-        self._held = b""
-        self._has_come = self._has_failed = False
+        self._has_come = False
 
     @override
     def open(self) -> InputContainer:
@@ -66,27 +60,10 @@ class SrtInput(LiveInput):
                 f"{self.where}: the program ffmpeg does not start: {error.strerror or error}; "
                 "check that it runs"
             ) from None
-        options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
-        return open_container(self.location, options, format_name="mpegts", stream=self)
+        return super().open()
 
-    def read(self, size: int) -> bytes:
-        """Up to `size` bytes of the stream for FFmpeg, as soon as there are any; empty once it is ended.
-
-        Raises:
-            Silence: nothing has come within the limit.
-            ResourceError: there is no connection.
-        """
-        if self._has_failed:
-            return b""  # FFmpeg reads on after an error, and PyAV has kept the first to raise it
-        try:
-            held = self._held or self._next()
-        except ResourceError:
-            self._has_failed = True
-            raise
-        self._held = held[size:]
-        return held[:size]
-
-    def _next(self) -> bytes:
+    @override
+    def receive(self) -> bytes:
         assert self._program is not None
         try:
             data = self._program.read(self.timeout_s, self.ended)
@@ -124,10 +101,7 @@ class SrtInput(LiveInput):
 
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
-        packets = read_packets(container, *streams)
-        yield from (
-            whole_frames(container, packets, self.video_of(container)) if self._low_latency else packets
-        )
+        yield from self.frames(container, read_packets(container, *streams))
         if not self.ended.is_set():
             raise ConnectionLost(
                 f"{self.where}: the other side has closed the connection; check that it still runs"
