@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 from urllib.parse import urlsplit
@@ -15,9 +16,8 @@ from streamkit.output.file import OutputFile
 from streamkit.output.names import is_network
 from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, standard_output
 from streamkit_media.failures import MEDIA_ERRORS
-from streamkit_media.live.ffmpegprogram import srt_program
 from streamkit_media.live.srtinput import SRT, check_srt_address
-from streamkit_media.recording.destination import Datagrams, Playlist
+from streamkit_media.recording.destination import Datagrams, Destination, Playlist
 from streamkit_media.recording.formats import FORMATS, PLAYLIST_FORMAT, ContainerFormat
 from streamkit_media.recording.packetwriter import Output
 from streamkit_media.recording.srtstream import SrtStream
@@ -29,6 +29,8 @@ PLAYLIST = ".m3u8"
 PLACES = (
     "location must be a file, - (the standard output), udp://HOST:PORT, srt://HOST:PORT or NAME.m3u8 (HLS)"
 )
+# Their checks, which raise `ValueError`.
+ADDRESSES: dict[str, Callable[[str], object]] = {SRT: check_srt_address, "udp": target_address}
 REMEDIES = dict.fromkeys(("rtsp", "rtsps"), "rtspclientsink pushes to an RTSP server")
 
 
@@ -56,8 +58,8 @@ class MediaOutput(OutputFileSink):
         return is_network(self.location)
 
     @property
-    def _is_srt(self) -> bool:
-        return urlsplit(self.location).scheme == SRT
+    def _scheme(self) -> str:
+        return urlsplit(self.location).scheme
 
     @override
     def is_file(self) -> bool:
@@ -72,14 +74,10 @@ class MediaOutput(OutputFileSink):
         if not self.is_sent:
             super().check_properties()
             return
-        scheme = urlsplit(self.location).scheme
         try:
-            if scheme == SRT:
-                check_srt_address(self.location)
-            elif scheme == "udp":
-                target_address(self.location)
-            else:
-                raise ValueError(REMEDIES.get(scheme, PLACES))
+            if self._scheme not in ADDRESSES:
+                raise ValueError(REMEDIES.get(self._scheme, PLACES))
+            ADDRESSES[self._scheme](self.location)
         except ValueError as error:
             # The location stands last: with a secret at its end, what follows would be masked, too.
             raise PropertyError(f"{self.name}: {error}; got location={mask_secrets(self.location)}") from None
@@ -92,11 +90,9 @@ class MediaOutput(OutputFileSink):
             raise ResourceError(
                 "location=- is a terminal, which shows no video; write it to a program: ... | ffplay -"
             )
-        if self._is_srt:
-            srt_program()
-        elif self.is_sent:
+        if self.is_sent:
             with self.reported():
-                Datagrams(self.location, self._lose).finish()
+                self._sender().finish()
 
     def container(self) -> ContainerFormat:
         """The container by the location."""
@@ -111,15 +107,19 @@ class MediaOutput(OutputFileSink):
             segment_ns: length of a playlist's segments; 0 is the usual one.
             count: of segments that are kept; 0 keeps all.
         """
-        if self._is_srt:
-            url = f"{SRT}{self.location[len(SRT) :]}"  # the program knows small letters only
-            return SrtStream(url, ReaderWait(self.timeout_s, self.stopping, self.waiting))
         if self.is_sent:
-            return Datagrams(self.location, self._lose)
+            return self._sender()
         if not self.is_playlist:
             return self.open_file()
         continues = self.if_exists == "continue"
         return Playlist(self.next_path(), (segment_ns or SEGMENT_NS) / SECOND_NS, count, continues=continues)
+
+    def _sender(self) -> Destination:
+        """What sends to the location; it connects with the first bytes."""
+        if self._scheme != SRT:
+            return Datagrams(self.location, self._lose)
+        url = f"{SRT}{self.location[len(SRT) :]}"  # the program knows small letters only
+        return SrtStream(url, ReaderWait(self.timeout_s, self.stopping, self.waiting))
 
     def _lose(self, reason: str) -> None:
         """Counts a datagram that could not be sent, and warns of the first."""
