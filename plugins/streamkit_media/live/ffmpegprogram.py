@@ -10,8 +10,8 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from functools import cache
-from queue import SimpleQueue
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
 
 from streamkit import ResourceError, mask_secrets
 from streamkit.handoff.endwithparent import ending_with_parent
@@ -80,42 +80,26 @@ class FfmpegProgram:
 
     def __init__(self, command: Sequence[str], *, has_input: bool = False) -> None:
         self._said = b""  # to its standard error since the last bytes of its output
-        # The kernel ends it with the thread that has started it: that one must live as long as it is used.
-        self._closed = threading.Event()
-        started = SimpleQueue[subprocess.Popen[bytes] | Exception]()
-        self._keeper = threading.Thread(
-            target=self._keep, args=(command, has_input, started), name="ffmpeg", daemon=False
+        # The kernel ends it with the thread that has started it: that one lives until `close`.
+        self._starter = ThreadPoolExecutor(1, "ffmpeg")
+        start = partial(
+            subprocess.Popen[bytes],
+            ending_with_parent(command),
+            stdin=subprocess.PIPE if has_input else subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C in a terminal ends the pipeline, which ends it
         )
-        self._keeper.start()
-        child = started.get()
-        if isinstance(child, Exception):
-            raise child
-        self._child = child
+        try:
+            self._child = self._starter.submit(start).result()
+        except OSError:
+            self._starter.shutdown()
+            raise
         self._selector = selectors.DefaultSelector()
         for pipe in (self._child.stdout, self._child.stderr):
             assert pipe is not None
             self._selector.register(pipe, selectors.EVENT_READ)
         self._output = self._child.stdout
-
-    def _keep(
-        self,
-        command: Sequence[str],
-        has_input: bool,
-        started: SimpleQueue[subprocess.Popen[bytes] | Exception],
-    ) -> None:
-        try:
-            child = subprocess.Popen(
-                ending_with_parent(command),
-                stdin=subprocess.PIPE if has_input else subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C in a terminal ends the pipeline, which ends it
-            )
-        except Exception as error:  # raised in the thread that waits
-            started.put(error)
-            return
-        started.put(child)
-        self._closed.wait()
 
     def read(self, limit_s: float, ended: threading.Event) -> bytes:
         """The next bytes of its output as soon as there are any; empty at its end, or once `ended` is set.
@@ -188,5 +172,4 @@ class FfmpegProgram:
         for pipe in (self._child.stdin, self._child.stdout, self._child.stderr):
             if pipe is not None:
                 pipe.close()
-        self._closed.set()
-        self._keeper.join()
+        self._starter.shutdown()
