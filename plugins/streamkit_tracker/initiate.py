@@ -44,8 +44,11 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
     """
     rows, settings = table.rows, table.settings
     hits_needed = min(settings.birth_hits, settings.birth_window)
+    candidates = np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0)).tolist()
+    if not candidates:
+        return
     lasts = table.survival.probabilities() > LIKELY
-    for index in np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0)).tolist():
+    for index in candidates:
         model = table.models[index]
         position = observation.centroids[rows["detection"][index]]
         model.trail = extended(model.trail, position)
