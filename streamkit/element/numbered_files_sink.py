@@ -8,6 +8,7 @@ from typing import ClassVar
 from streamkit.element.older_files import IfExists
 from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.property import Property
+from streamkit.element.settings_of import SettingsOf
 from streamkit.output.names import local_path
 from streamkit.output.retention import Retention, RetentionLimits
 
@@ -25,21 +26,14 @@ class NumberedFilesSink(OutputFileSink):
         IfExists.CONTINUE,
         doc="Older files: refuse them, continue their numbers (one file: refuse it), or replace them.",
     )
-    max_files: int = Property(0, min=0, doc="Complete files kept; older ones are deleted. 0 keeps all.")
-    max_total_size: int = Property(
-        0, min=0, unit="bytes", doc="Size of the complete files kept; older ones are deleted. 0 is no limit."
-    )
-    max_age: int = Property(
-        0, min=0, unit="s", doc="Complete files kept: how long; older ones are deleted. 0 is no limit."
-    )
+    retention_limits = SettingsOf(RetentionLimits)
 
     def start(self) -> None:
         """Checks the name, and reads which files of earlier runs may be deleted."""
         super().start()
-        limits = RetentionLimits(self.max_files, self.max_total_size, self.max_age)
         pattern = local_path(self.location)
-        ledger = pattern.with_name(f".{pattern.name}.written")
-        self._retention = Retention(limits, pattern.parent, ledger if self.remembers_earlier_runs else None)
+        ledger = pattern.with_name(f".{pattern.name}.written") if self.remembers_earlier_runs else None
+        self._retention = Retention(self.retention_limits, pattern.parent, ledger)
 
     def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
         """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""

@@ -9,25 +9,25 @@ from pathlib import Path
 
 import msgspec
 
+from streamkit.settings import setting
+
 
 @dataclass(frozen=True)
 class RetentionLimits:
-    """Limits of the files kept; 0 is no limit.
+    """Limits of the complete files kept."""
 
-    Attributes:
-        files: number of files.
-        total_bytes: sum of their sizes, bytes.
-        age_s: age since completion, s.
-    """
-
-    files: int = 0
-    total_bytes: int = 0
-    age_s: float = 0.0
+    max_files: int = setting(0, min=0, doc="Complete files kept; older ones are deleted. 0 keeps all.")
+    max_total_size: int = setting(
+        0, min=0, unit="bytes", doc="Size of the complete files kept; older ones are deleted. 0 is no limit."
+    )
+    max_age: int = setting(
+        0, min=0, unit="s", doc="Complete files kept: how long; older ones are deleted. 0 is no limit."
+    )
 
     @property
     def is_limited(self) -> bool:
         """Whether there is a limit."""
-        return bool(self.files or self.total_bytes or self.age_s)
+        return bool(self.max_files or self.max_total_size or self.max_age)
 
 
 class WrittenFile(msgspec.Struct, frozen=True):
@@ -78,9 +78,9 @@ class Retention:
         files.append(WrittenFile(path.name, found.st_ino, size, now_s, arrivals))
         self._total += size
         while len(files) > 1 and (
-            (limits.files and len(files) > limits.files)
-            or (limits.total_bytes and self._total > limits.total_bytes)
-            or (limits.age_s and now_s - files[0].time_s > limits.age_s)
+            (limits.max_files and len(files) > limits.max_files)
+            or (limits.max_total_size and self._total > limits.max_total_size)
+            or (limits.max_age and now_s - files[0].time_s > limits.max_age)
         ):
             self._delete(files[0])
             self._total -= files.popleft().size

@@ -20,7 +20,7 @@ ALLOWED = {
     "masking": set(),
     "settings": set(),
     "restart_delay": set(),
-    "output": set(),
+    "output": {"settings"},
     "geometry": set(),
     "errors": {"masking"},
     "flow": {"masking", "errors", "geometry"},

@@ -208,7 +208,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
                 f"{self.location}: one file holds one format, and {caps.name} of another comes now; "
                 "give the name a number, flight-%05d.ts"
             )
-        file = self.open_output(self.max_size_time, self.max_files)
+        file = self.open_output(self.max_size_time, self.retention_limits.max_files)
         try:
             self._writer = PacketWriter(file, self.container(), caps, with_klv="klv" in self.pads)
         except BaseException:

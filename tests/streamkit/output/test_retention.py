@@ -17,10 +17,10 @@ def _written(folder: Path, number: int) -> Path:
     ("limits", "kept"),
     [
         (RetentionLimits(), "012345"),
-        (RetentionLimits(files=2), "45"),
-        (RetentionLimits(total_bytes=350), "345"),
-        (RetentionLimits(age_s=10), "45"),
-        (RetentionLimits(total_bytes=1), "5"),
+        (RetentionLimits(max_files=2), "45"),
+        (RetentionLimits(max_total_size=350), "345"),
+        (RetentionLimits(max_age=10), "45"),
+        (RetentionLimits(max_total_size=1), "5"),
     ],
 )
 def test_limits(tmp_path: Path, limits: RetentionLimits, kept: str) -> None:
@@ -34,7 +34,7 @@ def test_limits(tmp_path: Path, limits: RetentionLimits, kept: str) -> None:
 def test_files_of_others_are_never_deleted(tmp_path: Path) -> None:
     """Neither one that existed before, nor one with the name of a deleted one."""
     (tmp_path / "old.ts").write_bytes(b"x")
-    retention = Retention(RetentionLimits(files=1), tmp_path)
+    retention = Retention(RetentionLimits(max_files=1), tmp_path)
     retention.add(_written(tmp_path, 0), 0.0)
     replaced = tmp_path / "new"
     replaced.write_bytes(b"another")
@@ -46,7 +46,7 @@ def test_files_of_others_are_never_deleted(tmp_path: Path) -> None:
 
 def test_the_ledger_knows_files_of_earlier_runs(tmp_path: Path) -> None:
     """And their companions; a ledger that was cut short is read as far as it goes."""
-    ledger, limits = tmp_path / ".x.written", RetentionLimits(files=2)
+    ledger, limits = tmp_path / ".x.written", RetentionLimits(max_files=2)
     for number in range(4):
         companion = tmp_path / f"{number}.arrivals"
         companion.touch()
