@@ -34,6 +34,7 @@ from streamkit.errors import ResourceError as ResourceError
 from streamkit.errors import StateError as StateError
 from streamkit.errors import StreamError as StreamError
 from streamkit.errors import StreamkitError as StreamkitError
+from streamkit.errors import needs_extra as needs_extra
 from streamkit.errors import write_remedy as write_remedy
 from streamkit.flow.caps import ANY as ANY
 from streamkit.flow.caps import Caps as Caps

@@ -20,9 +20,10 @@ Each message says where, the rule, what it got, and the remedy.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 
 from streamkit.masking import presentable, star_secrets
@@ -184,6 +185,24 @@ class StartCancelled(StateError):
 
 class ResourceError(StreamkitError, OSError):
     """A file, address or device that cannot be used."""
+
+
+@contextlib.contextmanager
+def needs_extra(user: str, extra: str) -> Iterator[None]:
+    """Context in which what needs a library of an extra is imported or runs.
+
+    Args:
+        user: who needs it, in words.
+        extra: of streamkit, that installs it.
+
+    Raises:
+        ResourceError: the library is not installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        missing = f"{user} needs {error.name or error}, which is not installed"
+        raise ResourceError(f"{missing}; install it with: pip install 'streamkit[{extra}]'") from error
 
 
 class StreamError(ResourceError):

@@ -21,12 +21,12 @@ from streamkit import (
     StreamkitError,
     TrackState,
     exit_with_error,
+    needs_extra,
     read_tracks,
 )
 from streamkit.output.pipe import STANDARD_OUTPUT, until_reader_leaves
 from streamkit_tracks.file_formats import KINDS
 from streamkit_tracks.file_readers import MISSING, READERS, write_lines
-from streamkit_tracks.record_sink import require_library
 from streamkit_tracks.recorded_runs import (
     RecordsOrStandardInput,
     RunOption,
@@ -173,8 +173,9 @@ def write_parquet(file: Path, run: int, output: Path) -> None:
     Raises:
         ResourceError: pyarrow is not installed, or the file cannot be written.
     """
-    parquet = require_library("convert", "pyarrow.parquet", "pyarrow", "parquet")
-    arrow = require_library("convert", "pyarrow", "pyarrow", "parquet")
+    with needs_extra("convert", "parquet"):
+        import pyarrow as arrow
+        from pyarrow import parquet
     rows = read_tracks(file)
     rows = rows[rows["run"] == run]
     found = io.BytesIO()

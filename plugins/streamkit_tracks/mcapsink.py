@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from typing_extensions import override
 
-from streamkit import TRACKS_SCHEMA, Frame, Property, TrackRecord, encode_record
-from streamkit_tracks.record_sink import RecordFileSink, require_library
+from streamkit import TRACKS_SCHEMA, Frame, Property, TrackRecord, encode_record, needs_extra
+from streamkit_tracks.record_sink import RecordFileSink
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -38,13 +38,15 @@ class McapSink(RecordFileSink):
     @override
     def start(self) -> None:
         super().start()
-        self._mcap = require_library("mcapsink", "mcap.writer", "mcap", "mcap")
+        with needs_extra("mcapsink", "mcap"):
+            from mcap.writer import Writer
+        self._open_writer: Any = Writer
 
     @override
     def begin(self) -> None:
         super().begin()
         assert self.file is not None
-        self._writer: Any = self._mcap.Writer(PositionedWriter(self.file))
+        self._writer: Any = self._open_writer(PositionedWriter(self.file))
         self._writer.start(profile="", library="streamkit")
         schema = self._writer.register_schema(TRACKS_SCHEMA, "jsonschema", _json_schema())
         self._channel = self._writer.register_channel(self.topic, "json", schema)

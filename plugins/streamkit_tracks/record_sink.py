@@ -1,26 +1,9 @@
 """RecordFileSink: base of sinks that write track records to a file."""
 
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from streamkit import Frame, OutputFileSink, Property, RecordTally, ResourceError, TrackRecord, track_record
+from streamkit import Frame, OutputFileSink, Property, RecordTally, TrackRecord, track_record
 from streamkit.output.pipe import STANDARD_OUTPUT
-
-
-def require_library(element: str, module: str, library: str, extra: str) -> Any:
-    """Imports a module of an optional library.
-
-    Raises:
-        ResourceError: the library is not installed.
-    """
-    try:
-        return import_module(module)
-    except ImportError:
-        raise ResourceError(
-            f"{element} needs the library {library}, which is not installed; "
-            f"install it with: pip install 'streamkit[{extra}]'"
-        ) from None
 
 
 class RecordFileSink(OutputFileSink):

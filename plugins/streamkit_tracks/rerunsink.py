@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from typing_extensions import override
 
-from streamkit import SHOWN_STATES, Frame, Property, TrackRecord
+from streamkit import SHOWN_STATES, Frame, Property, TrackRecord, needs_extra
 from streamkit.geometry.homography import project
-from streamkit_tracks.record_sink import RecordFileSink, require_library
+from streamkit_tracks.record_sink import RecordFileSink
 
 APPLICATION = "streamkit"
 
@@ -37,7 +37,9 @@ class RerunSink(RecordFileSink):
     @override
     def start(self) -> None:
         super().start()
-        self._rerun = require_library("rerunsink", "rerun", "rerun-sdk", "rerun")
+        with needs_extra("rerunsink", "rerun"):
+            import rerun
+        self._rerun: Any = rerun
 
     @override
     def begin(self) -> None:

@@ -9,6 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from streamkit.errors import needs_extra
+
 PMTILES_MAGIC = b"PMTiles\x03"
 TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 PIXEL_LIMIT = 200_000_000
@@ -44,6 +46,7 @@ def read_basemap(path: Path) -> Basemap:
 
     Raises:
         InvalidBasemap: the file is neither, or its place on the earth is unknown.
+        ResourceError: a library for GeoTIFF is not installed.
     """
     try:
         with path.open("rb") as file:
@@ -73,13 +76,9 @@ def _corners(path: Path) -> tuple[tuple[float, float], ...]:
 
     Source: OGC GeoTIFF standard 1.1, 19-008r4, sections 7.1 and B.6.
     """
-    try:
+    with needs_extra(f"{path}: a GeoTIFF", "geo"):
         import pyproj
         import tifffile
-    except ImportError as error:
-        raise InvalidBasemap(
-            f"{path}: a GeoTIFF needs {error.name}, which is not installed: pip install 'streamkit[geo]'"
-        ) from None
     try:
         with tifffile.TiffFile(path) as tiff:
             page = tiff.pages.first

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from streamkit import choose_source, exit_with_error
+from streamkit import ResourceError, choose_source, exit_with_error, needs_extra
 
 if TYPE_CHECKING:
     from streamkit_view.server import ViewServer
@@ -58,10 +58,8 @@ def view(
     A video file, a camera's URL or a finished run is played by the ready pipeline, in a process of its own,
     from the moment when the page is opened. Exit code 2 for a wrong argument, 1 if the page cannot be served.
     """
-    try:
+    with needs_extra("the page", "view"):
         from streamkit_view.session import run_server
-    except ImportError as error:
-        exit_with_error(f"the page needs {error.name}, which is not installed: pip install 'streamkit[view]'")
     from streamkit_view.access import LOG, Access
     from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.locations import is_source
@@ -78,7 +76,7 @@ def view(
         )
     try:
         base = None if basemap is None else read_basemap(basemap)
-    except InvalidBasemap as error:
+    except (InvalidBasemap, ResourceError) as error:
         _refuse(f"--basemap {error}")
     host, bound = _bind(listen)
     token = secrets.token_urlsafe(24)

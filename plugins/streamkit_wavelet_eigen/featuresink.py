@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
 
-from streamkit import Detections, Features, FeatureSpace, Frame, OutputFileSink, ResourceError, StreamError
+from streamkit import (
+    Detections,
+    Features,
+    FeatureSpace,
+    Frame,
+    OutputFileSink,
+    StreamError,
+    needs_extra,
+)
 from streamkit.output.file import OutputFile
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import rotated_boxes
@@ -159,13 +167,9 @@ class FeatureSink(OutputFileSink):
     def start(self) -> None:
         self._writer = None
         super().start()
-        try:
-            if self.location.lower().endswith(".parquet"):
+        if self.location.lower().endswith(".parquet"):
+            with needs_extra(f"location={self.location}", "parquet"):
                 load_parquet()  # here, as it would delay the first save
-        except ImportError as error:
-            raise ResourceError(
-                f"location={self.location}: parquet needs pyarrow; install streamkit[parquet] or write .npz"
-            ) from error
 
     @override
     def begin(self) -> None:

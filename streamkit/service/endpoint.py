@@ -6,13 +6,12 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from streamkit.errors import ResourceError
+from streamkit.errors import ResourceError, needs_extra
 from streamkit.service.monitor import Monitor
 
 if TYPE_CHECKING:
     from wsgiref.types import StartResponse, WSGIEnvironment
 
-INSTALL = "metrics need the package prometheus-client; install streamkit[metrics]"
 PLAIN = ("Content-Type", "text/plain; charset=utf-8")
 
 
@@ -31,13 +30,11 @@ class MetricsEndpoint:
     """
 
     def __init__(self, monitor: Monitor, address: str) -> None:
-        try:
+        with needs_extra("metrics", "metrics"):
             from prometheus_client import CollectorRegistry, PlatformCollector, ProcessCollector
             from prometheus_client import make_wsgi_app as metrics_app
 
             from streamkit.service.metrics import PipelineCollector
-        except ImportError as error:
-            raise ResourceError(INSTALL) from error
         monitor.samples_ages = True
         registry = CollectorRegistry()
         registry.register(PipelineCollector(monitor))

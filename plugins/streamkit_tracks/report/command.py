@@ -16,6 +16,7 @@ from streamkit import (
     StreamError,
     StreamkitError,
     exit_with_error,
+    needs_extra,
     read_statistics,
 )
 from streamkit.masking import presentable
@@ -58,8 +59,6 @@ def report(
         write_page(found, file.name, output, frame, crops, costs)
     except (OSError, StreamkitError) as error:
         exit_with_error(reason(error))
-    except ImportError as error:
-        exit_with_error(f"{error}; install the extra: pip install 'streamkit[report]'")
     typer.echo(f"wrote {output}")
 
 
@@ -69,10 +68,10 @@ def write_page(
     """Writes the page.
 
     Raises:
-        ImportError: matplotlib is not installed.
-        ResourceError: the page cannot be written.
+        ResourceError: matplotlib is not installed, or the page cannot be written.
     """
-    from streamkit_tracks.report.figures import draw_figures
+    with needs_extra("the report", "report"):
+        from streamkit_tracks.report.figures import draw_figures
 
     page = build_page(run, title, draw_figures(run), frame, crops, costs)
     write_output(output, page.encode())

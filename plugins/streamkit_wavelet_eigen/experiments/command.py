@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from streamkit import exit_with_error
+from streamkit import exit_with_error, needs_extra
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,23 +48,23 @@ def experiments(
         folder = data_folder(data)
         output.mkdir(parents=True, exist_ok=True)
         typer.echo("running; each part says when it is done, the first takes minutes", err=True)
-        results = run_all(
-            folder,
-            follow_target,
-            repetitions=repetitions,
-            tracking_runs=tracking_runs,
-            workers=workers,
-            report=report,
-        )
+        with needs_extra("streamkit experiments", "experiments"):
+            results = run_all(
+                folder,
+                follow_target,
+                repetitions=repetitions,
+                tracking_runs=tracking_runs,
+                workers=workers,
+                report=report,
+            )
         text = json.dumps(results, indent=1) + "\n"
         (output / "paper-tables.json").write_text(text, encoding="utf-8")
         (output / "paper-tables.md").write_text(page(results), encoding="utf-8")
         if plots:
-            draw_figure_3(results, output / "paper-figure-3.svg")
+            with needs_extra("--plots", "experiments"):
+                draw_figure_3(results, output / "paper-figure-3.svg")
     except (MissingData, OSError) as error:
         exit_with_error(str(error))
-    except ImportError as error:
-        exit_with_error(f"{error}; install the extra: pip install 'streamkit[experiments]'")
     typer.echo(f"{output / 'paper-tables.md'}, .json{' and figure 3' if plots else ''} written")
 
 
