@@ -155,7 +155,7 @@ class KeyframeAnchor:
         """Places a frame of unknown motion by features of the newest keyframes, then of the likeliest.
 
         The matching keyframe becomes current, and its plane, too. A frame of a video continues another plane
-        only where it is `ok` there; else it is adrift: it starts a plane, which ties may join to that one.
+        only where it is `ok` there; else it is elsewhere: it starts a plane, which ties may join to that one.
 
         Args:
             images: the frame and its halvings.
@@ -179,7 +179,7 @@ class KeyframeAnchor:
                 if not (is_elsewhere and is_video and found.std > OK_STD):
                     self.keyframes.activate(keyframe)
                     return found
-                other = replace(found, match=None, is_recognised=False, is_adrift=True)
+                other = replace(found, match=None, is_recognised=False, is_elsewhere=True)
         return other
 
     def _place_recognised(

@@ -24,6 +24,7 @@ class Placement:
         change: float64[3, 3], old plane to new, where another keyframe took over or was adjusted, else None.
         field_error: how far the fields of an interlaced frame are from an even motion, px.
         is_adrift: whether the place on this plane is unknown, so that no keyframe may be made of it.
+        is_elsewhere: whether features show another plane, on which the place is not certain enough.
     """
 
     to_reference: FloatArray
@@ -36,6 +37,7 @@ class Placement:
     change: FloatArray | None = None
     field_error: float = 0.0
     is_adrift: bool = False
+    is_elsewhere: bool = False
 
     @property
     def is_trusted(self) -> bool:

@@ -20,11 +20,10 @@ from streamkit_stitcher.plane.frame_registration import OK_STD, FrameRegistratio
 from streamkit_stitcher.plane.keyframe_content import LEVELS, scene_level
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
 from streamkit_stitcher.plane.keyframes import KeyframeMatch
-from streamkit_stitcher.plane.motion_prediction import MotionPredictor
+from streamkit_stitcher.plane.localisation import Localisation
 from streamkit_stitcher.plane.placement import Placement, placed
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
-from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
 from streamkit_stitcher.registration.combing import field_error
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
@@ -34,14 +33,8 @@ from streamkit_stitcher.registration.pairwise import (
 )
 from streamkit_stitcher.registration.patches import pyramid
 
-_MAX_LOST: Final = 25
-# Growth of the predicted error with each lost frame, px.
-_LOST_STD: Final = 1.0
 _STILL_SHIFT: Final = 0.2
 _ADOPT_AFTER: Final = 10
-# Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
-_FREQUENT_TRIES: Final = 4
-_RARE_PERIOD: Final = 16
 
 
 class FrameRegistrar:
@@ -74,8 +67,6 @@ class FrameRegistrar:
     def __init__(self, settings: PlaneSettings) -> None:
         self._settings = settings
         self._planes = Planes(settings)
-        self._previous: FrameRegistration | None = None
-        self._std_before = 0.0  # predicted error of the previous frame, px
         self._footage = Footage()
         self._reset((0, 0))
 
@@ -85,14 +76,13 @@ class FrameRegistrar:
         self._level = working_level(shape, self._settings.registration_width)
         self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
         self._last: WorkingImage | None = None
-        self._motion = MotionPredictor(shape)
+        self._place = Localisation(shape)
         self._footage.restart()
-        self._lost = self._unmeasured = self._since_key = 0
-        self._is_adrift = False
+        self._since_key = 0
 
     def restart(self) -> None:
         """Starts a new plane with the next frame, unrelated to the previous ones."""
-        if self._previous is not None:
+        if self._shape != (0, 0):
             self._planes.leave()
         self._reset(self._shape)
 
@@ -147,13 +137,13 @@ class FrameRegistrar:
                 self._planes.adopt(anchor, change)
         before, near = self._planes.before, None
         # After a lost frame the place is not known well enough.
-        if not self._motion.predicted:
-            near = anchor.match_near(images, before, self._std_before, self._motion.expected(before))
+        if not self._place.was_lost:
+            near = anchor.match_near(images, before, self._place.std, self._place.expected(before))
         if near is not None and near.share >= SURE_SHARE:
             found = placed(anchor.keyframes.active, near)
             has_jumped = is_jump(normalised(inverse(before) @ found.to_reference), self._shape)
             if self._footage.continues(has_jumped):
-                self._is_adrift = False
+                self._place.is_adrift = False
                 return self._accept(images, image, anchor, replace(found, is_due=has_jumped))
         if image.is_blank:
             return self._predict()
@@ -168,36 +158,33 @@ class FrameRegistrar:
         near: KeyframeMatch | None,
     ) -> FrameRegistration:
         """Registers a frame that the current keyframe does not match where it is expected."""
-        motion = self._motion_since(last, image)
-        predicted = self._predicted_by(motion)
+        place, motion = self._place, self._motion_since(last, image)
+        predicted = place.predicted_by(motion, self._planes.before, self._planes.last_to_plane)
         is_photograph = self._is_photograph(last, image, motion)
-        found = anchor.place(images, near, predicted, self._std_before, is_photograph)
-        was_adrift, self._is_adrift = self._is_adrift, self._is_place_unknown(found, motion)
+        found = anchor.place(images, near, predicted, place.std, is_photograph)
         # Frames that continue each other at an unknown place: a cut was not noticed.
-        is_elsewhere = was_adrift and self._is_adrift and predicted.is_trusted and self._footage.is_calm
-        if is_elsewhere or (found.match is None and (is_photograph or self._is_search_due(motion))):
-            recognised = self._recognise(images, anchor) or found
-            is_elsewhere |= recognised.is_adrift and self._footage.is_calm
-            # Where it is adrift, its place is on another plane.
-            found = found if recognised.is_adrift else recognised
+        is_elsewhere = place.stays_adrift(found, motion) and predicted.is_trusted and self._footage.is_calm
+        if is_elsewhere or (found.match is None and (is_photograph or place.is_search_due(motion))):
+            recognised = self._recognise(images, anchor)
+            if recognised is not None and recognised.is_elsewhere:
+                is_elsewhere |= self._footage.is_calm
+            else:
+                found = recognised or found
         is_placed = (found.match is not None or motion.model is not None) and not is_elsewhere
         if is_placed or found.is_recognised:
             # Photographs are all keyframes: the more of them are tied, the straighter is the survey.
             is_due = is_photograph or found.is_due
-            found = replace(found, motion=motion, is_due=is_due, is_adrift=self._is_adrift)
+            found = replace(found, motion=motion, is_due=is_due, is_adrift=place.is_adrift)
             return self._accept(images, image, anchor, found)
-        self._lost += 1
-        self._unmeasured += 1
         is_cut = motion.is_cut and self._footage.is_abrupt(image)
-        if is_cut or is_photograph or is_elsewhere or self._lost > _MAX_LOST:
+        if place.lose() or is_cut or is_photograph or is_elsewhere:
             self.restart()
             return self._start_plane(images, image)
         return self._predict()
 
     def _begin_shape(self, shape: tuple[int, int]) -> None:
         """Ends all planes, as frames have another size from now on."""
-        if self._shape != (0, 0):
-            self.restart()
+        self.restart()
         self._planes.retire()
         self._reset(shape)
 
@@ -206,59 +193,34 @@ class FrameRegistrar:
         if image.is_blank:
             return self._predict()
         self._planes.start(images, self._level)
-        self._last = image
+        self._last, self._place = image, Localisation(self._shape)
         status = RegistrationStatus.OK if self._planes.number == 0 else RegistrationStatus.CUT
         return self._publish(IDENTITY, IDENTITY, status, Placement(IDENTITY, 0.0, is_keyframe=True), True)
 
     def _motion_since(self, last: WorkingImage, image: WorkingImage) -> PairwiseMotion:
         """The motion of the corners since the last frame that was not lost."""
-        expected = self._motion.expected(self._planes.before)
-        guess = normalised(inverse(self._planes.last_to_plane) @ expected)
+        guess = normalised(inverse(self._planes.last_to_plane) @ self._place.expected(self._planes.before))
         limits = self._settings.limits
-        reach = min(1.0, limits.max_step * (1 + self._motion.predicted))
+        reach = min(1.0, limits.max_step * self._place.steps)
         return register(last, image, guess, replace(limits, max_step=reach))
-
-    def _predicted_by(self, motion: PairwiseMotion) -> Placement:
-        """Where the motion of the corners leads, or that of the frames before where it is unknown."""
-        if motion.model is None:
-            expected = self._motion.expected(self._planes.before)
-            return Placement(expected, _LOST_STD + self._std_before, motion=motion)
-        to_plane = normalised(self._planes.last_to_plane @ motion.matrix)
-        return Placement(to_plane, motion.corner_std(self._shape) + self._std_before, motion=motion)
 
     def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
         """Whether a frame that no keyframe matches is one."""
         continues = motion.model is not None and not is_jump(motion.matrix, self._shape)
         return not continues and self._footage.is_photograph(last, image)
 
-    def _is_place_unknown(self, found: Placement, motion: PairwiseMotion) -> bool:
-        """Whether a frame may lie farther off than ties can correct.
-
-        A single step may be off by so much; then the place stays unknown until a match is better.
-        """
-        most = MAX_DRIFT * self._shape[1]
-        return found.std > most and (self._is_adrift or motion.corner_std(self._shape) > most)
-
-    def _is_search_due(self, motion: PairwiseMotion) -> bool:
-        """Whether features are compared with those of the keyframes.
-
-        Where the motion is known but keyframes never match, as over relief, the tries become rarer.
-        """
-        is_rare = motion.model is not None and self._unmeasured > _FREQUENT_TRIES
-        return motion.is_cut or self._unmeasured % (_RARE_PERIOD if is_rare else 2) == 0
-
     def _recognise(self, images: Sequence[GreyArray], anchor: KeyframeAnchor) -> Placement | None:
         """Places a frame by features; the plane of the matching keyframe becomes current.
 
         A frame that lies far from the one before it, whose place was known, is a photograph.
         """
-        is_previous_known = self._motion.predicted == 0 and self._std_before <= MAX_DRIFT * self._shape[1]
+        is_previous_known = self._place.is_known
         found = anchor.recognise(images, is_previous_known, self._footage.is_video)
-        if found is None or found.is_adrift:
+        if found is None or found.is_elsewhere:
             return found
         if anchor.keyframes.plane != self._planes.number:
             self._planes.leave(anchor.keyframes.plane)
-            self._motion = MotionPredictor(self._shape)
+            self._place.leave_plane()
         step = normalised(inverse(self._planes.before) @ found.to_reference)
         is_photograph = is_previous_known and not self._planes.has_jumped and is_jump(step, self._shape)
         self._footage.recognised(is_photograph)
@@ -289,18 +251,16 @@ class FrameRegistrar:
         if status is RegistrationStatus.CUT:
             to_previous = IDENTITY
             self._planes.change = self._planes.rebase = None
-        self._motion.update(to_previous)
-        self._lost = 0
-        self._unmeasured = 0 if is_measured else self._unmeasured + 1
+        self._place.place(to_previous, found.std, is_measured)
         return self._publish(to_previous, to_reference, status, found, is_measured)
 
     def _status(self, to_previous: FloatArray, found: Placement) -> RegistrationStatus:
         """How reliable a placed frame is."""
         if self._planes.has_jumped:
             return RegistrationStatus.CUT
-        steady = self._previous is not None and self._previous.status is not RegistrationStatus.LOST
+        steady = not self._place.was_lost
         # Errors of successive frames are alike: the motion between the two is as certain as either.
-        is_step_certain = not steady or self._std_before <= OK_STD
+        is_step_certain = not steady or self._place.std <= OK_STD
         if found.match is None or found.std > OK_STD or not is_step_certain:
             return RegistrationStatus.WEAK
         is_still = steady and corner_shift(to_previous, self._shape) < _STILL_SHIFT
@@ -308,12 +268,9 @@ class FrameRegistrar:
 
     def _predict(self) -> FrameRegistration:
         """Publishes a lost frame at its predicted homography."""
-        before = self._planes.before
-        expected = self._motion.expected(before)
-        self._motion.predicted += 1
-        to_previous = normalised(inverse(before) @ expected)
-        std = self._std_before + corner_shift(to_previous, self._shape) + _LOST_STD
-        return self._publish(to_previous, expected, RegistrationStatus.LOST, Placement(expected, std))
+        found = self._place.lost_place(self._planes.before)
+        to_previous = normalised(inverse(self._planes.before) @ found.to_reference)
+        return self._publish(to_previous, found.to_reference, RegistrationStatus.LOST, found)
 
     def _publish(
         self,
@@ -326,7 +283,8 @@ class FrameRegistrar:
         planes = self._planes
         matches, inliers, rmse = found.counts
         active = None if planes.anchor is None else planes.anchor.keyframes.active
-        self._previous = FrameRegistration(
+        planes.before = to_reference
+        return FrameRegistration(
             to_previous,
             to_reference,
             planes.number,
@@ -343,5 +301,3 @@ class FrameRegistrar:
             rebase=planes.rebase,
             opens_plane=planes.has_opened,
         )
-        planes.before, self._std_before = to_reference, found.std
-        return self._previous

@@ -283,5 +283,5 @@ def test_a_video_does_not_continue_another_plane_by_a_match_in_a_corner(
     anchor.keyframes.plane = 1
     anchor.add(other(ground), IDENTITY)
     found = anchor.recognise(frame, False, is_video)
-    assert (found.is_adrift, found.is_recognised) == (is_video, not is_video)
+    assert (found.is_elsewhere, found.is_recognised) == (is_video, not is_video)
     assert anchor.keyframes.plane == (1 if is_video else 0)

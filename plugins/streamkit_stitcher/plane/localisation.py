@@ -1,0 +1,111 @@
+"""How well the place of a stream's frames is known, and what is tried where it is lost."""
+
+from typing import Final
+
+from streamkit.geometry.homography import FloatArray, corner_shift, inverse, normalised
+from streamkit_stitcher.plane.motion_prediction import MotionPredictor
+from streamkit_stitcher.plane.placement import Placement
+from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
+from streamkit_stitcher.registration.pairwise import PairwiseMotion
+
+_MAX_LOST: Final = 25
+# Growth of the predicted error with each lost frame, px.
+_LOST_STD: Final = 1.0
+# Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
+_FREQUENT_TRIES: Final = 4
+_RARE_PERIOD: Final = 16
+
+
+class Localisation:
+    """The place of the previous frame, how well it is known, and where the next one is expected.
+
+    A frame is measured, where a keyframe matches, or placed by its motion alone, or lost. Frames are adrift,
+    their place unknown, from a step that may be off by more than ties correct until a match is better.
+
+    Args:
+        shape: (height, width) of the frames, px.
+
+    Attributes:
+        std: predicted error of the previous frame at the worst corner, px.
+        is_adrift: whether the place is unknown, so that no keyframe may be made of a frame.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape, self._max_drift = shape, MAX_DRIFT * shape[1]
+        self._motion = MotionPredictor(shape)
+        self._lost = self._unmeasured = 0
+        self.std = 0.0
+        self.is_adrift = False
+
+    @property
+    def was_lost(self) -> bool:
+        """Whether the place of the previous frame is a prediction."""
+        return self._motion.predicted > 0
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the previous frame had a place that ties could correct."""
+        return not self.was_lost and self.std <= self._max_drift
+
+    @property
+    def steps(self) -> int:
+        """Steps from the last frame that was not lost to the next one."""
+        return 1 + self._motion.predicted
+
+    def expected(self, before: FloatArray) -> FloatArray:
+        """The homography of the next frame, float64[3, 3], after that of the previous one."""
+        return self._motion.expected(before)
+
+    def predicted_by(
+        self, motion: PairwiseMotion, before: FloatArray, last_to_plane: FloatArray
+    ) -> Placement:
+        """Where the motion of the corners leads, or that of the frames before where it is unknown.
+
+        Args:
+            motion: since the last frame that was not lost.
+            before: float64[3, 3], the previous frame to the plane.
+            last_to_plane: float64[3, 3], the last frame that was not lost to the plane.
+        """
+        if motion.model is None:
+            return Placement(self.expected(before), _LOST_STD + self.std, motion=motion)
+        to_plane = normalised(last_to_plane @ motion.matrix)
+        return Placement(to_plane, motion.corner_std(self._shape) + self.std, motion=motion)
+
+    def lost_place(self, before: FloatArray) -> Placement:
+        """The predicted place of a frame that is lost."""
+        expected = self.expected(before)
+        self._motion.predicted += 1
+        self.std += corner_shift(normalised(inverse(before) @ expected), self._shape) + _LOST_STD
+        return Placement(expected, self.std)
+
+    def stays_adrift(self, found: Placement, motion: PairwiseMotion) -> bool:
+        """Notes whether the place of a frame is unknown; returns whether that of the last one was, too."""
+        was_adrift = self.is_adrift
+        is_step_doubtful = was_adrift or motion.corner_std(self._shape) > self._max_drift
+        self.is_adrift = found.std > self._max_drift and is_step_doubtful
+        return was_adrift and self.is_adrift
+
+    def is_search_due(self, motion: PairwiseMotion) -> bool:
+        """Whether features are compared with those of the keyframes.
+
+        Where the motion is known but keyframes never match, as over relief, the tries become rarer.
+        """
+        is_rare = motion.model is not None and self._unmeasured > _FREQUENT_TRIES
+        return motion.is_cut or self._unmeasured % (_RARE_PERIOD if is_rare else 2) == 0
+
+    def lose(self) -> bool:
+        """Counts a frame that nothing places; whether they are so many that a plane begins."""
+        self._lost += 1
+        self._unmeasured += 1
+        return self._lost > _MAX_LOST
+
+    def place(self, to_previous: FloatArray, std: float, is_measured: bool) -> None:
+        """Notes the motion of a placed frame, float64[3, 3], and its predicted error, px."""
+        self._motion.update(to_previous)
+        self.std = std
+        self._lost = 0
+        self._unmeasured = 0 if is_measured else self._unmeasured + 1
+
+    def leave_plane(self) -> None:
+        """Forgets the motion: the next frame lies on another plane."""
+        self._motion = MotionPredictor(self._shape)
