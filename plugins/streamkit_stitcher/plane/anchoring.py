@@ -17,15 +17,15 @@ from streamkit_stitcher.plane.loop_closure import tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.placement import Placement, placed
 from streamkit_stitcher.plane.settings import PlaneSettings
+from streamkit_stitcher.registration.dense_alignment import MIN_AGREEMENT
 from streamkit_stitcher.registration.descriptors import FrameFeatures, describe
 from streamkit_stitcher.registration.motion_models import MotionModel
 
 # Patches that agree, as a part of those in view, which no mover can outvote.
 _DOMINANT: Final = 0.75
-# Share of the contrast that agrees with the keyframe above which nothing else is tried, and the least (other
-# scenes: at most 0.028 in 132 pairs). Between them, as after motion blur, the tilt may be wrong.
+# Share of the contrast that agrees with the keyframe above which nothing else is tried. Between the least and
+# this, as after motion blur, the tilt may be wrong.
 SURE_SHARE: Final = 0.2
-_MIN_SHARE: Final = 0.06
 # The motion of the corners replaces the expected one where so many times more of the area agrees with it.
 _MIN_SHARE_RATIO: Final = 2.0
 # A new keyframe is tied to the keyframes that it overlaps most, this many, by at least this part.
@@ -145,7 +145,7 @@ class KeyframeAnchor:
             std = self._std_to_active(before_std)
             proposed = self._dense.match_from(active, images[self._level], to_key, std)
             near = proposed if proposed.share > _MIN_SHARE_RATIO * near.share else near
-        if near is not None and near.share >= _MIN_SHARE:
+        if near is not None and near.share >= MIN_AGREEMENT:
             return placed(active, near)
         return self._revisit(images, predicted) or predicted
 

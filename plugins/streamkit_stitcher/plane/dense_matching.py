@@ -17,6 +17,7 @@ from streamkit.geometry.homography import (
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import MIN_CORNER_STD, Keyframe, KeyframeMatch
+from streamkit_stitcher.plane.rest import RestBelief, RestEvidence
 from streamkit_stitcher.registration.block_sums import SingleArray
 from streamkit_stitcher.registration.dense_alignment import (
     ELSEWHERE,
@@ -29,23 +30,18 @@ from streamkit_stitcher.registration.tilt import TiltRatio
 
 _CACHED: Final = 3
 _FIRST_DEVIATION: Final = 2.0
-_FIRST_REST_SHARE: Final = 0.7
 # Not less, however steady the camera is: errors of successive frames are alike, and do not average out.
 _MIN_DEVIATION: Final = 0.3
 _MAX_DEVIATION: Final = 8.0
 _GAIN: Final = 0.1
-# Frames after which the first belief that the camera rests counts half, and memory of whether it did.
-_FIRST_FRAMES: Final = 10
-_REST_GAIN: Final = 0.02
 _OUTLIER: Final = 3.0
 # Part by which a camera that has rested at the keyframe is preferred there beyond what the frame shows.
 _PERSISTENCE: Final = 0.5
 # Difference of textures that are alike but for noise. Larger ones are due to movers and leaves, which bend
 # the motion: they do not average out.
 _NOISE_RMSE: Final = 0.17
-# Error of the worst corner that each frame is tested for, px, and frames over which tests add up at rest.
+# Error of the worst corner that each frame is tested for, px.
 _DOUBTED: Final = 2.0
-_MEMORY: Final = 300
 _SAME: Final = 1e-6
 # Blocks stand for patches of the keyframe, with numbers beyond those of patches and features.
 _FIRST_BLOCK: Final = 1 << 19
@@ -64,8 +60,8 @@ class DenseMatcher:
         self._textures: tuple[SingleArray, ...] = ()
         self._deviation = _FIRST_DEVIATION
         self._covariance, self._std = np.zeros((8, 8)), 0.0
-        self._rest_share, self._seen = _FIRST_REST_SHARE, 0
-        self._resting = _RestEvidence()
+        self._rest = RestBelief()
+        self._resting = RestEvidence()
         self._tilt = TiltRatio()
 
     def match(
@@ -97,7 +93,8 @@ class DenseMatcher:
             self._textures_of(small),
             predictions,
             prior,
-            self._rest_share,
+            self._rest.share,
+            shakes=self._rest.shakes,
             tilt=self._tilt,
             doubted=_DOUBTED / factor,
         )
@@ -106,7 +103,7 @@ class DenseMatcher:
             self._tilt.learn(levels[-1], found.key_to_frame, found.tilt, found.tilt_variances)
         was_at_rest = self._resting.keyframe == keyframe.index and np.allclose(before, IDENTITY, atol=_SAME)
         if not (found.at_rest and was_at_rest):
-            self._resting = _RestEvidence(keyframe.index)
+            self._resting = RestEvidence(keyframe.index)
         return self._match_of(found, keyframe, before_std, self._resting.add(found.evidence))
 
     def match_from(
@@ -130,7 +127,7 @@ class DenseMatcher:
             tilt=self._tilt,
             doubted=_DOUBTED / factor,
         )
-        return self._match_of(found, keyframe, before_std, _RestEvidence().add(found.evidence))
+        return self._match_of(found, keyframe, before_std, RestEvidence().add(found.evidence))
 
     def _textures_of(self, small: GreyArray) -> tuple[SingleArray, ...]:
         """The textures of a frame, computed once however often it is matched."""
@@ -161,7 +158,7 @@ class DenseMatcher:
         """The predicted error at the worst corner, px: of the fit, and of motions that cannot be excluded."""
         std = found.corner_std * factor
         if found.at_rest:
-            std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest_share)
+            std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest.share)
         else:
             std *= (found.rmse / _NOISE_RMSE) ** 2
         # A wrong motion is off by as much as the search reaches.
@@ -178,38 +175,13 @@ class DenseMatcher:
         return self._covariance + np.diag((self._deviation**2 + doubt) * STEP_RATIOS**2)
 
     def _learn(self, found: DenseAlignment) -> None:
-        self._seen += 1
-        gain = max(_REST_GAIN, 1 / (_FIRST_FRAMES + self._seen))
-        self._rest_share += gain * (found.at_rest - self._rest_share)
+        self._rest.learn(found)
         # Expectation maximisation: without evidence the posterior is the prior, and nothing is learned.
         squares = (found.step**2 + np.diag(found.covariance) - np.diag(self._covariance)) / STEP_RATIOS**2
         size = float(np.clip(squares[:4].mean(), 0.0, (_OUTLIER * self._deviation) ** 2))
         deviation = np.sqrt((1 - _GAIN) * self._deviation**2 + _GAIN * size)
         self._deviation = float(np.clip(deviation, _MIN_DEVIATION, _MAX_DEVIATION))
         self._covariance, self._std = found.covariance, found.corner_std
-
-
-class _RestEvidence:
-    """Evidence that a camera is where its frames are held, over the frames that it rested at one place.
-
-    Args:
-        keyframe: number of the keyframe that it is compared with.
-    """
-
-    def __init__(self, keyframe: int = -1) -> None:
-        self.keyframe = keyframe
-        self._sum, self._variance = np.zeros(8), 0.0
-
-    def add(self, evidence: FloatArray) -> float:
-        """Adds a frame's `DenseAlignment.evidence`; returns the probability that another motion is right.
-
-        Movers that hide the scene speak against the truth for some frames; a camera that drifts off does so
-        in every frame from then on.
-        """
-        kept = 1 - 1 / _MEMORY
-        self._sum, self._variance = kept * self._sum + evidence, kept**2 * self._variance + 1
-        deviations = float(self._sum.min()) / math.sqrt(self._variance)
-        return math.erfc(deviations / math.sqrt(2)) / 2
 
 
 def _levels(content: KeyframeContent) -> tuple[DenseLevel, ...]:

@@ -39,6 +39,7 @@ class DenseAlignment:
         blocks: int64[k], numbers of the blocks that agree.
         compared: number of blocks in view.
         at_rest: whether `key_to_frame` is exactly the first prediction, which explains the frame as well.
+        near_rest: whether the first prediction explains the frame about as well.
         away: distance of the first prediction from the best motion at the worst corner, px.
         rmse: root mean square difference of the textures.
         tilt: float64[4], shear and perspective that this frame alone shows, see `tilt_of`.
@@ -54,6 +55,7 @@ class DenseAlignment:
     blocks: npt.NDArray[np.int64]
     compared: int
     at_rest: bool
+    near_rest: bool
     away: float
     rmse: float
     tilt: FloatArray
@@ -61,6 +63,8 @@ class DenseAlignment:
     evidence: FloatArray
 
 
+# Agreement below which it may be chance (other scenes: at most 0.028 in 132 pairs).
+MIN_AGREEMENT: Final = 0.06
 _AGREEING: Final = 0.5
 # Rest must reach this share of the best agreement, within so many deviations (squared) of
 # the best motion, which 0.2 % of eight parameters exceed by chance; both where it is no surer than others,
@@ -114,6 +118,7 @@ def align_densely(
     predictions: Sequence[FloatArray],
     covariance: FloatArray,
     rest_share: float | None = None,
+    shakes: bool = False,
     tilt: TiltRatio | None = None,
     doubted: float = 2.0,
 ) -> DenseAlignment:
@@ -132,6 +137,7 @@ def align_densely(
         rest_share: share of the latest frames that the first prediction explained, 0 to 1. It is kept where
             it explains the frame about as well as any motion; the larger the share, the less well is enough.
             None to prefer no prediction.
+        shakes: whether the camera moves about the first prediction: it is not kept then.
         tilt: how much the camera tilts as it moves; None if that is unknown.
         doubted: error of the worst corner that the result is tested for, px.
 
@@ -140,12 +146,13 @@ def align_densely(
     """
     finest, image, tilt = levels[-1], textures[-1], tilt or TiltRatio()
     best = _best(levels, textures, predictions, covariance, tilt)
-    at_rest, motion, compared = False, best.motion, best.compared
+    near_rest, motion, compared = False, best.motion, best.compared
     if rest_share is not None:
         resting = finest.compare(image, predictions[0])
-        at_rest = _is_rest(finest, predictions[0], resting, best, rest_share)
-        if at_rest:
-            motion, compared = predictions[0], resting
+        near_rest = _is_rest(finest, predictions[0], resting, best, rest_share)
+    at_rest = near_rest and not shakes
+    if at_rest:
+        motion, compared = predictions[0], resting
     neighbours = finest.neighbours(doubted)
     evidence = _evidence(finest, image, motion, compared, neighbours)
     # One frame of movers does not outweigh many at rest.
@@ -157,7 +164,7 @@ def align_densely(
         confirmed = _evidence(finest, image, moved.motion, moved.compared, neighbours)
         # Where the scene is hidden, a motion that agrees by chance has better ones beside it, too.
         if confirmed.min() > 0:
-            best, at_rest, evidence = moved, False, confirmed
+            best, at_rest, near_rest, evidence = moved, False, False, confirmed
             motion, compared = moved.motion, moved.compared
     return DenseAlignment(
         motion,
@@ -168,6 +175,7 @@ def align_densely(
         np.flatnonzero(compared.weights > _AGREEING),
         int(np.count_nonzero(compared.visible)),
         at_rest,
+        near_rest,
         corner_shift(inverse(predictions[0]) @ best.motion, finest.shape),
         float(np.sqrt(compared.variance)),
         best.tilt(finest),

@@ -1,5 +1,6 @@
 """Dense matching with a keyframe: what a camera at rest is believed, and when no longer."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -47,6 +48,18 @@ def test_a_camera_at_rest_is_sure_behind_movers(keyframe, scene):
     """Half of the frame shows the scene where it was."""
     found = deviations(keyframe, (hidden(scene, seed, 80) for seed in range(10)))
     assert (found[1:] < OK_STD).all()
+
+
+def test_a_camera_that_shakes_about_one_place_is_not_taken_to_rest_there(keyframe, ground):
+    """Each frame lies so near its keyframe that rest explains it behind leaves, but not all of them."""
+    matcher, errors, shakes = DenseMatcher(), [], []
+    for seed in range(40):
+        moved = translation(np.random.default_rng(seed).normal(0.0, 0.6, 2))
+        view = cv2.warpPerspective(ground, translation(np.array([-300.0, -300.0])) @ moved, SHAPE[::-1])
+        match = matcher.match(keyframe, hidden(view, seed, 80), np.eye(3), 0.3, np.eye(3))
+        errors.append(corner_shift(match.fit.matrix @ moved, SHAPE))
+        shakes.append(corner_shift(moved, SHAPE))
+    assert np.median(errors[20:]) < 0.4 * np.median(shakes[20:])
 
 
 def test_a_frame_that_shows_nothing_known_is_not_believed(keyframe, scene):
