@@ -73,6 +73,7 @@ def write_image(image: ImageArray, path: Path, geo: Georeference | None = None) 
     Raises:
         OSError: the image is too large for the format, or the file cannot be written.
     """
+    # OpenCV encodes to a path that ends in the format's suffix, without a copy of the file in memory.
     partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
