@@ -4,7 +4,7 @@ python benchmarks/fleet.py actors [--feeds 2]    frames a CPU second: actors, an
 python benchmarks/fleet.py batch [--clips 40]    wall time: a batch on two cores, and two plain processes
 python benchmarks/fleet.py kills [--kills 50]    a feed's process killed: until it is ready again; memory
 python benchmarks/fleet.py node                  a node of two killed under four feeds
-python benchmarks/fleet.py scale [--feeds 40]    fake feeds: start, status, rolling apply, end
+python benchmarks/fleet.py scale [--feeds 40] [--sharing 1]    fake feeds: start, status, apply, end
 python benchmarks/fleet.py seams [--flights 3]   tracks of a file in parts, and of the same file whole
 """
 
@@ -163,7 +163,7 @@ def kill_often(kills: int) -> None:
             raylet = node.all_processes["raylet"][0].process.pid
             pages = int(Path(f"/proc/{raylet}/statm").read_text().split()[1])
             memory_mb.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
-        control.stop(["f"])
+        control.stop(control.running())
     print(f"{kills} kills: ready again after {median(took_s):.2f} s (median), {max(took_s):.2f} s (most)")
     print(f"raylet: {memory_mb[0]:.0f} MB after the first, {memory_mb[-1]:.0f} MB after the last")
 
@@ -192,28 +192,41 @@ def kill_node() -> None:
         cluster.shutdown()
 
 
-def scale(feeds: int) -> None:
-    """Fake feeds, each a process; every second one changes."""
+def scale(feeds: int, sharing: int) -> None:
+    """Fake feeds, so many in each process; those of every second process change."""
     with connected(None, cores=2):
-        table = {
-            f"f{n}": FeedSpec(text=FAKE, set={"name": "a"}, cores=0.001, metrics="") for n in range(feeds)
-        }
+        fake = FeedSpec(text=FAKE, set={"name": "a"}, cores=0.001, metrics="")
+        table = {f"f{n}": structs.replace(fake, process=f"p{n // sharing}") for n in range(feeds)}
+        began_s = time.monotonic()
         control.apply(table)
-        print(f"{feeds} feeds: ready after {wait_until(lambda: all_ready(feeds)):.1f} s")
+        wait_until(lambda: all_ready(feeds))
+        print(f"{feeds} feeds, {sharing} in a process: ready after {time.monotonic() - began_s:.1f} s")
+        print(f"memory of the processes: {proportional_mb({s.pid for s in control.statuses()}):.0f} MB")
         began_s = time.monotonic()
         answered = sum(status.ready for status in control.statuses())
         print(f"status: {time.monotonic() - began_s:.2f} s, {answered} ready")
         changed = {
-            n: FeedSpec(text=FAKE, set={"name": "b"}, cores=0.001, metrics="") for n in list(table)[::2]
+            name: structs.replace(feed, set={"name": "b"})
+            for number, (name, feed) in enumerate(table.items())
+            if number // sharing % 2 == 0
         }
+        before = {status.name: status.pid for status in control.statuses()}
         began_s = time.monotonic()
-        done = control.apply(table | changed)
+        control.apply(table | changed)
         wait_until(lambda: all_ready(feeds))
-        replaced = sum(what == "replaced" for what in done.values())
-        print(f"apply: {replaced} replaced in {time.monotonic() - began_s:.1f} s")
+        took_s = time.monotonic() - began_s
+        new = {status.name for status in control.statuses() if status.pid != before[status.name]}
+        print(f"apply: {len(new)} replaced in {took_s:.1f} s, only those changed: {new == changed.keys()}")
         began_s = time.monotonic()
         control.stop(control.running())
+        wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in before.values()))
         print(f"end: {time.monotonic() - began_s:.1f} s, {len(control.running())} left")
+
+
+def proportional_mb(pids: set[int]) -> float:
+    """Memory of processes, of shared pages their part, MB."""
+    texts = (Path(f"/proc/{pid}/smaps_rollup").read_text() for pid in pids)
+    return sum(int(re.findall(r"^Pss:\s+(\d+)", text, re.MULTILINE)[0]) for text in texts) / 1e3
 
 
 def compare_seams(flights: int) -> None:
@@ -271,6 +284,7 @@ def main() -> None:
     )
     parser.add_argument("what", choices=("actors", "batch", "kills", "node", "scale", "seams"))
     parser.add_argument("--feeds", type=int, default=0)
+    parser.add_argument("--sharing", type=int, default=1)
     parser.add_argument("--clips", type=int, default=40)
     parser.add_argument("--flights", type=int, default=3)
     parser.add_argument("--kills", type=int, default=50)
@@ -280,9 +294,12 @@ def main() -> None:
         "batch": lambda: compare_batch(options.clips),
         "kills": lambda: kill_often(options.kills),
         "node": kill_node,
-        "scale": lambda: scale(options.feeds or 40),
+        "scale": lambda: scale(options.feeds or 40, options.sharing),
         "seams": lambda: compare_seams(options.flights),
     }
+    os.environ.setdefault(
+        "RAY_worker_niceness", "0"
+    )  # as `fleet up` sets it; else processes beside it go first
     runs[options.what]()
 
 

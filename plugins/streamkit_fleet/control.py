@@ -12,62 +12,68 @@ from ray.util import list_named_actors
 
 from streamkit import ResourceError
 from streamkit_fleet.admission import excess
-from streamkit_fleet.feed_actor import STOP_LIMIT_S, FeedActor, FeedStatus
-from streamkit_fleet.feeds import FeedSpec
+from streamkit_fleet.feed import STOP_LIMIT_S, FeedStatus
+from streamkit_fleet.feed_actor import FeedActor
+from streamkit_fleet.feeds import FeedSpec, by_process, digest
 
-PREFIX = "feed:"
+PREFIXES = ("feed:", "process:")
 ANSWER_LIMIT_S = 1.5
 POLL_S = 0.2
 TAG_SHARE = 0.001  # of a custom resource: it only says where a feed may run
 
 
 def running() -> dict[str, Any]:
-    """The actors of all feeds, by name."""
+    """The actors of all processes, by their names."""
     found = {}
     for name in list_named_actors():
-        if name.startswith(PREFIX):
+        if name.startswith(PREFIXES):
             try:
-                found[name.removeprefix(PREFIX)] = ray.get_actor(name)
+                found[name] = ray.get_actor(name)
             except ValueError:  # it has ended since
                 continue
     return found
 
 
-def start(name: str, feed: FeedSpec, avoid: str = "") -> None:
-    """Gives a feed to Ray, which starts it where there is room, but not on the node to avoid."""
+def start(process: str, feeds: Mapping[str, FeedSpec], avoid: str = "") -> None:
+    """Gives the feeds of a process to Ray, which starts it where there is room, not on the node to avoid."""
+    first = next(iter(feeds.values()))
     where = {"label_selector": {"ray.io/node-id": f"!{avoid}"}} if avoid else {}
-    memory = {"memory": feed.memory_mb << 20} if feed.memory_mb else {}
+    memory_mb = sum(feed.memory_mb for feed in feeds.values())
+    memory = {"memory": memory_mb << 20} if memory_mb else {}
     actor: Any = ray.remote(FeedActor)
     actor.options(
-        name=f"{PREFIX}{name}",
+        name=process,
         lifetime="detached",
-        max_restarts=feed.max_restarts,
-        num_cpus=feed.cores,
-        num_gpus=feed.gpus,
-        resources=dict.fromkeys(feed.tags, TAG_SHARE),
+        max_restarts=first.max_restarts,
+        num_cpus=sum(feed.cores for feed in feeds.values()),
+        num_gpus=sum(feed.gpus for feed in feeds.values()),
+        resources=dict.fromkeys(first.tags, TAG_SHARE),
         **memory,
         **where,
-    ).remote(name, feed)
+    ).remote(process, feeds)
 
 
 def statuses(limit_s: float = ANSWER_LIMIT_S) -> list[FeedStatus]:
-    """How each feed is, in order of their names; one that does not answer in time is restarting."""
-    asked = {name: actor.status.remote() for name, actor in running().items()}
+    """How each feed is, in order of their names; a process that does not answer in time is restarting."""
+    asked = {process: actor.statuses.remote() for process, actor in running().items()}
     answered = set(
         ray.wait(list(asked.values()), num_returns=len(asked), timeout=limit_s)[0] if asked else ()
     )
-    return [_status(name, ref, ref in answered) for name, ref in sorted(asked.items())]
+    rows = (row for process, ref in asked.items() for row in _statuses(process, ref, ref in answered))
+    return sorted(rows, key=lambda row: row.name)
 
 
-def _status(name: str, ref: Any, has_answered: bool) -> FeedStatus:
+def _statuses(process: str, ref: Any, has_answered: bool) -> list[FeedStatus]:
+    """Those of a process; one row in its name if it does not answer."""
     reason = "does not answer: Ray has no room for it, or starts it again"
     try:
         if has_answered:
-            found: FeedStatus = ray.get(ref)
+            found: list[FeedStatus] = ray.get(ref)
             return found
     except RayError as error:
         reason = f"{type(error).__name__}: {str(error).splitlines()[0]}"
-    return FeedStatus(name=name, state="restarting", reason=reason)
+    name = process.removeprefix("feed:")
+    return [FeedStatus(name=name, state="restarting", reason=reason, process=process)]
 
 
 def _statuses_until(is_done: Callable[[list[FeedStatus]], bool], limit_s: float) -> list[FeedStatus]:
@@ -79,21 +85,22 @@ def _statuses_until(is_done: Callable[[list[FeedStatus]], bool], limit_s: float)
 
 
 def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
-    """Makes what runs equal to a table; feeds that did not change go on undisturbed.
+    """Makes what runs equal to a table; processes whose feeds did not change go on undisturbed.
 
     Returns:
         What was done by feed: started, stopped, replaced, unchanged.
     """
-    known = {status.name: status for status in statuses(limit_s=10.0)}
-    done = dict.fromkeys(known.keys() - feeds.keys(), "stopped")
-    for name, feed in feeds.items():
-        one = known.get(name)
-        is_same = one is not None and one.digest == feed.digest and one.state != "refused"
-        done[name] = "started" if one is None else "unchanged" if is_same else "replaced"
-    stop(name for name, what in done.items() if what in ("stopped", "replaced"))
-    for name, what in done.items():
-        if what in ("started", "replaced"):
-            start(name, feeds[name])
+    wanted, rows = by_process(feeds), statuses(limit_s=10.0)
+    same = {row.process for row in rows if row.digest == digest(wanted.get(row.process, {}))}
+    same -= {row.process for row in rows if row.state == "refused"}
+    known = {row.name for row in rows}
+    done = dict.fromkeys(known - feeds.keys(), "stopped")
+    for process, members in wanted.items():
+        for name in members:
+            done[name] = "unchanged" if process in same else "replaced" if name in known else "started"
+    stop({row.process for row in rows} - same)
+    for process in wanted.keys() - same:
+        start(process, wanted[process])
     return done
 
 
@@ -124,16 +131,17 @@ def admit(new: Mapping[str, FeedSpec], limit_s: float) -> dict[str, str]:
         needs = {name: one.cores for name, one in ready.items() if one.node == node["NodeID"]}
         here = {name: feed for name, feed in new.items() if name in needs}
         refused |= excess(needs, node["Resources"].get("CPU", 0.0), here)
-    _wait([actor.refuse.remote(refused[name]) for name, actor in running().items() if name in refused])
+    at = {ready[name].process for name in refused}
+    _wait([actor.refuse.remote(refused) for process, actor in running().items() if process in at])
     return refused
 
 
-def stop(names: Iterable[str]) -> None:
-    """Ends the streams of feeds, so that files are completed, then their processes."""
+def stop(processes: Iterable[str]) -> None:
+    """Ends the streams of processes, so that files are completed, then the processes."""
     actors = running()
-    ending = {name: actors[name] for name in names if name in actors}
-    _wait([actor.stop.remote() for actor in ending.values()])
-    for actor in ending.values():
+    ending = [actors[process] for process in processes if process in actors]
+    _wait([actor.stop.remote() for actor in ending])
+    for actor in ending:
         ray.kill(actor, no_restart=True)
 
 
@@ -153,13 +161,15 @@ def drain(node: str, feeds: Mapping[str, FeedSpec]) -> list[str]:
     matching = [one for one in nodes if one.startswith(node)]
     if len(matching) != 1:
         raise ResourceError(f"no single node begins with {node!r}; there are {', '.join(map(str, nodes))}")
-    moving = [status.name for status in statuses() if status.node == matching[0]]
-    if missing := [name for name in moving if name not in feeds]:
+    moving = [status for status in statuses() if status.node == matching[0]]
+    wanted = by_process(feeds)
+    if missing := [one.name for one in moving if one.name not in wanted.get(one.process, {})]:
         raise ResourceError(f"the table has no feed {missing[0]}, which runs on that node; apply it first")
-    stop(moving)
-    for name in moving:
-        start(name, feeds[name], avoid=matching[0])
-    return moving
+    processes = {status.process for status in moving}
+    stop(processes)
+    for process in processes:
+        start(process, wanted[process], avoid=matching[0])
+    return [status.name for status in moving]
 
 
 def logs(name: str) -> list[str]:
@@ -168,11 +178,12 @@ def logs(name: str) -> list[str]:
     Raises:
         ResourceError: there is no such feed, or it does not answer.
     """
-    actors = running()
-    if name not in actors:
-        raise ResourceError(f"no feed {name!r} runs; there are {', '.join(sorted(actors)) or 'none'}")
+    rows = {row.name: row for row in statuses()}
+    if name not in rows:
+        raise ResourceError(f"no feed {name!r} runs; there are {', '.join(rows) or 'none'}")
     try:
-        lines: list[str] = ray.get(actors[name].logs.remote(), timeout=10.0)
-    except RayError as error:
+        actor: Any = ray.get_actor(rows[name].process)
+        lines: list[str] = ray.get(actor.logs.remote(name), timeout=10.0)
+    except (RayError, ValueError) as error:
         raise ResourceError(f"feed {name} does not answer: {type(error).__name__}") from error
     return lines

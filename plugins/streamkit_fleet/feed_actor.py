@@ -1,161 +1,49 @@
-"""FeedActor: runs the pipeline of a feed in a process that Ray places and restarts."""
+"""FeedActor: the feeds of a process that Ray places and restarts."""
 
 from __future__ import annotations
 
 import os
-import threading
 import time
-from collections import deque
+from collections.abc import Mapping
 
-import msgspec
 import ray
-from typing_extensions import override
+from msgspec.structs import replace
 
-from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, RestartDelay, Run, StreamkitError
-from streamkit.masking import mask_secrets, presentable
-from streamkit_fleet.admission import CostMeter
-from streamkit_fleet.feeds import FeedSpec
-
-LOG_LINES = 1000
-STOP_LIMIT_S = 35.0  # the end of the stream has 30 s, as by `--watchdog-s`, and the stop 5
-
-
-class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """State and counters of a feed.
-
-    Attributes:
-        state: starting, playing, waiting (to start again), ended, failed, refused (no room); restarting if it
-            does not answer.
-        ready: whether it plays and delivers; `reason` says what is missing.
-        cores: that it needs to hold its frame rate, as measured; 0 before.
-        restarts: of the pipeline in this process, and one more if Ray has started the process again.
-        frames, dropped: since the pipeline started.
-        metrics: HOST:PORT, or "".
-        digest: of the feed's entry in the table.
-    """
-
-    name: str
-    state: str
-    ready: bool = False
-    reason: str = ""
-    node: str = ""
-    pid: int = 0
-    cores: float = 0.0
-    restarts: int = 0
-    frames: int = 0
-    dropped: int = 0
-    metrics: str = ""
-    digest: str = ""
-
-
-class FeedLog(JsonDisplay):
-    """Keeps the newest lines; they also go to stderr, which Ray keeps in a file."""
-
-    kept: deque[str]
-
-    @override
-    def print_line(self, line: str) -> None:
-        self.kept.append(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {presentable(line)}")
-        super().print_line(line)
+from streamkit_fleet.feed import STOP_LIMIT_S, Feed, FeedStatus
+from streamkit_fleet.feeds import FeedSpec, digest
 
 
 class FeedActor:
-    """A feed: as `launch -e --metrics`, again with back-off when the pipeline fails."""
+    """The feeds of a process: mostly one, or those that share it."""
 
-    def __init__(self, name: str, feed: FeedSpec) -> None:
-        self._name, self._feed = name, feed
-        self._state, self._reason = "starting", ""
-        self._restarts = int(ray.get_runtime_context().was_current_actor_reconstructed)
-        self._lines: deque[str] = deque(maxlen=LOG_LINES)
-        self._stopping = threading.Event()
-        self._monitor: Monitor | None = None
-        self._run: Run | None = None
-        self._cost: CostMeter | None = None
-        self._metrics = ""
-        os.nice(feed.nice)  # of this thread and of those that it starts; Ray's own go on as before
-        self._thread = threading.Thread(target=self._serve, name=f"streamkit:feed:{name}", daemon=True)
-        self._thread.start()
+    def __init__(self, process: str, feeds: Mapping[str, FeedSpec]) -> None:
+        context = ray.get_runtime_context()
+        restarts = int(context.was_current_actor_reconstructed)
+        self._place = {
+            "process": process, "node": context.get_node_id(), "pid": os.getpid(), "digest": digest(feeds),
+        }  # fmt: skip
+        os.nice(next(iter(feeds.values())).nice)  # of this thread and of those that it starts, not of Ray's
+        self._feeds = {
+            name: Feed(name, feed, restarts=restarts, sharing=len(feeds)) for name, feed in feeds.items()
+        }
 
-    # Called through Ray.
+    def statuses(self) -> list[FeedStatus]:
+        """State and counters of each feed."""
+        return [replace(feed.status(), **self._place) for feed in self._feeds.values()]
 
-    def status(self) -> FeedStatus:
-        """Its state and counters now."""
-        reason, rows = self._reason, []
-        if self._state == "playing" and self._monitor is not None:
-            reason, rows = self._monitor.not_ready_reason(), self._monitor.pipeline.statistics()
-            if reason and self._reason:
-                reason += f"; last failure: {self._reason}"
-            if self._cost is not None:
-                self._cost.update()
-        return FeedStatus(
-            name=self._name,
-            state=self._state,
-            ready=self._state == "playing" and not reason,
-            reason=reason,
-            node=ray.get_runtime_context().get_node_id(),
-            pid=os.getpid(),
-            cores=0.0 if self._cost is None else self._cost.cores,
-            restarts=self._restarts,
-            frames=max((row.frames_in for row in rows), default=0),
-            dropped=sum(row.total_dropped for row in rows),
-            metrics=self._metrics,
-            digest=self._feed.digest,
-        )
-
-    def logs(self) -> list[str]:
-        """The newest lines of this process."""
-        return list(self._lines)
+    def logs(self, name: str) -> list[str]:
+        """The newest lines of a feed."""
+        return self._feeds[name].logs()
 
     def stop(self) -> None:
-        """Ends the stream, so that files are completed, and waits for it."""
-        self._stopping.set()
-        if self._run is not None:
-            self._run.interrupt()
-        self._thread.join(STOP_LIMIT_S)
+        """Ends the streams, so that files are completed, and waits for it."""
+        deadline_s = time.monotonic() + STOP_LIMIT_S
+        for feed in self._feeds.values():
+            feed.stop()
+        for feed in self._feeds.values():
+            feed.join(max(0.0, deadline_s - time.monotonic()))
 
-    def refuse(self, reason: str) -> None:
-        """Ends the stream for want of room; the feed stays to say so."""
-        self.stop()
-        self._state, self._reason = "refused", reason
-
-    # The thread.
-
-    def _serve(self) -> None:
-        """Runs the pipeline until it ends, is stopped, or cannot be built."""
-        delay = RestartDelay()
-        while not self._stopping.is_set():
-            began_s = time.monotonic()
-            try:
-                code = self._play()
-            except StreamkitError as error:
-                self._state, self._reason = "failed", presentable(mask_secrets(str(error)))
-                self._lines.append(self._reason)
-                return
-            if code == 0:
-                break
-            self._state, self._reason = "waiting", self._lines[-1] if self._lines else ""
-            self._restarts += 1
-            self._stopping.wait(delay.after(time.monotonic() - began_s))
-        self._state, self._reason = "ended", ""
-
-    def _play(self) -> int:
-        """Runs it once, as `launch` does; returns the exit code.
-
-        Raises:
-            StreamkitError: it cannot be built, or its metrics cannot be served.
-        """
-        pipeline = Pipeline.parse(self._feed.text, self._feed.variables())
-        self._monitor = monitor = Monitor(pipeline, {})
-        monitor.pipeline_restarts = self._restarts
-        self._cost = CostMeter(pipeline, self._feed.frame_rate)
-        log = FeedLog(pipeline)
-        log.kept = self._lines
-        self._run = run = Run(
-            pipeline, log, eos_on_shutdown=True, verbose=False, quiet=False, monitor=monitor
-        )
-        self._state = "playing"
-        if not self._feed.metrics:
-            return run.run()
-        with MetricsEndpoint(monitor, self._feed.metrics) as endpoint:
-            self._metrics = endpoint.address
-            return run.run()
+    def refuse(self, reasons: Mapping[str, str]) -> None:
+        """Ends the streams of feeds for want of room, with the reason of each."""
+        for name in reasons.keys() & self._feeds.keys():
+            self._feeds[name].refuse(reasons[name])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,7 @@ from streamkit import Pipeline, ResourceError, StreamkitError, missing_variables
 SCHEMES = ("env:", "file:")
 # Ray's own resources, which a machine cannot have as tags.
 RESERVED_TAGS = frozenset({"CPU", "GPU", "memory", "object_store_memory"})
+OF_A_PROCESS = ("nice", "tags", "max_restarts")  # feeds that share one must agree in these
 Quantity = Annotated[float, msgspec.Meta(ge=0, le=1e6)]  # the limits refuse inf and nan, too
 
 
@@ -26,6 +28,7 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         text: the description itself.
         set: values of its variables.
         secrets: values of its variables by reference: "env:NAME" or "file:PATH", read where the feed runs.
+        process: that it shares with the other feeds which name it; "" is one of its own.
         cores, gpus: that Ray reserves for it.
         memory_mb: that Ray reserves for it, MB; 0 is none.
         frame_rate: that it must hold, 1/s; a feed for whose measured cost there is no room is refused.
@@ -39,6 +42,7 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     text: str = ""
     set: dict[str, str | int | float] = {}
     secrets: dict[str, str] = {}
+    process: str = ""
     cores: Quantity = 1.0
     gpus: Quantity = 0.0
     memory_mb: Annotated[int, msgspec.Meta(ge=0, le=10**9)] = 0
@@ -48,11 +52,6 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     max_restarts: Annotated[int, msgspec.Meta(ge=-1)] = -1
     metrics: str = "127.0.0.1:0"
 
-    @property
-    def digest(self) -> str:
-        """Changes if anything of the feed does."""
-        return hashlib.sha256(msgspec.json.encode(self, order="sorted")).hexdigest()
-
     def variables(self) -> dict[str, str]:
         """The values of the variables, with the secrets that this machine has.
 
@@ -61,6 +60,20 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         """
         secrets = {name: resolve(reference) for name, reference in self.secrets.items()}
         return {name: str(value) for name, value in self.set.items()} | secrets
+
+
+def by_process(feeds: Mapping[str, FeedSpec]) -> dict[str, dict[str, FeedSpec]]:
+    """The feeds of each process; one that is shared is called "process:NAME", another "feed:NAME"."""
+    found: dict[str, dict[str, FeedSpec]] = {}
+    for name, feed in feeds.items():
+        process = f"process:{feed.process}" if feed.process else f"feed:{name}"
+        found.setdefault(process, {})[name] = feed
+    return found
+
+
+def digest(feeds: Mapping[str, FeedSpec]) -> str:
+    """Changes if anything of the feeds of a process does."""
+    return hashlib.sha256(msgspec.json.encode(feeds, order="sorted")).hexdigest()
 
 
 def resolve(reference: str) -> str:
@@ -93,7 +106,15 @@ def read_feeds(path: Path) -> dict[str, FeedSpec]:
         raise ResourceError(f"{path}: has no feed; write [feeds.NAME]")
     for place, part in [("defaults", defaults), *((f"feeds.{name}", row) for name, row in feeds.items())]:
         _check_tables(path, place, part)
-    return {name: _feed(path, name, defaults, row) for name, row in feeds.items()}
+    found = {name: _feed(path, name, defaults, row) for name, row in feeds.items()}
+    for process, members in by_process(found).items():
+        for key in OF_A_PROCESS:
+            if any(
+                getattr(feed, key) != getattr(next(iter(members.values())), key) for feed in members.values()
+            ):
+                shared = process.partition(":")[2]
+                raise ResourceError(f"{path}: feeds of process {shared} must have the same {key}")
+    return found
 
 
 def _check_tables(path: Path, place: str, part: Any) -> None:

@@ -19,7 +19,7 @@ import pytest
 from streamkit import ResourceError
 from streamkit_fleet import control
 from streamkit_fleet.cluster import connected
-from streamkit_fleet.feed_actor import FeedStatus
+from streamkit_fleet.feed import FeedStatus
 from streamkit_fleet.feeds import FeedSpec
 from streamkit_zenoh import TrackSubscriber
 from tests.slowness import patience
@@ -114,8 +114,29 @@ def test_the_life_of_a_fleet(nodes: Nodes) -> None:
         control.drain("zz", changed)
     with pytest.raises(ResourceError, match="no feed 'attic' runs; there are door, gate, roof"):
         control.logs("attic")
-    control.stop(changed)
+    control.stop(control.running())
     wait_for(lambda found: not found)
+
+
+@pytest.mark.timeout(240)
+def test_feeds_share_a_process(nodes: Nodes) -> None:
+    """They are placed, replaced and started again together; others go on, and each has its own status."""
+    table = {name: feed(name, process="light") for name in ("gate", "roof")} | {"yard": feed("yard")}
+    control.apply(table)
+    first = wait_for(lambda found: all_ready(found) and len(found) == 3)
+    assert first["gate"].pid == first["roof"].pid != first["yard"].pid
+
+    os.kill(first["gate"].pid, signal.SIGKILL)
+    second = wait_for(
+        lambda found: all_ready(found) and len(found) == 3 and found["roof"].pid != first["roof"].pid
+    )
+    assert (second["gate"].restarts, second["roof"].restarts, second["yard"].restarts) == (1, 1, 0)
+
+    del table["roof"]
+    assert control.apply(table) == {"gate": "replaced", "roof": "stopped", "yard": "unchanged"}
+    third = wait_for(lambda found: all_ready(found) and len(found) == 2)
+    assert third["yard"].pid == first["yard"].pid
+    control.stop(control.running())
 
 
 @pytest.mark.timeout(240)
@@ -129,7 +150,7 @@ def test_a_dead_node_loses_no_feed(nodes: Nodes) -> None:
     nodes.cluster.remove_node(third, allow_graceful=False)
     after = wait_for(lambda found: all_ready(found) and found["gate"].node == fresh.node_id)
     assert after["roof"].pid == before["roof"].pid
-    control.stop(["gate", "roof"])
+    control.stop(["feed:gate", "feed:roof"])
     assert control.statuses() == []
 
 
@@ -158,7 +179,7 @@ def test_a_subscriber_sees_each_run_whole(nodes: Nodes) -> None:
         host = next(node for node in nodes.cluster.list_all_nodes() if node.node_id == second.node)
         nodes.cluster.remove_node(host, allow_graceful=False)
         wait_for(lambda found: all_ready(found) and len(seen) == 3)
-        control.stop(["gate"])
+        control.stop(["feed:gate"])
         counts = subscriber.counts
     thread.join(patience(10))
     assert list(seen) == sorted(seen)
@@ -189,19 +210,26 @@ def test_a_feed_without_room_is_refused_with_the_numbers(nodes: Nodes) -> None:
     assert control.apply(table)["big"] == "replaced"
     wait_for(all_ready)
     assert control.admit({"big": table["big"]}, patience(20)) == {}
-    control.stop(table)
+    control.stop(control.running())
 
 
 @pytest.mark.timeout(240)
 def test_a_pipeline_that_fails_is_started_again_and_a_missing_secret_is_said(nodes: Nodes) -> None:
-    """The reason names the last failure, also while the pipeline starts again; the log keeps it."""
-    broken = FeedSpec(text="fakesrc ! identity error-after=5 name=bad ! fakesink", cores=0.2, metrics="")
-    control.apply({"broken": broken, "locked": feed("locked", secrets={"pass": "env:NOT_SET_ANYWHERE"})})
+    """The reason names the last failure, also while the pipeline starts again; the log keeps it.
+
+    Neither harms another feed of the process.
+    """
+    bad = "fakesrc ! identity error-after=5 name=bad ! fakesink"
+    broken = FeedSpec(text=bad, cores=0.2, metrics="", process="shared")
+    locked = feed("locked", process="shared", secrets={"pass": "env:NOT_SET_ANYWHERE"})
+    control.apply({"broken": broken, "locked": locked, "gate": feed("gate", process="shared")})
     found = wait_for(
-        lambda found: len(found) == 2 and bool(found["broken"].restarts and found["broken"].reason)
+        lambda found: len(found) == 3 and bool(found["broken"].restarts and found["broken"].reason)
     )
+    assert found["gate"].ready
+    assert control.logs("gate") == []
     assert "bad" in found["broken"].reason
     assert any("error-after=5" in line for line in control.logs("broken"))
     assert (found["locked"].state, found["locked"].ready) == ("failed", False)
     assert "the secret env:NOT_SET_ANYWHERE is not there" in found["locked"].reason
-    control.stop(["broken", "locked"])
+    control.stop(control.running())

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from streamkit import ResourceError
-from streamkit_fleet.feeds import FeedSpec, read_feeds, resolve
+from streamkit_fleet.feeds import FeedSpec, by_process, digest, read_feeds, resolve
 
 TABLE = """
 [defaults]
@@ -42,11 +42,23 @@ def test_a_feed_has_the_defaults_and_its_own(tmp_path: Path) -> None:
 
 
 def test_a_digest_changes_with_the_feed_and_its_description(tmp_path: Path) -> None:
-    """Other feeds keep theirs."""
-    before = read_feeds(write(tmp_path, TABLE))
+    """Other processes keep theirs."""
+    before = by_process(read_feeds(write(tmp_path, TABLE)))
     path = write(tmp_path, TABLE.replace("snow", "ball"))
-    after = read_feeds(path)
-    assert {name for name in before if before[name].digest != after[name].digest} == {"gate"}
+    after = by_process(read_feeds(path))
+    changed = {process for process in before if digest(before[process]) != digest(after[process])}
+    assert changed == {"feed:gate"}
+
+
+def test_feeds_of_one_process_are_together(tmp_path: Path) -> None:
+    """A process may have the name of a feed that has one of its own."""
+    table = TABLE + "\n[feeds.yard]\nprocess = 'gate'\n[feeds.door]\nprocess = 'gate'\n"
+    found = by_process(read_feeds(write(tmp_path, table)))
+    assert {process: list(feeds) for process, feeds in found.items()} == {
+        "feed:gate": ["gate"],
+        "feed:roof": ["roof"],
+        "process:gate": ["yard", "door"],
+    }
 
 
 def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,6 +104,10 @@ def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytes
         (
             "[feeds.a]\ntext='fakesrc ! fakesink'\ntags=['GPU']",
             "GPU is no tag of a machine; write cores, gpus",
+        ),
+        (
+            "[defaults]\ntext='fakesrc ! fakesink'\nprocess='p'\n[feeds.a]\n[feeds.b]\nnice=3",
+            "feeds of process p must have the same nice",
         ),
     ],
 )

@@ -1,0 +1,166 @@
+"""Feed: runs a pipeline in a thread, and again with back-off when it fails."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+
+import msgspec
+from typing_extensions import override
+
+from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, RestartDelay, Run, StreamkitError
+from streamkit.masking import mask_secrets, presentable
+from streamkit_fleet.admission import CostMeter
+from streamkit_fleet.feeds import FeedSpec
+
+LOG_LINES = 1000
+STOP_LIMIT_S = 35.0  # the end of the stream has 30 s, as by `--watchdog-s`, and the stop 5
+
+
+class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """State and counters of a feed.
+
+    Attributes:
+        state: starting, playing, waiting (to start again), ended, failed, refused (no room); restarting if it
+            does not answer.
+        ready: whether it plays and delivers; `reason` says what is missing.
+        cores: that it needs to hold its frame rate, as measured; 0 before.
+        restarts: of the pipeline in this process, and one more if Ray has started the process again.
+        frames, dropped: since the pipeline started.
+        metrics: HOST:PORT, or "".
+        process: its name, as `by_process` gives it.
+        digest: of the entries in the table of all feeds of the process.
+    """
+
+    name: str
+    state: str
+    ready: bool = False
+    reason: str = ""
+    cores: float = 0.0
+    restarts: int = 0
+    frames: int = 0
+    dropped: int = 0
+    metrics: str = ""
+    process: str = ""
+    node: str = ""
+    pid: int = 0
+    digest: str = ""
+
+
+class FeedLog(JsonDisplay):
+    """Keeps the newest lines; they also go to stderr, which Ray keeps in a file."""
+
+    kept: deque[str]
+
+    @override
+    def print_line(self, line: str) -> None:
+        self.kept.append(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {presentable(line)}")
+        super().print_line(line)
+
+
+class Feed:
+    """A pipeline as `launch -e --metrics` runs it.
+
+    Args:
+        name: of the feed.
+        spec: its entry in the table.
+        restarts: of its process.
+        sharing: number of feeds in the process, which count as equal parts of its processor time.
+    """
+
+    def __init__(self, name: str, spec: FeedSpec, *, restarts: int, sharing: int) -> None:
+        self._name, self._spec = name, spec
+        self._restarts, self._sharing = restarts, sharing
+        self._state, self._reason = "starting", ""
+        self._lines: deque[str] = deque(maxlen=LOG_LINES)
+        self._stopping = threading.Event()
+        self._monitor: Monitor | None = None
+        self._run: Run | None = None
+        self._cost: CostMeter | None = None
+        self._metrics = ""
+        self._thread = threading.Thread(target=self._serve, name=f"streamkit:feed:{name}", daemon=True)
+        self._thread.start()
+
+    def status(self) -> FeedStatus:
+        """Its state and counters now."""
+        reason, rows = self._reason, []
+        if self._state == "playing" and self._monitor is not None:
+            reason, rows = self._monitor.not_ready_reason(), self._monitor.pipeline.statistics()
+            if reason and self._reason:
+                reason += f"; last failure: {self._reason}"
+            if self._cost is not None:
+                self._cost.update()
+        return FeedStatus(
+            name=self._name,
+            state=self._state,
+            ready=self._state == "playing" and not reason,
+            reason=reason,
+            cores=0.0 if self._cost is None else self._cost.cores,
+            restarts=self._restarts,
+            frames=max((row.frames_in for row in rows), default=0),
+            dropped=sum(row.total_dropped for row in rows),
+            metrics=self._metrics,
+        )
+
+    def logs(self) -> list[str]:
+        """Its newest lines."""
+        return list(self._lines)
+
+    def stop(self) -> None:
+        """Ends the stream, so that files are completed; `join` waits for it."""
+        self._stopping.set()
+        if self._run is not None:
+            self._run.interrupt()
+
+    def join(self, limit_s: float) -> None:
+        """Waits until the stream has ended."""
+        self._thread.join(limit_s)
+
+    def refuse(self, reason: str) -> None:
+        """Ends the stream for want of room; the feed stays to say so."""
+        self.stop()
+        self.join(STOP_LIMIT_S)
+        self._state, self._reason = "refused", reason
+
+    # The thread.
+
+    def _serve(self) -> None:
+        """Runs the pipeline until it ends, is stopped, or cannot be built."""
+        delay = RestartDelay()
+        while not self._stopping.is_set():
+            began_s = time.monotonic()
+            try:
+                code = self._play()
+            except StreamkitError as error:
+                self._state, self._reason = "failed", presentable(mask_secrets(str(error)))
+                self._lines.append(self._reason)
+                return
+            if code == 0:
+                break
+            self._state, self._reason = "waiting", self._lines[-1] if self._lines else ""
+            self._restarts += 1
+            self._stopping.wait(delay.after(time.monotonic() - began_s))
+        self._state, self._reason = "ended", ""
+
+    def _play(self) -> int:
+        """Runs it once, as `launch` does; returns the exit code.
+
+        Raises:
+            StreamkitError: it cannot be built, or its metrics cannot be served.
+        """
+        pipeline = Pipeline.parse(self._spec.text, self._spec.variables())
+        self._monitor = monitor = Monitor(pipeline, {})
+        monitor.pipeline_restarts = self._restarts
+        self._cost = CostMeter(pipeline, self._spec.frame_rate / self._sharing)
+        log = FeedLog(pipeline)
+        log.kept = self._lines
+        self._run = run = Run(
+            pipeline, log, eos_on_shutdown=True, verbose=False, quiet=False, monitor=monitor
+        )
+        self._state = "playing"
+        if not self._spec.metrics:
+            return run.run()
+        with MetricsEndpoint(monitor, self._spec.metrics) as endpoint:
+            self._metrics = endpoint.address
+            return run.run()
