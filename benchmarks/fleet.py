@@ -193,13 +193,14 @@ def kill_node() -> None:
 
 
 def scale(feeds: int, sharing: int) -> None:
-    """Fake feeds, so many in each process; those of every second process change."""
+    """Fake feeds of a frame per second, so many in each process; those of every second process change."""
     with connected(None, cores=2):
-        fake = FeedSpec(text=FAKE, set={"name": "a"}, cores=0.001, metrics="")
+        slow = FAKE.replace("200000", "1000000")
+        fake = FeedSpec(text=slow, set={"name": "a"}, cores=0.001, metrics="")
         table = {f"f{n}": structs.replace(fake, process=f"p{n // sharing}") for n in range(feeds)}
         began_s = time.monotonic()
         control.apply(table)
-        wait_until(lambda: all_ready(feeds))
+        wait_all_ready(feeds)
         print(f"{feeds} feeds, {sharing} in a process: ready after {time.monotonic() - began_s:.1f} s")
         print(f"memory of the processes: {proportional_mb({s.pid for s in control.statuses()}):.0f} MB")
         began_s = time.monotonic()
@@ -213,7 +214,7 @@ def scale(feeds: int, sharing: int) -> None:
         before = {status.name: status.pid for status in control.statuses()}
         began_s = time.monotonic()
         control.apply(table | changed)
-        wait_until(lambda: all_ready(feeds))
+        wait_all_ready(feeds)
         took_s = time.monotonic() - began_s
         new = {status.name for status in control.statuses() if status.pid != before[status.name]}
         print(f"apply: {len(new)} replaced in {took_s:.1f} s, only those changed: {new == changed.keys()}")
@@ -221,6 +222,13 @@ def scale(feeds: int, sharing: int) -> None:
         control.stop(control.running())
         wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in before.values()))
         print(f"end: {time.monotonic() - began_s:.1f} s, {len(control.running())} left")
+
+
+def wait_all_ready(count: int) -> None:
+    """As `fleet up` waits."""
+    late = control.wait_ready(LIMIT_S)
+    if late or not all_ready(count):
+        raise SystemExit(f"{len(late)} feeds are not ready after {LIMIT_S:g} s: {late[:3]}")
 
 
 def proportional_mb(pids: set[int]) -> float:

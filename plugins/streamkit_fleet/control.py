@@ -79,9 +79,11 @@ def _statuses(process: str, ref: Any, has_answered: bool) -> list[FeedStatus]:
 def _statuses_until(is_done: Callable[[list[FeedStatus]], bool], limit_s: float) -> list[FeedStatus]:
     """Asks until the statuses are as wanted, or the time is over."""
     deadline_s = time.monotonic() + limit_s
-    while not is_done(found := statuses()) and time.monotonic() < deadline_s:
-        time.sleep(POLL_S)
-    return found
+    while True:
+        asked_s = time.monotonic()
+        if is_done(found := statuses()) or time.monotonic() > deadline_s:
+            return found
+        time.sleep(max(POLL_S, time.monotonic() - asked_s))  # feeds that start need the cores, too
 
 
 def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:

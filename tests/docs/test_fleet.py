@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from streamkit_fleet.feeds import by_process, read_feeds
 from tests.slowness import patience
 
 PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"
@@ -30,6 +31,19 @@ def test_the_page_can_be_followed(tmp_path: Path) -> None:
         subprocess.run(
             [str(BINARY), "fleet", "down"], env=environment, timeout=patience(LIMIT_S), check=False
         )
+
+
+def test_the_tables_are_valid(tmp_path: Path) -> None:
+    """One for feeds with processes of their own, one for a process that is shared."""
+    found = {}
+    for body in re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL):
+        (tmp_path / "table.toml").write_text(body, encoding="utf-8")
+        found |= by_process(read_feeds(tmp_path / "table.toml"))
+    assert {process: len(feeds) for process, feeds in found.items()} == {
+        "feed:gate": 1,
+        "feed:roof": 1,
+        "process:light": 2,
+    }
 
 
 def follow(folder: Path, environment: dict[str, str]) -> None:
