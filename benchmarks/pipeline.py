@@ -4,6 +4,10 @@ From a file, as fast as it goes; and live over RTSP at 25/s with the ready pipel
 Beside it the script that one would write: cv2.VideoCapture, MOG2, and CSRT (MIL where OpenCV has no CSRT).
 
     python benchmarks/pipeline.py [--video FILE] [--seconds 60] [--repeats 5] [--contrib PYTHON]
+    python benchmarks/pipeline.py --placement [--video FILE] [--repeats 5]
+
+With --placement only: the whole chain in one thread, decoder and libraries without threads of their own, and
+the same description with `--processes auto`, in turn. Goal on two cores: 1.35 times the frames a second.
 
 Without --video a synthetic flight is made. The video is played forward and backward in turn, so that a short
 one can be flown for a minute without a cut. A subscriber in a process of its own receives the records. The
@@ -24,7 +28,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -34,6 +38,7 @@ import av
 from rtsp_peer import server_module
 
 from streamkit import Pipeline
+from streamkit.handoff.library_threads import ONE_A_CORE, ONE_THREAD
 
 HERE = Path(__file__).resolve().parent
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
@@ -43,7 +48,9 @@ RATE = 25
 FORWARD_FRAMES = 150
 SETTLE_S = 3.0
 KEY = f"bench/{os.getpid()}"
-ONE_THREAD = "filesrc location={video} ! decode ! stitch ! framediff ! waveleteigen ! particletrack ! {sink}"
+IN_ONE_THREAD = (
+    "filesrc location={video} ! decode ! stitch ! framediff ! waveleteigen ! particletrack ! {sink}"
+)
 WITH_QUEUES = (
     "filesrc location={video} ! decode ! queue max-size-buffers=4 ! stitch ! queue max-size-buffers=4 "
     "! framediff ! waveleteigen ! queue max-size-buffers=4 ! particletrack ! {sink}"
@@ -127,14 +134,19 @@ def process(*words: str, python: str = sys.executable) -> Iterator[subprocess.Po
                 child.kill()
 
 
-def launch(words: list[str], seconds: float | None) -> tuple[Statistics, list[list[Any]], float]:
+def launch(
+    words: list[str], seconds: float | None, variables: Mapping[str, str] = {}
+) -> tuple[Statistics, list[list[Any]], float]:
     """Runs `streamkit launch` with a subscriber; ends it after `seconds`, or at the end of the stream.
+
+    `variables` are added to its environment.
 
     Returns:
         Its statistics, the records received, and the CPU time of its process, s.
     """
     with process(__file__, "listen", KEY) as subscriber, tempfile.TemporaryFile("w+") as output:
-        child = subprocess.Popen([STREAMKIT, "launch", "-e", "--stats=json", *words], stdout=output)
+        command = [STREAMKIT, "launch", "-e", "--stats=json", *words]
+        child = subprocess.Popen(command, stdout=output, env={**os.environ, **variables})
         if seconds is not None:
             time.sleep(seconds)
             child.send_signal(signal.SIGINT)
@@ -188,6 +200,26 @@ def from_file(name: str, text: str, video: Path, repeats: int) -> None:
         f"{frames_of(run)} frames, {len(records)} records, dropped: {drops(run)}"
     )
     print(f"{'':<22} {costs(run)}", flush=True)
+
+
+def compare_placement(video: Path, repeats: int) -> None:
+    """One thread in one process, and `--processes auto`: frames a second of the run, without its start."""
+    sink = f"zenohsink key={KEY} wait-subscribers=1"
+    text = IN_ONE_THREAD.format(video=video, sink=sink)
+    single = text.replace("! decode !", "! decode threads=1 !")
+    alone = dict.fromkeys((*ONE_THREAD, *ONE_A_CORE), "1")
+    pairs = []
+    for _ in range(repeats):
+        runs = launch([single], None, alone)[0], launch(["--processes", "auto", text], None)[0]
+        pairs.append(tuple(frames_of(run) / run["elapsed_s"] for run in runs))
+        one, placed = pairs[-1]
+        print(
+            f"one thread {one:6.1f}   --processes auto {placed:6.1f} frames/s   {placed / one:.2f}",
+            flush=True,
+        )
+        for run in runs:
+            print(f"    {costs(run)}", flush=True)
+    print(f"median of {repeats}: {statistics.median(placed / one for one, placed in pairs):.2f} times")
 
 
 def live(name: str, pipeline: Path, video: Path, seconds: float) -> None:
@@ -245,10 +277,14 @@ def main() -> None:
     arguments.add_argument("--seconds", type=float, default=60.0, help="length of the live run")
     arguments.add_argument("--repeats", type=int, default=5, help="runs from the file")
     arguments.add_argument("--contrib", default=sys.executable, help="Python with opencv-contrib, for CSRT")
+    arguments.add_argument("--placement", action="store_true", help="one thread and --processes auto only")
     options = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         video = there_and_back(options.video, Path(folder))
-        from_file("file, one thread", ONE_THREAD, video, options.repeats)
+        if options.placement:
+            compare_placement(video, options.repeats)
+            return
+        from_file("file, one thread", IN_ONE_THREAD, video, options.repeats)
         from_file("file, with queues", WITH_QUEUES, video, options.repeats)
         from_file("file, two processes", IN_TWO_PROCESSES, video, options.repeats)
         for name, pipeline in LIVE_PIPELINES.items():

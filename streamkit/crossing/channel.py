@@ -73,7 +73,10 @@ class Channel:
         try:
             while data:
                 try:
-                    sent = socket.send_fds(self._socket, [data], [] if has_begun else descriptors)
+                    if descriptors and not has_begun:
+                        sent = socket.send_fds(self._socket, [data], descriptors)
+                    else:
+                        sent = self._socket.send(data)
                 except BlockingIOError:
                     if is_cancelled():
                         if has_begun:
