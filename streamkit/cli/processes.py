@@ -71,6 +71,9 @@ def measure(pipeline: Pipeline, heads: list[str]) -> tuple[list[int], list[int],
     """
     graph = pipeline.graph
     leave_out_sinks(graph)
+    for element in graph.elements:
+        if "threads" in element.properties:
+            element.set_property("threads", 1)  # work in threads of its own is not in its working time
     pipeline.play()
     try:
         message = pipeline.wait(MEASURE_S)

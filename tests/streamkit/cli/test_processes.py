@@ -1,12 +1,14 @@
 """`launch --processes auto`: measures, then runs the description with bins in processes."""
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from click.testing import Result
 
+from streamkit import Pipeline, Property, Transform
 from streamkit.cli import processes
 from streamkit.graph.build import build
 
@@ -74,6 +76,26 @@ def test_no_element_writes_while_measuring(tmp_path: Path) -> None:
     graph = build(f"{VIDEO} ! stitch name=s location={tmp_path / 'mosaic.png'} ! fakesink", {})
     processes.leave_out_sinks(graph)
     assert graph.element("s").location is None
+
+
+class Parallel(Transform):
+    """Work of 8 ms, which its threads divide."""
+
+    sink = src = "ANY"
+    threads: int = Property(4, min=1)
+
+    def transform(self, frame):
+        time.sleep(0.008 / self.threads)
+        return frame
+
+
+def test_work_in_threads_of_an_element_is_measured(register) -> None:
+    """As a decoder has them: the time that it keeps its caller waiting is a part only."""
+    register(parallel=Parallel)
+    pipeline = Pipeline.parse(f"{VIDEO} ! parallel ! fakesink")
+    work, _, frames = processes.measure(pipeline, ["videotestsrc0", "parallel0"])
+    assert frames == 20
+    assert work[1] >= 8_000_000 * frames
 
 
 def test_what_is_chosen_is_a_line_of_the_log(launch: Callable[..., Result]) -> None:
