@@ -129,8 +129,11 @@ def status(
 def logs(name: Annotated[str, typer.Argument(help="Of the feed.")], address: AddressOption = None) -> None:
     """Prints the newest lines of a feed's process."""
     with _connected(address) as control:
-        for line in control.logs(name):
-            typer.echo(line)
+        lines = control.logs(name)
+    for line in lines:
+        typer.echo(line)
+    if not lines:
+        typer.echo(f"note: {name} has printed nothing", err=True)
 
 
 @fleet.command()

@@ -27,7 +27,7 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
         ready: whether it plays and delivers; `reason` says what is missing.
         cores: that it needs to hold its frame rate, as measured; 0 before.
         restarts: of the pipeline in this process, and one more if Ray has started the process again.
-        frames, dropped: since the pipeline started.
+        frames, dropped: since the pipeline last started.
         metrics: HOST:PORT, or "".
         process: its name, as `by_process` gives it.
         digest: of the entries in the table of all feeds of the process.
@@ -84,9 +84,10 @@ class Feed:
 
     def status(self) -> FeedStatus:
         """Its state and counters now."""
-        reason, rows = self._reason, []
+        reason = self._reason
+        rows = [] if self._monitor is None else self._monitor.pipeline.statistics()
         if self._state == "playing" and self._monitor is not None:
-            reason, rows = self._monitor.not_ready_reason(), self._monitor.pipeline.statistics()
+            reason = self._monitor.not_ready_reason()
             if reason and self._reason:
                 reason += f"; last failure: {self._reason}"
             if self._cost is not None:
@@ -163,4 +164,7 @@ class Feed:
             return run.run()
         with MetricsEndpoint(monitor, self._spec.metrics) as endpoint:
             self._metrics = endpoint.address
-            return run.run()
+            try:
+                return run.run()
+            finally:
+                self._metrics = ""
