@@ -37,6 +37,9 @@ _GAIN: Final = 0.1
 _OUTLIER: Final = 3.0
 # Part by which a camera that has rested at the keyframe is preferred there beyond what the frame shows.
 _PERSISTENCE: Final = 0.5
+# Difference of textures that are alike but for noise. Larger ones are due to movers and leaves, which bend
+# the motion: they do not average out.
+_NOISE_RMSE: Final = 0.17
 # Error of the worst corner that each frame is tested for, px.
 _DOUBTED: Final = 2.0
 _SAME: Final = 1e-6
@@ -156,6 +159,8 @@ class DenseMatcher:
         std = found.corner_std * factor
         if found.at_rest:
             std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest.share)
+        else:
+            std *= (found.rmse / _NOISE_RMSE) ** 2
         # A wrong motion is off by as much as the search reaches.
         reach = math.hypot(ELSEWHERE * factor, before_std)
         return math.hypot(MIN_CORNER_STD * factor, std, reach * math.sqrt(wrong))
