@@ -224,9 +224,12 @@ def test_a_pipeline_that_fails_is_started_again_and_a_missing_secret_is_said(nod
     locked = feed("locked", process="shared", secrets={"pass": "env:NOT_SET_ANYWHERE"})
     control.apply({"broken": broken, "locked": locked, "gate": feed("gate", process="shared")})
     found = wait_for(
-        lambda found: len(found) == 3 and bool(found["broken"].restarts and found["broken"].reason)
+        lambda found: (
+            len(found) == 3
+            and found["gate"].ready
+            and bool(found["broken"].restarts and found["broken"].reason)
+        )
     )
-    assert found["gate"].ready
     assert control.logs("gate") == []
     assert "bad" in found["broken"].reason
     assert any("error-after=5" in line for line in control.logs("broken"))
