@@ -14,9 +14,11 @@ _FIRST_SHARE: Final = 0.7
 _FIRST_FRAMES: Final = 10
 _GAIN: Final = 0.02
 _MEMORY: Final = 300
-# Square of a frame's distance from rest, by its predicted variance, that counts at most, and the mean that a
-# camera at rest reaches where the prediction is honest. Measured: 0.1 to 0.5 at rest, 4 to 8 shaken.
-_MAX_SCATTER: Final = 9.0
+# Part of the mean position that each frame replaces: a camera that sways does so within some sixty frames.
+_POSITION_GAIN: Final = 0.1
+# Distance of a frame from the mean position, in predicted deviations, that counts at most, and the mean
+# square that a camera at rest reaches where the prediction is honest.
+_MOST_AWAY: Final = 3.0
 _RESTING: Final = 1.0
 
 
@@ -24,8 +26,9 @@ class RestBelief:
     """How often a camera is where it was at its keyframe, and whether it shakes about that place.
 
     A camera that shakes by about a pixel is near rest in each of its frames, where that explains the frame
-    about as well as any motion. It is told from one at rest by the scatter of many frames' best motions,
-    which at rest is no larger than their predicted errors.
+    about as well as any motion. It is told from one at rest by the scatter of many frames' best motions
+    about their mean, which at rest is no larger than their predicted errors. One that has moved once by less
+    than a pixel still rests.
 
     Attributes:
         share: of the latest frames that rest explained about as well as any motion, 0 to 1.
@@ -33,10 +36,11 @@ class RestBelief:
 
     def __init__(self) -> None:
         self.share, self._scatter, self._seen = _FIRST_SHARE, 0.0, 0
+        self._position: FloatArray | None = None
 
     @property
     def shakes(self) -> bool:
-        """Whether frames lie farther from rest than their errors explain."""
+        """Whether frames lie farther from their mean position than their errors explain."""
         return self._scatter > _RESTING
 
     def learn(self, found: DenseAlignment) -> None:
@@ -44,9 +48,15 @@ class RestBelief:
         self._seen += 1
         gain = max(_GAIN, 1 / (_FIRST_FRAMES + self._seen))
         self.share += gain * (found.near_rest - self.share)
-        if found.near_rest and found.agreement >= MIN_AGREEMENT:
-            square = min((found.away / found.corner_std) ** 2, _MAX_SCATTER)
-            self._scatter += gain * (square - self._scatter)
+        if not found.near_rest or found.agreement < MIN_AGREEMENT:
+            return
+        position = found.displacements if self._position is None else self._position
+        away = (found.displacements - position) / found.corner_std
+        distance = float(np.hypot(*away.T).max())
+        # Movers bend single frames by any amount.
+        counted = min(distance, _MOST_AWAY)
+        self._position = position + _POSITION_GAIN * found.corner_std * counted / max(distance, 1e-9) * away
+        self._scatter += gain * (counted**2 - self._scatter)
 
 
 class RestEvidence:

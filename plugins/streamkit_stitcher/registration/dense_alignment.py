@@ -11,8 +11,10 @@ import numpy.typing as npt
 from streamkit.geometry.homography import (
     FloatArray,
     corner_shift,
+    corners,
     from_reduced,
     inverse,
+    project,
     to_reduced,
     translation,
 )
@@ -40,7 +42,7 @@ class DenseAlignment:
         compared: number of blocks in view.
         at_rest: whether `key_to_frame` is exactly the first prediction, which explains the frame as well.
         near_rest: whether the first prediction explains the frame about as well.
-        away: distance of the first prediction from the best motion at the worst corner, px.
+        displacements: float64[4, 2], of the corners by the best motion, from the first prediction, px.
         rmse: root mean square difference of the textures.
         tilt: float64[4], shear and perspective that this frame alone shows, see `tilt_of`.
         tilt_variances: float64[4], of these, px squared.
@@ -56,11 +58,16 @@ class DenseAlignment:
     compared: int
     at_rest: bool
     near_rest: bool
-    away: float
+    displacements: FloatArray
     rmse: float
     tilt: FloatArray
     tilt_variances: FloatArray
     evidence: FloatArray
+
+    @property
+    def away(self) -> float:
+        """Distance of the first prediction from the best motion at the worst corner, px."""
+        return float(np.hypot(*self.displacements.T).max())
 
 
 # Agreement below which it may be chance (other scenes: at most 0.028 in 132 pairs).
@@ -166,6 +173,7 @@ def align_densely(
         if confirmed.min() > 0:
             best, at_rest, near_rest, evidence = moved, False, False, confirmed
             motion, compared = moved.motion, moved.compared
+    outline = corners(finest.shape)
     return DenseAlignment(
         motion,
         _beyond_chance(finest, image, motion, compared),
@@ -176,7 +184,7 @@ def align_densely(
         int(np.count_nonzero(compared.visible)),
         at_rest,
         near_rest,
-        corner_shift(inverse(predictions[0]) @ best.motion, finest.shape),
+        project(inverse(predictions[0]) @ best.motion, outline) - outline,
         float(np.sqrt(compared.variance)),
         best.tilt(finest),
         np.diag(np.linalg.inv(best.information))[4:],
