@@ -11,6 +11,7 @@ from streamkit import Frame, FrameFlags
 from streamkit_media.codecs import caps_rate, codec_of, extradata_of
 from streamkit_media.decoding.framenumbers import FrameNumbers
 from streamkit_media.decoding.marks import PENDING_LIMIT
+from streamkit_media.decoding.presentation_times import PresentationTimes
 from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.nalunits import is_reference
 
@@ -34,6 +35,7 @@ class CodedStream:
         packets: that the decoder has got.
         numbers: sequence numbers of the packets without a frame yet, ascending. Frames come out in order of
             presentation, so each takes the first.
+        times: of the frames, where the packets have them.
     """
 
     def __init__(self, first: Frame, decoder: VideoDecoder[Frame]) -> None:
@@ -48,6 +50,7 @@ class CodedStream:
         self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None
         self.newest_arrival_ns = self.next_pts = 0
         self.numbers: list[int] = []
+        self.times = PresentationTimes()
         self.has_given_frame = False
         self.packets = 0
 
@@ -58,11 +61,13 @@ class CodedStream:
         self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
         insort(self.numbers, packet.seq)
         del self.numbers[:-PENDING_LIMIT]
+        self.times.add(packet.pts)
 
     def leave_out(self, packet: Frame) -> None:
         """Notes that a packet gives no frame."""
         with suppress(ValueError):
             self.numbers.remove(packet.seq)
+        self.times.leave_out(packet.pts)
 
     def is_needed(self, packet: Frame) -> bool:
         """Whether other frames may depend on the one in a packet."""

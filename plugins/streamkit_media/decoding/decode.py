@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from av.codec.codec import UnknownCodecError
 from av.codec.context import ThreadType
 from av.error import FFmpegError
-from av.video.frame import VideoFrame
+from av.video.frame import PictureType, VideoFrame
 
 from streamkit import (
     SECOND_NS,
@@ -30,6 +30,7 @@ from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
 from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, oriented
 from streamkit_media.decoding.marks import Damage, Freshness, InherentDelay
+from streamkit_media.decoding.presentation_times import WRONG_TIMES
 from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
 from streamkit_media.failures import reason_of
 from streamkit_media.streams import DecodeOnly
@@ -72,8 +73,9 @@ class Decode(Transform):
     """Decodes video and images; GRAY8 is the decoder's own luma plane, without copy.
 
     Damaged frames, and those built on them, are marked as corrupt, counted as the outcome `damaged`, and
-    warned of once, at the end. Interlaced video is warned of, and decoded as it is. An element message
-    `decoder` names the device, or software.
+    warned of once, at the end. Interlaced video is warned of, and decoded as it is. Times
+    that a container stores in order of coding are put in order. An element message `decoder` names the
+    device, or software.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink
@@ -278,8 +280,9 @@ class Decode(Transform):
     def _shown(self, stream: CodedStream, decoded: Decoded) -> list[Frame]:
         self._frames_decoded += len(decoded)
         frames = []
-        for video_frame, origin in decoded:
-            number = stream.numbers.pop(0) if stream.numbers else origin.seq
+        for video_frame, packet in decoded:
+            number = stream.numbers.pop(0) if stream.numbers else packet.seq
+            origin = self._timed(stream, video_frame, packet)
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._damage.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._decide_to_hide(stream, origin) if origin.metadata else None
@@ -288,6 +291,15 @@ class Decode(Transform):
             else:
                 self._drop_packet(origin, reason)
         return frames
+
+    def _timed(self, stream: CodedStream, video_frame: VideoFrame, packet: Frame) -> Frame:
+        """The packet of a frame, with the frame's time where its own is wrong."""
+        is_bidirectional = video_frame.pict_type == PictureType.B
+        is_key = bool(video_frame.key_frame)
+        pts = stream.times.take(packet.pts, is_bidirectional=is_bidirectional, is_key=is_key)
+        if stream.times.are_wrong:
+            self.warn_once(WRONG_TIMES)
+        return packet if pts == packet.pts else packet.replace(pts=pts)
 
     def _decide_to_hide(self, stream: CodedStream, origin: Frame) -> str | None:
         """Notes a frame's age; why it is not shown, "" where that is not counted, or None where it is."""

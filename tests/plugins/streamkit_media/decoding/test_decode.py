@@ -187,6 +187,35 @@ def test_missing_times_are_made_from_the_rate(small_video: Path) -> None:
     assert [frame.pts for frame in frames] == [n * 40_000_000 for n in range(12)]
 
 
+def _in_order_of_coding(path: Path) -> tuple[list[Frame], list[int]]:
+    """The packets with times as of a writer that knows no B-frames, and the right times of the frames, ns."""
+    packets = packets_of(path)
+    times = sorted(packet.pts for packet in packets if packet.pts is not None)
+    assert [packet.pts for packet in packets] != times, "the video has B-frames"
+    return [packet.replace(pts=pts) for packet, pts in zip(packets, times, strict=True)], times
+
+
+def test_times_in_order_of_coding_ascend_with_the_frames(make_video: MakeVideo) -> None:
+    """Each frame has the time at which it is shown, from the first on; the user is told, once."""
+    packets, times = _in_order_of_coding(make_video("deep.mp4", count=40, bframes=3, options=DEEP_REORDERING))
+    with Harness("decode") as harness:
+        frames = decoded(harness, packets)
+        warnings = [message.text for message in harness.messages if message.kind == "warning"]
+    assert [frame.pts for frame in frames] == times
+    assert [text for text in warnings if "order of coding" in text] == warnings
+    assert len(warnings) == 1
+
+
+def test_right_times_stay_with_their_frames_where_packets_are_lost(make_video: MakeVideo) -> None:
+    """A lost packet leaves a gap in the times; no frame takes the place of another."""
+    packets = packets_of(make_video("deep.mp4", count=40, bframes=3, options=DEEP_REORDERING))
+    kept = [packet for number, packet in enumerate(packets) if number not in (9, 10, 22)]
+    with Harness("decode") as harness:
+        times = [frame.pts for frame in decoded(harness, kept)]
+    assert set(times) <= {packet.pts for packet in kept}
+    assert times == sorted(times, key=lambda pts: pts or 0)
+
+
 def test_damaged_packets_are_counted_and_reported_once(small_video: Path) -> None:
     """Undecodable packets give one warning and are all counted; the others decode."""
     packets = packets_of(small_video)
