@@ -11,6 +11,7 @@ from typing import Any
 from streamkit import mask_secrets
 from streamkit_media.codecs import OTHER
 from streamkit_media.decoding.decode import INTERLACED, NOT_SQUARE
+from streamkit_media.decoding.presentation_times import WRONG_TIMES
 from streamkit_media.doctor.measure import Decoded, Measured, measure, try_decoding
 from streamkit_media.doctor.watch import Seen
 
@@ -107,6 +108,8 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
         checks.append(note("videos", text, others=others))
     if decoded.interlaced:
         checks.append(note("fields", INTERLACED))
+    if decoded.are_times_wrong:
+        checks.append(note("times", WRONG_TIMES))
     if decoded.pixel_shape:
         checks.append(note("pixels", NOT_SQUARE.format(shape=decoded.pixel_shape)))
     if found.packets == 1 and not is_live:

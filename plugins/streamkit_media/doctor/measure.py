@@ -10,8 +10,10 @@ from itertools import pairwise
 
 from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
+from av.video.frame import PictureType
 
 from streamkit import SECOND_NS, Frame, FrameFlags
+from streamkit_media.decoding.presentation_times import PresentationTimes
 from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.failures import reason_of
 from streamkit_media.streams import DecodeOnly
@@ -91,6 +93,7 @@ class Decoded:
     hidden: int = 0  # frames that are decoded for others and not shown, as the file says
     # frames a second on this machine as busy as it is; None where that took no time
     rate: float | None = None
+    are_times_wrong: bool = False  # whether those of the packets are in order of coding
     pixel_shape: str = ""  # width to height of a pixel; "" where it is square
     error: str = ""  # of the first packet that did not decode, or ""
     size: tuple[int, int] | None = None  # width and height of the first frame, px; None where there was none
@@ -106,11 +109,13 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         decoder: VideoDecoder[Frame] = VideoDecoder(frames[0].caps)
     except (KeyError, UnknownCodecError) as cause:
         return Decoded(error=f"no decoder in this FFmpeg: {cause}")
+    times = PresentationTimes()
     began = time.monotonic()
     for frame in (*frames, None):
         if frame is not None and time.monotonic() - began > DECODING_LIMIT_S:
             continue
         found.packets += frame is not None
+        times.add(None if frame is None else frame.pts)
         try:
             decoded = decoder.drain() if frame is None else decoder.decode(frame.data, frame)
         except FFmpegError as cause:
@@ -121,9 +126,12 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         found.frames += len(shown)
         found.damaged += sum(image.is_corrupt for image in shown)
         found.interlaced += sum(image.interlaced_frame for image in shown)
+        for image, origin in decoded:
+            is_bidirectional = image.pict_type == PictureType.B
+            times.take(origin.pts, is_bidirectional=is_bidirectional, is_key=bool(image.key_frame))
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
-    found.pixel_shape = decoder.pixel_shape
+    found.pixel_shape, found.are_times_wrong = decoder.pixel_shape, times.are_wrong
     elapsed_s = time.monotonic() - began
     found.rate = found.frames / elapsed_s if found.frames and elapsed_s else None
     return found

@@ -407,3 +407,20 @@ def test_a_silent_port_is_one_line(
     assert "no video within 0.3 s" in report.as_text()
     assert capfd.readouterr() == ("", "")
     assert caplog.messages == []
+
+
+def test_times_in_order_of_coding_are_a_note(make_video: Callable[..., Path], tmp_path: Path) -> None:
+    """A file of a writer that knows no B-frames can be used, and says what decode does about it."""
+    right, wrong = make_video("right.mp4", count=30, bframes=3), tmp_path / "wrong.mp4"
+    with av.open(str(right)) as container, av.open(str(wrong), "w") as output:
+        source = container.streams.video[0]
+        stream = output.add_stream_from_template(source)
+        packets = [packet for packet in container.demux(source) if packet.size]
+        for packet, pts in zip(packets, sorted(packet.pts or 0 for packet in packets), strict=True):
+            packet.pts = packet.dts = pts
+            packet.stream = stream
+            output.mux(packet)
+    assert "times" not in verdicts(examine(str(right), 1, 5, "tcp"))
+    report = examine(str(wrong), 1, 5, "tcp")
+    assert verdicts(report)["times"] == "note"
+    assert report.is_usable
