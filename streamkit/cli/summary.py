@@ -13,7 +13,7 @@ from streamkit.output.pipe import STANDARD_OUTPUT
 if TYPE_CHECKING:
     from streamkit.flow.statistics import RunStatistics
 
-LABELS = {"tracks": "confirmed tracks"}
+LABELS = {"tracks": "confirmed tracks", "deleted_files": "deleted files"}
 
 
 class RunSummary(msgspec.Struct, frozen=True, kw_only=True):

@@ -37,4 +37,5 @@ class NumberedFilesSink(OutputFileSink):
 
     def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
         """Notes a complete file, and one that is kept as long; deletes what is kept no longer."""
-        self._retention.add(path, self.clock.utc_ns() / 1e9, companion)
+        if deleted := self._retention.add(path, self.clock.utc_ns() / 1e9, companion):
+            self.results["deleted_files"] += deleted

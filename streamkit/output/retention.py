@@ -62,35 +62,46 @@ class Retention:
                     self._files.append(msgspec.json.decode(line, type=WrittenFile))
         self._total = sum(file.size for file in self._files)
 
-    def add(self, path: Path, now_s: float, companion: Path | None = None) -> None:
+    def add(self, path: Path, now_s: float, companion: Path | None = None) -> int:
         """Records a complete file, and one to delete with it; deletes files beyond the limits.
+
+        Returns:
+            How many files it has deleted, not counting companions.
 
         Raises:
             OSError: the ledger cannot be written.
         """
         limits, files = self._limits, self._files
         if not limits.is_limited:
-            return
+            return 0
         found = path.stat()
         size, arrivals = found.st_size, ""
         if companion is not None and companion.is_file():
             size, arrivals = size + companion.stat().st_size, companion.name
         files.append(WrittenFile(path.name, found.st_ino, size, now_s, arrivals))
         self._total += size
+        deleted = 0
         while len(files) > 1 and (
             (limits.max_files and len(files) > limits.max_files)
             or (limits.max_total_size and self._total > limits.max_total_size)
             or (limits.max_age and now_s - files[0].time_s > limits.max_age)
         ):
-            self._delete(files[0])
+            deleted += self._delete(files[0])
             self._total -= files.popleft().size
         if self._ledger is not None:
             self._ledger.write_bytes(msgspec.json.Encoder().encode_lines(files))
+        return deleted
 
-    def _delete(self, file: WrittenFile) -> None:
+    def _delete(self, file: WrittenFile) -> bool:
+        """Whether the file was there, and is deleted."""
         path = self._folder / file.name
-        with suppress(OSError):
-            if path.stat().st_ino == file.inode:
-                path.unlink()
-                if file.companion:
-                    path.with_name(file.companion).unlink()
+        try:
+            if path.stat().st_ino != file.inode:
+                return False
+            path.unlink()
+        except OSError:
+            return False
+        if file.companion:
+            with suppress(OSError):
+                path.with_name(file.companion).unlink()
+        return True

@@ -38,6 +38,15 @@ def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path
     }
 
 
+def test_files_that_retention_has_deleted_are_counted(launch: Callable[..., Result], tmp_path: Path) -> None:
+    """So that nobody looks for the first of those that were written."""
+    done = launch(
+        "--summary", f"videotestsrc num-buffers=5 ! multifilesink location={tmp_path}/%d.raw max-files=2"
+    )
+    assert "3 deleted files, wrote 5 files" in done.stderr
+    assert len(list(tmp_path.glob("*.raw"))) == 2
+
+
 def test_text_is_one_line_on_stderr(launch: Callable[..., Result], tmp_path: Path) -> None:
     """Also if the run failed; stdout stays empty."""
     done = launch("--summary", f"videotestsrc num-buffers=4 ! filesink location={tmp_path}/out.raw")

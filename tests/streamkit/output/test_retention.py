@@ -26,8 +26,8 @@ def _written(folder: Path, number: int) -> Path:
 def test_limits(tmp_path: Path, limits: RetentionLimits, kept: str) -> None:
     """The newest is kept in any case."""
     retention = Retention(limits, tmp_path)
-    for number in range(6):
-        retention.add(_written(tmp_path, number), now_s=number * 10.0)
+    deleted = sum(retention.add(_written(tmp_path, number), now_s=number * 10.0) for number in range(6))
+    assert deleted == 6 - len(kept)
     assert "".join(sorted(path.stem for path in tmp_path.iterdir())) == kept
 
 
@@ -39,8 +39,8 @@ def test_files_of_others_are_never_deleted(tmp_path: Path) -> None:
     replaced = tmp_path / "new"
     replaced.write_bytes(b"another")
     replaced.replace(tmp_path / "0.ts")
-    retention.add(_written(tmp_path, 1), 1.0)
-    retention.add(_written(tmp_path, 2), 2.0)
+    assert retention.add(_written(tmp_path, 1), 1.0) == 0
+    assert retention.add(_written(tmp_path, 2), 2.0) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.ts", "2.ts", "old.ts"]
 
 
