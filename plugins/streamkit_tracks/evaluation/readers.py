@@ -20,6 +20,8 @@ CORNER = 0.5  # a box begins half a pixel before the centre of its first pixel
 
 Row = tuple[int, int, list[float]]  # number of the frame, id, and left, top, width, height
 
+RUN_STARTS = ("{", "source,")  # of track records and of their CSV
+
 
 def read_tracks(path: Path) -> list[Labelled]:
     """Tracks for each frame from 1, as `tracksink` writes them: MOT text (.txt) or CSV.
@@ -191,8 +193,10 @@ def _numbers(path: Path, least: int) -> Iterator[tuple[str, list[float]]]:
             except ValueError:
                 numbers = []
             if len(numbers) < least:
+                is_run = line.startswith(RUN_STARTS)
+                remedy = f"to compare with a run, streamkit convert {path} truth.txt; " if is_run else ""
                 raise ValueError(
-                    f"{place}: needs {least} numbers or more, got {line.strip()[:60]!r}; "
+                    f"{place}: needs {least} numbers or more, got {line.strip()[:60]!r}; {remedy}"
                     "tracks come first, ground truth second"
                 )
             yield place, numbers

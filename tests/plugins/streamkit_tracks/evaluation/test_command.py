@@ -45,6 +45,7 @@ def test_tracks_of_many_are_scored(tmp_path: Path):
         ("1,1,1,1,10,10,1,1,0.5", "1,1,1,1,10,10,1,-1,-1,-1", 0, "has nine columns"),
         ("1,1,10,10", "1,1,1,1,10,10,1,-1,-1,-1", 1, "needs 6 numbers or more"),
         ("1,1,1,1,10,10,1,-1,-1,-1", '{"schema":', 1, "needs 4 numbers or more"),
+        ("1,1,1,1,10,10,1,-1,-1,-1", "source,seq", 1, "gt.txt truth.txt; tracks come first"),
     ],
 )
 def test_truth_in_the_place_of_tracks_is_noticed(
