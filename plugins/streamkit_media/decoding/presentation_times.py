@@ -18,7 +18,8 @@ class PresentationTimes:
     Some writers store no composition offsets: the packets of a stream with B-frames then have the times of
     their decoding. Decoders give out frames in order of presentation, so the times of the packets, ascending,
     are those of the frames. The first reordered frame decides: where packets are in order of coding and their
-    times are those of presentation, the times of packets cannot ascend.
+    times are those of presentation, the times of packets cannot ascend. Times that step back, as of a camera
+    whose clock was set, are left as they are.
 
     Attributes:
         are_wrong: whether the packets' times are found to be in order of coding.
@@ -35,7 +36,9 @@ class PresentationTimes:
         """Notes the time of a packet that the decoder gets, ns."""
         if pts is None:
             return
-        self._is_ascending &= self._newest is None or pts > self._newest
+        if self._newest is not None and pts <= self._newest:
+            # In order of coding they would ascend.
+            self._is_ascending = self.are_wrong = False
         self._newest = pts
         insort(self._waiting, pts)
         del self._waiting[:-PENDING_LIMIT]
@@ -57,8 +60,9 @@ class PresentationTimes:
         if pts is None:
             return None
         waiting = self._waiting
-        is_reordered = is_bidirectional and self._is_ascending and bool(waiting) and waiting[0] < pts
-        self.are_wrong |= is_reordered or (self._last is not None and pts < self._last)
+        is_late = is_bidirectional and bool(waiting) and waiting[0] < pts
+        is_early = self._last is not None and pts < self._last
+        self.are_wrong |= self._is_ascending and (is_late or is_early)
         if not self.are_wrong:
             self.leave_out(pts)
             self._last = pts

@@ -46,11 +46,21 @@ def test_a_keyframe_ends_the_effect_of_lost_frames() -> None:
     assert _taken(times, "I0 B2 P1 I5 B7 P6") == [0, 1, 2, 5, 6, 7]
 
 
-def test_times_go_back_in_no_case() -> None:
-    """Also where they are in no order at all, or missing."""
-    times = _with_packets(0, 5, 3, 1)
-    assert _taken(times, "I0 P5 P3 P1") == [0, 5, 6, 7]
+def test_times_that_step_back_are_left_as_they_are() -> None:
+    """As of a camera whose clock was set: nothing is said of the order of coding; a time may be missing."""
+    times = _with_packets(5, 6, 2, 3)
+    assert _taken(times, "I5 P6 P2 P3") == [5, 6, 2, 3]
+    assert not times.are_wrong
     assert times.take(None, is_bidirectional=False, is_key=False) is None
+
+
+def test_times_that_step_back_end_the_correction() -> None:
+    """Behind the step they are those of another stream."""
+    times = _with_packets(10, 11, 12, 13)
+    assert _taken(times, "I10 B12 B13 P11") == [10, 11, 12, 13]
+    for number in (3, 4):
+        times.add(number)
+    assert _taken(times, "I3 P4") == [3, 4]
 
 
 def test_a_packet_that_gives_no_frame_is_left_out() -> None:
