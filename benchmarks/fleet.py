@@ -4,7 +4,7 @@ python benchmarks/fleet.py actors [--feeds 2]    frames a CPU second: actors, an
 python benchmarks/fleet.py batch [--clips 40]    wall time: a batch on two cores, and two plain processes
 python benchmarks/fleet.py kills [--kills 50]    a feed's process killed: until it is ready again; memory
 python benchmarks/fleet.py node                  a node of two killed under four feeds
-python benchmarks/fleet.py scale [--feeds 40] [--sharing 1]    fake feeds: start, status, apply, end
+python benchmarks/fleet.py scale [--feeds 40] [--sharing 1]    feeds of a frame a second: start to end
 python benchmarks/fleet.py seams [--flights 3]   tracks of a file in parts, and of the same file whole
 """
 
@@ -41,7 +41,7 @@ from streamkit_fleet.feeds import FeedSpec
 ROOT = Path(__file__).parents[1]
 SMALL = "videoscale ! video/x-raw, width=64, height=48"
 WORK = f"videotestsrc pattern=ball ! video/x-raw, width=640, height=480 ! {SMALL} ! fakesink"
-FAKE = "fakesrc is-live=true ! identity sleep-time=200000 ! fakesink name=${name}"
+FAKE = "fakesrc is-live=true ! identity sleep-time=1000000 ! fakesink name=${name}"
 COPY = f"filesrc location=${{input}} ! decode ! {SMALL} ! filesink location=${{output}}"
 TRACK = (ROOT / "pipelines" / "file-to-tracks.pipe").read_text("utf-8")
 WINDOW_S = 10.0
