@@ -41,7 +41,8 @@ from streamkit_fleet.feeds import FeedSpec
 ROOT = Path(__file__).parents[1]
 SMALL = "videoscale ! video/x-raw, width=64, height=48"
 WORK = f"videotestsrc pattern=ball ! video/x-raw, width=640, height=480 ! {SMALL} ! fakesink"
-FAKE = "fakesrc is-live=true ! identity sleep-time=1000000 ! fakesink name=${name}"
+FAKE = "fakesrc is-live=true ! identity sleep-time=200000 ! fakesink name=${name}"
+SLOW = FAKE.replace("200000", "1000000")  # a frame a second
 COPY = f"filesrc location=${{input}} ! decode ! {SMALL} ! filesink location=${{output}}"
 TRACK = (ROOT / "pipelines" / "file-to-tracks.pipe").read_text("utf-8")
 WINDOW_S = 10.0
@@ -195,8 +196,7 @@ def kill_node() -> None:
 def scale(feeds: int, sharing: int) -> None:
     """Fake feeds of a frame per second, so many in each process; those of every second process change."""
     with connected(None, cores=2):
-        slow = FAKE.replace("200000", "1000000")
-        fake = FeedSpec(text=slow, set={"name": "a"}, cores=0.001, metrics="")
+        fake = FeedSpec(text=SLOW, set={"name": "a"}, cores=0.001, metrics="")
         table = {f"f{n}": structs.replace(fake, process=f"p{n // sharing}") for n in range(feeds)}
         began_s = time.monotonic()
         control.apply(table)
@@ -305,9 +305,8 @@ def main() -> None:
         "scale": lambda: scale(options.feeds or 40, options.sharing),
         "seams": lambda: compare_seams(options.flights),
     }
-    os.environ.setdefault(
-        "RAY_worker_niceness", "0"
-    )  # as `fleet up` sets it; else processes beside it go first
+    # As `fleet up` sets it; else processes beside it go first.
+    os.environ.setdefault("RAY_worker_niceness", "0")
     runs[options.what]()
 
 
