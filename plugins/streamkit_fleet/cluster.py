@@ -10,9 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from streamkit import ResourceError
+from streamkit import ResourceError, needs_extra
 
-INSTALL = "this needs Ray; install streamkit[fleet]"
 NAMESPACE = "streamkit"
 
 
@@ -30,10 +29,8 @@ def connected(address: str | None, *, cores: int | None = None, wait_s: float = 
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    try:
+    with needs_extra("this command", "fleet"):
         import ray
-    except ImportError as error:
-        raise ResourceError(INSTALL) from error
     if ray.is_initialized():
         yield
         return

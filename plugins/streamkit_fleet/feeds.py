@@ -109,9 +109,8 @@ def read_feeds(path: Path) -> dict[str, FeedSpec]:
     found = {name: _feed(path, name, defaults, row) for name, row in feeds.items()}
     for process, members in by_process(found).items():
         for key in OF_A_PROCESS:
-            if any(
-                getattr(feed, key) != getattr(next(iter(members.values())), key) for feed in members.values()
-            ):
+            values = [getattr(feed, key) for feed in members.values()]
+            if values.count(values[0]) < len(values):
                 shared = process.partition(":")[2]
                 raise ResourceError(f"{path}: feeds of process {shared} must have the same {key}")
     return found

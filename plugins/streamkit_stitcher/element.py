@@ -37,6 +37,7 @@ from streamkit import (
     SettingsOf,
     Transform,
     luma,
+    needs_extra,
 )
 from streamkit.geometry.homography import centre, project
 from streamkit.geometry.registration_status import RegistrationStatus
@@ -309,15 +310,11 @@ class Stitch(Transform):
     def _plan(self, strip: str, shape: tuple[int, int]) -> FlightPlan:
         try:
             ends, view, overlap = parse_strip(strip), self._view_across(shape), self.settings.keyframe_overlap
-            return plan_strip(ends, self.altitude, view, overlap, self.speed, shape)
+            with needs_extra(f"{self.name}: strip", "geo"):
+                return plan_strip(ends, self.altitude, view, overlap, self.speed, shape)
         except (ValueError, ZeroDivisionError) as error:
             raise ResourceError(
                 f"{self.name}: strip needs altitude, field-of-view and speed above 0: {error}"
-            ) from error
-        except ImportError as error:
-            raise ResourceError(
-                f"{self.name}: strip needs pyproj; install streamkit with its extra: "
-                "pip install 'streamkit[geo]'"
             ) from error
 
 
