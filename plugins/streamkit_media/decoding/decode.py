@@ -73,9 +73,8 @@ class Decode(Transform):
     """Decodes video and images; GRAY8 is the decoder's own luma plane, without copy.
 
     Damaged frames, and those built on them, are marked as corrupt, counted as the outcome `damaged`, and
-    warned of once, at the end. Interlaced video is warned of, and decoded as it is. Times
-    that a container stores in order of coding are put in order. An element message `decoder` names the
-    device, or software.
+    warned of once, at the end. Interlaced video is warned of, and decoded as it is. Times that a container
+    stores in order of coding are put in order. An element message `decoder` names the device, or software.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink

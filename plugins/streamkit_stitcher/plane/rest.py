@@ -26,9 +26,9 @@ class RestBelief:
     """How often a camera is where it was at its keyframe, and whether it shakes about that place.
 
     A camera that shakes by about a pixel is near rest in each of its frames, where that explains the frame
-    about as well as any motion. It is told from one at rest by the scatter of many frames' best motions
-    about their mean, which at rest is no larger than their predicted errors. One that has moved once by less
-    than a pixel still rests.
+    about as well as any motion. It is distinguished from one at rest by the scatter of many frames' best
+    motions about their mean, which at rest is no larger than their predicted errors. One that has moved once
+    by less than a pixel still rests.
 
     Attributes:
         share: of the latest frames that rest explained about as well as any motion, 0 to 1.

@@ -39,7 +39,7 @@ def test_frames_tracks_and_files_as_json(launch: Callable[..., Result], tmp_path
 
 
 def test_files_that_retention_has_deleted_are_counted(launch: Callable[..., Result], tmp_path: Path) -> None:
-    """So that nobody looks for the first of those that were written."""
+    """The first of those that were written are not there any more."""
     done = launch(
         "--summary", f"videotestsrc num-buffers=5 ! multifilesink location={tmp_path}/%d.raw max-files=2"
     )

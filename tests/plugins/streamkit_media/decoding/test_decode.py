@@ -196,7 +196,7 @@ def _in_order_of_coding(path: Path) -> tuple[list[Frame], list[int]]:
 
 
 def test_times_in_order_of_coding_ascend_with_the_frames(make_video: MakeVideo) -> None:
-    """Each frame has the time at which it is shown, from the first on; the user is told, once."""
+    """Each frame has the time at which it is shown, from the first on; one warning says so."""
     packets, times = _in_order_of_coding(make_video("deep.mp4", count=40, bframes=3, options=DEEP_REORDERING))
     with Harness("decode") as harness:
         frames = decoded(harness, packets)
