@@ -15,6 +15,7 @@ from streamkit_fleet.admission import CostMeter
 from streamkit_fleet.feeds import FeedSpec
 
 LOG_LINES = 1000
+BEAT_S = 1.0  # a process may hold many feeds, whose displays draw nothing
 STOP_LIMIT_S = 35.0  # the end of the stream has 30 s, as by `--watchdog-s`, and the stop 5
 
 
@@ -157,7 +158,13 @@ class Feed:
         log = FeedLog(pipeline)
         log.kept = self._lines
         self._run = run = Run(
-            pipeline, log, eos_on_shutdown=True, verbose=False, quiet=False, monitor=monitor
+            pipeline,
+            log,
+            eos_on_shutdown=True,
+            verbose=False,
+            quiet=False,
+            monitor=monitor,
+            beat_s=BEAT_S,
         )
         self._state = "playing"
         if not self._spec.metrics:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from streamkit.flow.statistics import RunStatistics
     from streamkit.graph.pipeline import Pipeline
 
-POLL_S = 0.2
+BEAT_S = 0.2
 SAME_INTERRUPT_S = 0.1  # `timeout` signals the process, and then its whole group
 
 
@@ -38,7 +38,8 @@ class Run:
         eos_on_shutdown: whether the first interrupt sends EOS and waits for it.
         verbose: whether to print caps, states and every message.
         quiet: whether to print errors only.
-        monitor: notified of the beginning and the end, and several times a second while the run continues.
+        monitor: notified of the beginning and the end, and at each beat.
+        beat_s: maximum interval at which the display and the monitor are updated and interrupts are noticed.
 
     Attributes:
         has_played: whether the pipeline has started.
@@ -57,9 +58,11 @@ class Run:
         verbose: bool,
         quiet: bool,
         monitor: Monitor | None = None,
+        beat_s: float = BEAT_S,
     ) -> None:
         self.pipeline = pipeline
         self.display = display
+        self.beat_s = beat_s
         self.eos_on_shutdown = eos_on_shutdown
         self.monitor = monitor or Monitor(pipeline)
         self.printer = MessagePrinter(pipeline, display, verbose=verbose, quiet=quiet)
@@ -149,7 +152,7 @@ class Run:
         deadline: float | None = None
         limit_s, handled = self.pipeline.watchdog_s, 0
         while True:
-            message = self.pipeline.bus.pop(POLL_S)
+            message = self.pipeline.bus.pop(self.beat_s)
             if message is not None:
                 self.printer.print(message)
             self.printer.print_caps()

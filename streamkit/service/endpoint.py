@@ -12,6 +12,7 @@ from streamkit.service.monitor import Monitor
 if TYPE_CHECKING:
     from wsgiref.types import StartResponse, WSGIEnvironment
 
+POLL_S = 0.5  # interval at which the server checks whether it is closed
 PLAIN = ("Content-Type", "text/plain; charset=utf-8")
 
 
@@ -44,7 +45,7 @@ class MetricsEndpoint:
         host, port = self._server.server_address[:2]
         self.address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.1,), name="streamkit-metrics", daemon=True
+            target=self._server.serve_forever, args=(POLL_S,), name="streamkit-metrics", daemon=True
         )
         self._thread.start()
 

@@ -15,7 +15,7 @@ from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.states import State
 from streamkit.service.supervisor import RESTARTS_VARIABLE
 
-SILENCE_LIMIT_S = 10.0  # without a beat of the main loop, which has five a second
+SILENCE_LIMIT_S = 10.0  # without a beat of the main loop, which has one a second or more
 AGE_BOUNDS_S = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
 LOST_STATES = frozenset({"retrying", "gave-up"})
 

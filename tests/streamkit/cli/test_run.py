@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 
@@ -12,6 +13,7 @@ from streamkit.cli import run as module
 from streamkit.cli.crash_report import CrashReport
 from streamkit.cli.display import Display
 from streamkit.cli.run import Run
+from streamkit.service.monitor import Monitor
 
 
 def test_a_warning_of_the_start_is_printed_while_it_starts_and_once(
@@ -43,6 +45,37 @@ def test_what_is_counted_while_elements_stop_is_in_the_statistics(monkeypatch: p
     assert run.statistics is not None
     assert run.statistics.elements[1].dropped == {"held at the stop": 2}
     assert run.statistics.elements[1].frames_in == 3
+
+
+def test_the_end_of_the_stream_does_not_wait_for_a_beat() -> None:
+    pipeline = Pipeline.parse("fakesrc num-buffers=3 ! fakesink")
+    run = Run(pipeline, Display(pipeline), eos_on_shutdown=False, verbose=False, quiet=True, beat_s=math.inf)
+    assert run.run() == 0
+
+
+def test_an_interrupt_from_another_thread_is_noticed_at_the_next_beat() -> None:
+    pipeline = Pipeline.parse("fakesrc is-live=true ! fakesink")
+    beats = 0
+
+    class Beating(Monitor):
+        def beat(self) -> None:
+            nonlocal beats
+            beats += 1
+            if beats == 3:
+                threading.Thread(target=run.interrupt).start()
+
+    run = Run(
+        pipeline,
+        Display(pipeline),
+        eos_on_shutdown=False,
+        verbose=False,
+        quiet=True,
+        monitor=Beating(pipeline),
+        beat_s=0.01,
+    )
+    assert run.run() == 0
+    assert run.interrupts == 1
+    assert beats >= 3
 
 
 def test_an_interrupt_while_the_crash_report_begins_stops_cleanly(
