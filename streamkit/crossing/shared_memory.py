@@ -1,6 +1,6 @@
 """Shared memory: integers, and a slot for one array each.
 
-It has no name and no open descriptor, so that nothing is left when a process dies.
+It has no name, so that nothing is left when a process dies.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ LIBC.munmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
 FAILED = ctypes.c_void_p(-1).value
 SEALS = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
 MAX_SLOT = 1 << 31  # bytes
+MAX_KEPT_DESCRIPTORS = 16  # of a reader, which may keep many more arrays; a link has 8 frames on the way
 
 
 def make_memory(name: str, size: int) -> int:
@@ -81,35 +82,55 @@ class ArrayPlace(NamedTuple):
 
 
 class NewSlot(NamedTuple):
-    """A slot that the reader does not know yet: its number, size (bytes) and descriptor."""
+    """A slot that the reader does not know yet.
+
+    Attributes:
+        number: by which messages name it.
+        size: bytes.
+        forgotten: numbers of earlier slots that will not be named again.
+        descriptor: to be sent with the rest, then closed.
+    """
 
     number: int
     size: int
+    forgotten: tuple[int, ...]
     descriptor: int
 
 
 class SlotWriter:
-    """The writer's side: copies arrays into free slots; makes a slot where none is free.
+    """The writer's side: puts arrays into slots; makes a slot where none is free.
 
     The reader may keep an array for as long as it likes: its slot is then replaced by a new one, so memory
-    grows by what the reader keeps, and by nothing else.
+    grows by what the reader keeps, and by nothing else. An array that itself came from another process is not
+    copied: the reader maps the memory in which it lies, and the array is kept until the reader releases it.
     """
 
     def __init__(self) -> None:
         self._slots: dict[int, Any] = {}
         self._free: list[int] = []  # the last one freed is still in the cache
+        self._forwarded = weakref.WeakValueDictionary[int, Any]()
+        self._kept: dict[int, list[NDArray[Any]]] = {}  # by slot that is forwarded, the arrays in use
+        self._known: set[int] = set()  # to the reader
         self._size = self._next = 0
 
     def write(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
-        """Copies an array into shared memory, with its strides: another order can change sums of floats.
+        """Puts an array into shared memory, with its strides: another order can change sums of floats."""
+        memory = _memory_to_forward(array)
+        return self._copy(array) if memory is None else self._forward(array, memory)
 
-        The descriptor of a new slot is to be sent, then closed.
-        """
+    def release(self, number: int) -> None:
+        """The reader no longer uses an array in a slot; a slot of an earlier size is forgotten."""
+        if number in self._slots:
+            self._free.append(number)
+        elif kept := self._kept.get(number):
+            kept.pop()
+
+    def _copy(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
         import numpy as np
 
         strides, size = _layout(array)
-        if size > self._size:  # the caps have changed; the reader drops its slots, too, at the larger new one
-            self._slots.clear()  # the reader's mappings stay
+        if size > self._size:  # the caps have changed
+            self._slots.clear()  # the reader's mappings stay while arrays use them
             self._free.clear()
             self._size = size
         made = None if self._free else self._make()
@@ -118,18 +139,30 @@ class SlotWriter:
         np.copyto(np.ndarray(array.shape, array.dtype, self._slots[number], 0, strides), array)
         return place, made
 
-    def release(self, number: int) -> None:
-        """The reader no longer uses a slot; one of an earlier size is forgotten."""
-        if number in self._slots:
-            self._free.append(number)
+    def _forward(self, array: NDArray[Any], memory: Any) -> tuple[ArrayPlace, NewSlot | None]:
+        made, number = None, next((n for n, known in self._forwarded.items() if known is memory), None)
+        if number is None:
+            made = self._announce(len(memory), os.dup(memory.descriptor))
+            number = made.number
+            self._forwarded[number], self._kept[number] = memory, []
+        self._kept[number].append(array)
+        return ArrayPlace(number, array.dtype.str, array.shape, array.strides), made
 
     def _make(self) -> NewSlot:
-        number, size = self._next, max(1, self._size)
-        self._next += 1
+        size = max(1, self._size)
         descriptor = make_memory("streamkit-frame", size)
         fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, SEALS)
-        self._slots[number] = map_memory(descriptor, size, writable=True)
-        return NewSlot(number, size, descriptor)
+        made = self._announce(size, descriptor)
+        self._slots[made.number] = map_memory(descriptor, size, writable=True)
+        return made
+
+    def _announce(self, size: int, descriptor: int) -> NewSlot:
+        forgotten = self._known - self._slots.keys() - set(self._forwarded)
+        for number in forgotten:
+            self._kept.pop(number, None)
+        number, self._next = self._next, self._next + 1
+        self._known = (self._known - forgotten) | {number}
+        return NewSlot(number, size, tuple(forgotten), descriptor)
 
 
 class SlotReader:
@@ -142,22 +175,30 @@ class SlotReader:
     def __init__(self) -> None:
         self.released: deque[int] = deque()
         self._slots: dict[int, Any] = {}
+        self._descriptors: set[int] = set()  # those that are kept
 
-    def add(self, number: int, size: int, descriptor: int) -> None:
-        """Maps a new slot; closes the descriptor.
+    def add(self, slot: NewSlot) -> None:
+        """Maps a new slot; takes the descriptor, which a few slots keep to be sent on.
 
         Raises:
             ValueError: its memory is not sealed, so that the writer could shrink it under the reader.
         """
+        for number in slot.forgotten:
+            self._slots.pop(number, None)  # arrays keep theirs
+        descriptor = slot.descriptor
         try:
             is_sealed = fcntl.fcntl(descriptor, fcntl.F_GET_SEALS) & SEALS == SEALS
-            if not is_sealed or not 0 < size <= min(os.fstat(descriptor).st_size, MAX_SLOT):
+            if not is_sealed or not 0 < slot.size <= min(os.fstat(descriptor).st_size, MAX_SLOT):
                 raise ValueError("shared memory for frames must be sealed and of the size announced")
-            if self._slots and size > len(next(iter(self._slots.values()))):
-                self._slots.clear()  # the writer has given up the smaller ones; arrays keep theirs
-            self._slots[number] = map_memory(descriptor, size, writable=False)
+            memory = map_memory(descriptor, slot.size, writable=False)
+            if len(self._descriptors) < MAX_KEPT_DESCRIPTORS:
+                memory.descriptor = descriptor
+                self._descriptors.add(descriptor)
+                weakref.finalize(memory, _close, descriptor, self._descriptors).atexit = False
+            self._slots[slot.number] = memory
         finally:
-            os.close(descriptor)
+            if descriptor not in self._descriptors:
+                os.close(descriptor)
 
     def read(self, place: ArrayPlace) -> NDArray[Any]:
         """The array at a place; its slot is released with the last array that shares its memory.
@@ -176,6 +217,22 @@ class SlotReader:
         array.flags.writeable = False
         weakref.finalize(array, self.released.append, place.slot).atexit = False
         return array
+
+
+def _close(descriptor: int, kept: set[int]) -> None:
+    """Closes a descriptor that was kept, once its memory is no longer used."""
+    kept.discard(descriptor)  # before: the number may be that of another one right after
+    os.close(descriptor)
+
+
+def _memory_to_forward(array: NDArray[Any]) -> Any:
+    """The memory of a `SlotReader` that an array begins in and whose descriptor is kept; else None."""
+    import numpy as np
+
+    base: Any = array.base.base if isinstance(array.base, np.ndarray) else array.base
+    if not isinstance(base, ctypes.Array) or array.ctypes.data != ctypes.addressof(base):
+        return None
+    return base if hasattr(base, "descriptor") else None
 
 
 def _layout(array: NDArray[Any]) -> tuple[tuple[int, ...], int]:

@@ -70,7 +70,7 @@ class StreamEncoder:
         data, made = self._data(frame.data)
         if made is not None:
             try:
-                message = self._encoder.encode((LinkMessage.SLOT, made.number, made.size))
+                message = self._encoder.encode((LinkMessage.SLOT, made.number, made.size, made.forgotten))
                 if not channel.send(message, (made.descriptor,), is_cancelled):
                     return False
             finally:
@@ -147,8 +147,8 @@ class StreamDecoder:
             if kind == LinkMessage.FRAME:
                 return self._frame(EncodedFrame(*fields))
             if kind == LinkMessage.SLOT:
-                number, size = fields
-                self.slots.add(int(number), int(size), channel.take_descriptor())
+                number, size, forgotten = fields
+                self.slots.add(NewSlot(int(number), int(size), tuple(forgotten), channel.take_descriptor()))
                 return None
             return self._event(*fields)
         except (TypeError, LookupError, msgspec.DecodeError) as error:

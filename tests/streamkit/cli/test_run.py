@@ -48,12 +48,14 @@ def test_what_is_counted_while_elements_stop_is_in_the_statistics(monkeypatch: p
 
 
 def test_the_end_of_the_stream_does_not_wait_for_a_beat() -> None:
+    """A message wakes the loop, however rare its beats are."""
     pipeline = Pipeline.parse("fakesrc num-buffers=3 ! fakesink")
     run = Run(pipeline, Display(pipeline), eos_on_shutdown=False, verbose=False, quiet=True, beat_s=math.inf)
     assert run.run() == 0
 
 
 def test_an_interrupt_from_another_thread_is_noticed_at_the_next_beat() -> None:
+    """The thread that runs the pipeline ends it."""
     pipeline = Pipeline.parse("fakesrc is-live=true ! fakesink")
     beats = 0
 

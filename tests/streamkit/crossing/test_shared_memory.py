@@ -6,14 +6,21 @@ import os
 import numpy as np
 import pytest
 
-from streamkit.crossing.shared_memory import SlotReader, SlotWriter, make_numbers, map_numbers
+from streamkit.crossing.shared_memory import (
+    MAX_KEPT_DESCRIPTORS,
+    NewSlot,
+    SlotReader,
+    SlotWriter,
+    make_numbers,
+    map_numbers,
+)
 
 
 def pass_on(writer: SlotWriter, reader: SlotReader, array: np.ndarray) -> np.ndarray:
     """The array as the reader sees it."""
     place, made = writer.write(array)
     if made is not None:
-        reader.add(*made)
+        reader.add(made)
     return reader.read(place)
 
 
@@ -74,19 +81,60 @@ def test_larger_frames_get_larger_slots() -> None:
     assert np.all(pass_on(writer, reader, np.full((10, 10), 3, np.uint8)) == 3)
 
 
-def test_no_descriptor_stays_open() -> None:
-    """Memory is mapped without one, whatever the number of frames kept."""
+def test_few_descriptors_stay_open() -> None:
+    """However many frames are kept; none once they are gone."""
     before = len(os.listdir("/proc/self/fd"))
     writer, reader = SlotWriter(), SlotReader()
-    kept = []
-    for value in range(50):
-        place, made = writer.write(np.full((8, 8), value, np.uint8))
-        assert made is not None
-        reader.add(made.number, made.size, os.dup(made.descriptor))
-        os.close(made.descriptor)
-        kept.append(reader.read(place))
-    assert len(os.listdir("/proc/self/fd")) == before
+    kept = [pass_on(writer, reader, np.full((8, 8), value, np.uint8)) for value in range(50)]
+    assert len(os.listdir("/proc/self/fd")) == before + MAX_KEPT_DESCRIPTORS
     assert all(np.all(array == value) for value, array in enumerate(kept))
+    kept.append(pass_on(writer, reader, np.full((80, 80), 50, np.uint8)))
+    kept.clear()
+    gc.collect()
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_an_array_from_another_process_is_sent_on_without_a_copy() -> None:
+    """Its slot is free once the third process, too, no longer uses it."""
+    first, second = (SlotWriter(), SlotReader()), (SlotWriter(), SlotReader())
+    for value in range(40):
+        received = pass_on(*first, np.full((4, 6), value, np.uint8))
+        sent_on = pass_on(*second, received)
+        again = pass_on(*second, received[:2])
+        assert np.all(sent_on == value)
+        assert again.shape == (2, 6)
+        first[0]._slots[0][0] = 99  # a view of the same memory sees it
+        assert sent_on[0, 0] == again[0, 0] == 99
+        del received
+        assert give_back(*first) == 0
+        del sent_on
+        assert give_back(*second) == 1
+        assert give_back(*first) == 0
+        del again
+        assert give_back(*second) == 1
+        assert give_back(*first) == 1
+
+
+def test_a_part_inside_an_array_is_copied() -> None:
+    """Such as a crop; the array itself may then be given back."""
+    first, second = (SlotWriter(), SlotReader()), (SlotWriter(), SlotReader())
+    received = pass_on(*first, np.arange(24, dtype=np.uint8).reshape(4, 6))
+    part = pass_on(*second, received[1:, 2:])
+    assert np.array_equal(part, received[1:, 2:])
+    del received
+    assert give_back(*first) == 1
+
+
+def test_slots_that_are_gone_are_forgotten_by_all() -> None:
+    """Frames that grow make new slots in each process; the old ones do not stay mapped."""
+    first, second = (SlotWriter(), SlotReader()), (SlotWriter(), SlotReader())
+    for size in range(10, 40):
+        assert np.all(pass_on(*second, pass_on(*first, np.full((size, size), size, np.uint8))) == size)
+        assert np.all(pass_on(*second, np.full((size + 1, size), size, np.uint8)) == size)
+        give_back(*second)
+        give_back(*first)
+    assert len(first[1]._slots) <= 2
+    assert len(second[1]._slots) <= 4
 
 
 def test_memory_that_could_shrink_is_refused() -> None:
@@ -94,7 +142,7 @@ def test_memory_that_could_shrink_is_refused() -> None:
     descriptor = os.memfd_create("test")
     os.ftruncate(descriptor, 100)
     with pytest.raises(ValueError, match="sealed"):
-        SlotReader().add(0, 100, descriptor)
+        SlotReader().add(NewSlot(0, 100, (), descriptor))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +154,7 @@ def test_a_place_outside_the_slot_is_refused(dtype: str, shape: tuple, strides: 
     writer, reader = SlotWriter(), SlotReader()
     place, made = writer.write(np.zeros(100, np.uint8))
     assert made is not None
-    reader.add(*made)
+    reader.add(made)
     with pytest.raises((ValueError, TypeError)):
         reader.read(place._replace(dtype=dtype, shape=shape, strides=strides))
 

@@ -42,6 +42,7 @@ def assert_same(found: list[Frame], wanted: list[Frame]) -> None:
         f"{VIDEO} ! ( process=@ framediff ) ! appsink name=out",
         "( process=@ videotestsrc num-buffers=40 ) ! ( process=@ identity ! queue ) ! appsink name=out",
         "fakesrc num-buffers=99 sizetype=random filltype=pattern ! ( process=@ identity ) ! appsink name=out",
+        f"{VIDEO} ! ( process=@ identity ) ! ( process=@ identity ) ! appsink name=out max-buffers=99",
         f"{VIDEO} ! tee name=t ! ( process=@ framediff ) ! funnel name=f ! appsink name=out",
     ],
 )
