@@ -1,12 +1,16 @@
 """Parsing of descriptions, and places of errors."""
 
+import sys
 import time
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from streamkit.errors import DescriptionError, Place
+from streamkit.graph import parse as parse_module
 from streamkit.graph.parse import (
     BinNode,
     ChainNode,
@@ -48,6 +52,48 @@ def test_a_chain_has_nodes_and_links_between_them() -> None:
     first = chain.nodes[0]
     assert isinstance(first, ElementNode)
     assert [(item.name, item.value) for item in first.assignments] == [("num-buffers", "3")]
+
+
+@pytest.fixture
+def stored_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The file of the parser's tables, which is not there yet; bytecode is written."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.setattr(parse_module, "cache_from_source", lambda _: str(tmp_path / "grammar.pyc"))
+    parse_module._parser.cache_clear()
+    yield tmp_path / "grammar.lalr"
+    parse_module._parser.cache_clear()
+
+
+TEXT = "a.b ! c x=1 ! ( d ) t. ! e"
+
+
+def test_stored_tables_parse_as_new_ones(stored_tables: Path) -> None:
+    """The first parser stores them, the next one reads them; broken ones are made again."""
+    first = [chain.nodes for chain in parse(TEXT, {})]
+    written = stored_tables.read_bytes()
+    for found in (written, written[: len(written) // 2], b""):
+        stored_tables.write_bytes(found)
+        parse_module._parser.cache_clear()
+        assert [chain.nodes for chain in parse(TEXT, {})] == first
+        assert stored_tables.stat().st_size == len(written)
+
+
+def test_no_tables_are_stored_where_no_bytecode_is(
+    stored_tables: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with PYTHONDONTWRITEBYTECODE."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    assert parse(TEXT, {})
+    assert not stored_tables.exists()
+
+
+def test_tables_that_cannot_be_stored_are_made(
+    stored_tables: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """An installation may be read-only; nothing is said about it."""
+    stored_tables.parent.rmdir()
+    assert parse(TEXT, {})
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_new_chain_begins_where_the_last_cannot_go_on() -> None:
