@@ -1,10 +1,12 @@
 """Fixtures shared by every test."""
 
 import gc
+import math
 import os
 import signal
 import subprocess
 import sysconfig
+import time
 import venv
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -19,6 +21,8 @@ from tests.entry_points import adding_entry_points
 from tests.process_option import use_processes
 from tests.slowness import patience, slowness
 
+# The workers of the tests fill the cores; a second thread of OpenCV would wait in a loop for the first one.
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 ROOT = Path(__file__).parents[1]
 MODULE = "elements_of_a_test"
 Register = Callable[..., None]
@@ -37,7 +41,8 @@ hypothesis.settings.register_profile(
     "repeatable", derandomize=True, deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
 )
 hypothesis.settings.load_profile("repeatable")
-SLOWNESS = pytest.StashKey[tuple[Path, float]]()
+SLOWNESS = pytest.StashKey[tuple[Path, float, float]]()
+SLOWNESS_PERIOD_S = 5.0
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -58,14 +63,15 @@ def process_of(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """A test's limit of time is one for an idle machine; a slow one gets as many times longer.
 
-    How slow it is, is measured before each file; the slowest so far counts.
+    How slow it is, is measured before a file, every few seconds; the slowest so far counts.
     """
-    path, factor = item.config.stash.get(SLOWNESS, (None, 1.0))
+    path, measured_s, factor = item.config.stash.get(SLOWNESS, (None, -math.inf, 1.0))
     if path != item.path:
         if not gc.get_freeze_count():  # `launch` unfreezes; a search among all collected tests takes 0.5 s
             gc.freeze()
-        factor = max(factor, slowness())
-        item.config.stash[SLOWNESS] = item.path, factor
+        if time.monotonic() - measured_s > SLOWNESS_PERIOD_S:
+            factor, measured_s = max(factor, slowness()), time.monotonic()
+        item.config.stash[SLOWNESS] = item.path, measured_s, factor
     marker = item.get_closest_marker("timeout")
     limit_s = float(marker.args[0] if marker else item.config.getini("timeout"))
     item.add_marker(pytest.mark.timeout(limit_s * factor), append=False)
