@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests import command_line
 from tests.slowness import patience
 
 BINARY = Path(sys.executable).with_name("streamkit")
@@ -58,7 +59,7 @@ def assert_one_clear_error(done: subprocess.CompletedProcess[str], code: int, *w
 )
 def test_bad_description_ends_with_2(description: str, words: tuple[str, ...]) -> None:
     """A description that cannot become a graph is refused before anything runs."""
-    assert_one_clear_error(launch(description, 3), 2, *words)
+    assert_one_clear_error(command_line.run("launch", description), 2, *words)
 
 
 def test_missing_file_ends_with_1(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-LINES = {
+LAUNCHED = {
     "transform": "videotestsrc num-buffers=3 ! mytransform gain=1.5 ! fakesink",
     "source": "mysource num-buffers=3 ! fakesink",
     "sink": "videotestsrc num-buffers=3 ! mysink location=means.txt",
@@ -15,20 +15,24 @@ LINES = {
 
 @pytest.fixture(scope="module")
 def environment(make_environment: Callable[[], Any]) -> Any:
-    """A fresh environment."""
-    return make_environment()
+    """A fresh environment with a new package of each kind, which one call of pip installs."""
+    environment = make_environment()
+    for kind in LAUNCHED:
+        made = environment.run("streamkit", "new", f"my-{kind}", "--kind", kind)
+        assert made.returncode == 0, made.stderr
+    packages = [word for kind in LAUNCHED for word in ("-e", f"./my-{kind}")]
+    done = environment.run("pip", "install", *packages)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return environment
 
 
-@pytest.mark.parametrize("kind", ["transform", "source", "sink"])
+@pytest.mark.parametrize("kind", LAUNCHED)
 def test_a_new_package_installs_and_passes_its_test(environment: Any, tmp_path: Path, kind: str) -> None:
     """Then it is found by name, documented, and runs in a pipeline."""
-    made = environment.run("streamkit", "new", f"my-{kind}", "--kind", kind, cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
-    package = tmp_path / f"my-{kind}"
-    for command in (["pip", "install", "-e", "."], ["python", "-W", "error", "-m", "pytest", "-q"]):
-        done = environment.run(*command, cwd=package)
-        assert done.returncode == 0, done.stdout + done.stderr
+    test = ["python", "-W", "error", "-m", "pytest", "-q"]
+    done = environment.run(*test, cwd=environment.folder / f"my-{kind}")
+    assert done.returncode == 0, done.stdout + done.stderr
     text = environment.run("streamkit", "inspect", f"my{kind}").stdout
     assert f" of my-{kind} 0.1.0 (my_{kind}.element:My{kind.capitalize()})" in text
-    launched = environment.run("streamkit", "launch", LINES[kind], cwd=tmp_path)
+    launched = environment.run("streamkit", "launch", LAUNCHED[kind], cwd=tmp_path)
     assert (launched.returncode, launched.stderr.count("\n")) == (0, 1), launched.stderr

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from streamkit import Frame, Pipeline, Registration, Tracks, TrackState
 from streamkit_video import TrueRegistration, TrueTargets
 
-FRAMES = 300
+FRAMES = 150
 CARS = 12
 NEAR_PX = 10.0
 DESCRIPTION = (

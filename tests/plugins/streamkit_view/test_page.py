@@ -131,9 +131,10 @@ def number_of_last(browser: Chrome) -> int | None:
 
 def last_frame(browser: Chrome) -> tuple[int, np.ndarray[Any, Any]] | None:
     """The number and the pixels of the last frame, unless another is shown meanwhile."""
-    number = number_of_last(browser)
+    if (number := number_of_last(browser)) is None:
+        return None
     pixels = canvas(browser, "video")[:, :, :3]
-    return None if number is None or number_of_last(browser) != number else (number, pixels)
+    return (number, pixels) if number_of_last(browser) == number else None
 
 
 def drawn_boxes(overlay: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
