@@ -14,7 +14,7 @@ from streamkit import ResourceError
 from streamkit_fleet.admission import excess
 from streamkit_fleet.feed import STOP_LIMIT_S, FeedStatus
 from streamkit_fleet.feed_actor import FeedActor
-from streamkit_fleet.feeds import FeedSpec, by_process, digest
+from streamkit_fleet.feeds import FeedProcess, FeedSpec, by_process
 
 PREFIXES = ("feed:", "process:")
 ANSWER_LIMIT_S = 1.5
@@ -34,23 +34,23 @@ def running() -> dict[str, Any]:
     return found
 
 
-def start(process: str, feeds: Mapping[str, FeedSpec], avoid: str = "") -> None:
-    """Gives the feeds of a process to Ray, which starts it where there is room, not on the node to avoid."""
-    first = next(iter(feeds.values()))
+def start(process: FeedProcess, avoid: str = "") -> None:
+    """Gives a process to Ray, which starts it where there is room, not on the node to avoid."""
+    feeds = process.feeds.values()
     where = {"label_selector": {"ray.io/node-id": f"!{avoid}"}} if avoid else {}
-    memory_mb = sum(feed.memory_mb for feed in feeds.values())
+    memory_mb = sum(feed.memory_mb for feed in feeds)
     memory = {"memory": memory_mb << 20} if memory_mb else {}
     actor: Any = ray.remote(FeedActor)
     actor.options(
-        name=process,
+        name=process.name,
         lifetime="detached",
-        max_restarts=first.max_restarts,
-        num_cpus=sum(feed.cores for feed in feeds.values()),
-        num_gpus=sum(feed.gpus for feed in feeds.values()),
-        resources=dict.fromkeys(first.tags, TAG_SHARE),
+        max_restarts=process.max_restarts,
+        num_cpus=sum(feed.cores for feed in feeds),
+        num_gpus=sum(feed.gpus for feed in feeds),
+        resources=dict.fromkeys(process.tags, TAG_SHARE),
         **memory,
         **where,
-    ).remote(process, feeds)
+    ).remote(process)
 
 
 def statuses(limit_s: float = ANSWER_LIMIT_S) -> list[FeedStatus]:
@@ -93,16 +93,17 @@ def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
         What was done by feed: started, stopped, replaced, unchanged.
     """
     wanted, rows = by_process(feeds), statuses(limit_s=10.0)
-    same = {row.process for row in rows if row.digest == digest(wanted.get(row.process, {}))}
+    digests = {name: process.digest for name, process in wanted.items()}
+    same = {row.process for row in rows if row.digest == digests.get(row.process)}
     same -= {row.process for row in rows if row.state == "refused"}
     known = {row.name for row in rows}
     done = dict.fromkeys(known - feeds.keys(), "stopped")
-    for process, members in wanted.items():
-        for name in members:
+    for process, found in wanted.items():
+        for name in found.feeds:
             done[name] = "unchanged" if process in same else "replaced" if name in known else "started"
     stop({row.process for row in rows} - same)
     for process in wanted.keys() - same:
-        start(process, wanted[process])
+        start(wanted[process])
     return done
 
 
@@ -165,12 +166,13 @@ def drain(node: str, feeds: Mapping[str, FeedSpec]) -> list[str]:
         raise ResourceError(f"no single node begins with {node!r}; there are {', '.join(map(str, nodes))}")
     moving = [status for status in statuses() if status.node == matching[0]]
     wanted = by_process(feeds)
-    if missing := [one.name for one in moving if one.name not in wanted.get(one.process, {})]:
+    known = {(process, name) for process, found in wanted.items() for name in found.feeds}
+    if missing := [one.name for one in moving if (one.process, one.name) not in known]:
         raise ResourceError(f"the table has no feed {missing[0]}, which runs on that node; apply it first")
     processes = {status.process for status in moving}
     stop(processes)
     for process in processes:
-        start(process, wanted[process], avoid=matching[0])
+        start(wanted[process], avoid=matching[0])
     return [status.name for status in moving]
 
 

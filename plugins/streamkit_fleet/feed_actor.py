@@ -10,21 +10,23 @@ import ray
 from msgspec.structs import replace
 
 from streamkit_fleet.feed import STOP_LIMIT_S, Feed, FeedStatus
-from streamkit_fleet.feeds import FeedSpec, digest
+from streamkit_fleet.feeds import FeedProcess
 
 
 class FeedActor:
     """The feeds of a process: mostly one, or those that share it."""
 
-    def __init__(self, process: str, feeds: Mapping[str, FeedSpec]) -> None:
+    def __init__(self, process: FeedProcess) -> None:
         context = ray.get_runtime_context()
         restarts = int(context.was_current_actor_reconstructed)
         self._place = {
-            "process": process, "node": context.get_node_id(), "pid": os.getpid(), "digest": digest(feeds),
+            "process": process.name, "node": context.get_node_id(), "pid": os.getpid(),
+            "digest": process.digest,
         }  # fmt: skip
-        os.nice(next(iter(feeds.values())).nice)  # of this thread and of those that it starts, not of Ray's
+        os.nice(process.nice)  # of this thread and of those that it starts, not of Ray's
         self._feeds = {
-            name: Feed(name, feed, restarts=restarts, sharing=len(feeds)) for name, feed in feeds.items()
+            name: Feed(name, feed, restarts=restarts, sharing=len(process.feeds))
+            for name, feed in process.feeds.items()
         }
 
     def statuses(self) -> list[FeedStatus]:

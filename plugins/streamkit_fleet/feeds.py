@@ -62,18 +62,47 @@ class FeedSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return {name: str(value) for name, value in self.set.items()} | secrets
 
 
-def by_process(feeds: Mapping[str, FeedSpec]) -> dict[str, dict[str, FeedSpec]]:
-    """The feeds of each process; one that is shared is called "process:NAME", another "feed:NAME"."""
+class FeedProcess(msgspec.Struct, frozen=True, kw_only=True):
+    """A process: its feeds, and what all of them say of it.
+
+    Attributes:
+        name: "process:NAME" where feeds share it, else "feed:NAME".
+        feeds: by their names.
+        nice, tags, max_restarts: as those of each feed.
+    """
+
+    name: str
+    feeds: dict[str, FeedSpec]
+    nice: int
+    tags: list[str]
+    max_restarts: int
+
+    @property
+    def digest(self) -> str:
+        """Changes if anything of the feeds does."""
+        return hashlib.sha256(msgspec.json.encode(self.feeds, order="sorted")).hexdigest()
+
+
+def by_process(feeds: Mapping[str, FeedSpec]) -> dict[str, FeedProcess]:
+    """The processes of feeds, by their names.
+
+    Raises:
+        ResourceError: feeds that share a process disagree on it.
+    """
     found: dict[str, dict[str, FeedSpec]] = {}
     for name, feed in feeds.items():
         process = f"process:{feed.process}" if feed.process else f"feed:{name}"
         found.setdefault(process, {})[name] = feed
-    return found
+    return {name: _process(name, members) for name, members in found.items()}
 
 
-def digest(feeds: Mapping[str, FeedSpec]) -> str:
-    """Changes if anything of the feeds of a process does."""
-    return hashlib.sha256(msgspec.json.encode(feeds, order="sorted")).hexdigest()
+def _process(name: str, feeds: dict[str, FeedSpec]) -> FeedProcess:
+    first, *others = feeds.values()
+    common = {key: getattr(first, key) for key in OF_A_PROCESS}
+    for key, value in common.items():
+        if any(getattr(feed, key) != value for feed in others):
+            raise ResourceError(f"feeds of process {first.process} must have the same {key}")
+    return FeedProcess(name=name, feeds=feeds, **common)
 
 
 def resolve(reference: str) -> str:
@@ -107,12 +136,10 @@ def read_feeds(path: Path) -> dict[str, FeedSpec]:
     for place, part in [("defaults", defaults), *((f"feeds.{name}", row) for name, row in feeds.items())]:
         _check_tables(path, place, part)
     found = {name: _feed(path, name, defaults, row) for name, row in feeds.items()}
-    for process, members in by_process(found).items():
-        for key in OF_A_PROCESS:
-            values = [getattr(feed, key) for feed in members.values()]
-            if values.count(values[0]) < len(values):
-                shared = process.partition(":")[2]
-                raise ResourceError(f"{path}: feeds of process {shared} must have the same {key}")
+    try:
+        by_process(found)
+    except ResourceError as error:
+        raise ResourceError(f"{path}: {error}") from None
     return found
 
 

@@ -39,7 +39,7 @@ def test_the_tables_are_valid(tmp_path: Path) -> None:
     for body in re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL):
         (tmp_path / "table.toml").write_text(body, encoding="utf-8")
         found |= by_process(read_feeds(tmp_path / "table.toml"))
-    assert {process: len(feeds) for process, feeds in found.items()} == {
+    assert {name: len(process.feeds) for name, process in found.items()} == {
         "feed:gate": 1,
         "feed:roof": 1,
         "process:light": 2,

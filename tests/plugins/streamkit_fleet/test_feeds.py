@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from streamkit import ResourceError
-from streamkit_fleet.feeds import FeedSpec, by_process, digest, read_feeds, resolve
+from streamkit_fleet.feeds import FeedSpec, by_process, read_feeds, resolve
 
 TABLE = """
 [defaults]
@@ -46,7 +46,7 @@ def test_a_digest_changes_with_the_feed_and_its_description(tmp_path: Path) -> N
     before = by_process(read_feeds(write(tmp_path, TABLE)))
     path = write(tmp_path, TABLE.replace("snow", "ball"))
     after = by_process(read_feeds(path))
-    changed = {process for process in before if digest(before[process]) != digest(after[process])}
+    changed = {process for process in before if before[process].digest != after[process].digest}
     assert changed == {"feed:gate"}
 
 
@@ -54,11 +54,21 @@ def test_feeds_of_one_process_are_together(tmp_path: Path) -> None:
     """A process may have the name of a feed that has one of its own."""
     table = TABLE + "\n[feeds.yard]\nprocess = 'gate'\n[feeds.door]\nprocess = 'gate'\n"
     found = by_process(read_feeds(write(tmp_path, table)))
-    assert {process: list(feeds) for process, feeds in found.items()} == {
+    assert {name: list(process.feeds) for name, process in found.items()} == {
         "feed:gate": ["gate"],
         "feed:roof": ["roof"],
         "process:gate": ["yard", "door"],
     }
+
+
+@pytest.mark.parametrize(("key", "value"), [("nice", 3), ("tags", ["site-b"]), ("max_restarts", 2)])
+def test_a_process_has_what_its_feeds_agree_on(key: str, value: object) -> None:
+    """Also where the table was made by a program: none of its feeds decides for the others."""
+    one, other = FeedSpec(process="p"), FeedSpec(process="p", **{key: value})
+    with pytest.raises(ResourceError, match=f"^feeds of process p must have the same {key}$"):
+        by_process({"a": one, "b": other})
+    (process,) = by_process({"a": other, "b": other}).values()
+    assert (process.name, getattr(process, key)) == ("process:p", value)
 
 
 def test_secrets_are_read_where_the_feed_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
