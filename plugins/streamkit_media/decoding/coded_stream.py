@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from bisect import insort
 from contextlib import suppress
+from typing import TypeAlias
 
+from av.error import FFmpegError
 from av.packet import Packet
+from av.video.frame import PictureType, VideoFrame
 
 from streamkit import Frame, FrameFlags
 from streamkit_media.codecs import caps_rate, codec_of, extradata_of
@@ -16,6 +19,7 @@ from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.nalunits import is_reference
 
 KEYFRAME = int(FrameFlags.KEYFRAME)
+Decoded: TypeAlias = list[tuple[VideoFrame, Frame]]
 
 
 class CodedStream:
@@ -54,8 +58,31 @@ class CodedStream:
         self.has_given_frame = False
         self.packets = 0
 
-    def add(self, packet: Frame) -> None:
-        """Notes a packet that the decoder gets."""
+    def decode(self, packet: Frame) -> Decoded:
+        """The frames that a packet completes, in order of presentation, each with its packet.
+
+        Raises:
+            FFmpegError: the packet, or one before it, could not be decoded.
+        """
+        self._add(packet)
+        try:
+            return self.decoder.decode(packet.data, packet, bool(packet.flags & KEYFRAME))
+        except FFmpegError:
+            self._leave_out(packet)
+            raise
+
+    def time_of(self, image: VideoFrame, packet: Frame) -> int | None:
+        """The time of a frame, the next one that the decoder gave: its packet's, where that is right, ns."""
+        is_bidirectional = image.pict_type == PictureType.B
+        return self.times.take(packet.pts, is_bidirectional=is_bidirectional, is_key=bool(image.key_frame))
+
+    def is_needed(self, packet: Frame) -> bool:
+        """Whether other frames may depend on the one in a packet."""
+        if isinstance(packet.data, Packet) and packet.data.is_disposable:
+            return False
+        return is_reference(codec_of(self.caps), memoryview(packet.data), extradata_of(self.caps))
+
+    def _add(self, packet: Frame) -> None:
         self.packets += 1
         self.awaits_keyframe &= not packet.flags & KEYFRAME
         self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
@@ -63,14 +90,7 @@ class CodedStream:
         del self.numbers[:-PENDING_LIMIT]
         self.times.add(packet.pts)
 
-    def leave_out(self, packet: Frame) -> None:
-        """Notes that a packet gives no frame."""
+    def _leave_out(self, packet: Frame) -> None:
         with suppress(ValueError):
             self.numbers.remove(packet.seq)
         self.times.leave_out(packet.pts)
-
-    def is_needed(self, packet: Frame) -> bool:
-        """Whether other frames may depend on the one in a packet."""
-        if isinstance(packet.data, Packet) and packet.data.is_disposable:
-            return False
-        return is_reference(codec_of(self.caps), memoryview(packet.data), extradata_of(self.caps))

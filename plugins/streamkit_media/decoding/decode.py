@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from av.codec.codec import UnknownCodecError
 from av.codec.context import ThreadType
 from av.error import FFmpegError
-from av.video.frame import PictureType, VideoFrame
+from av.video.frame import VideoFrame
 
 from streamkit import (
     SECOND_NS,
@@ -27,7 +27,7 @@ from streamkit import (
 )
 from streamkit.handoff.library_threads import available_cores
 from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
-from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream
+from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream, Decoded
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, oriented
 from streamkit_media.decoding.marks import Damage, Freshness, InherentDelay
 from streamkit_media.decoding.presentation_times import WRONG_TIMES
@@ -55,7 +55,6 @@ NO_FRAME_YET = (
     "{count} packets of {name} have given no frame: the stream's parameter sets have not come; have the "
     "sender repeat them, as GStreamer's h265parse config-interval=-1 and x265's repeat-headers=1 do"
 )
-Decoded = list[tuple[VideoFrame, Frame]]
 
 
 ThreadsType = enum.StrEnum("ThreadsType", "AUTO FRAME SLICE")
@@ -157,11 +156,9 @@ class Decode(Transform):
             self._drop_packet(frame, f"skip={self.skip}")
             return held
         self._packets += 1
-        stream.add(frame)
         try:
-            decoded = stream.decoder.decode(frame.data, frame, is_keyframe)
+            decoded = stream.decode(frame)
         except FFmpegError as error:
-            stream.leave_out(frame)
             reason = NO_KEYFRAME if stream.awaits_keyframe else reason_of(error)
             self._damage.begin()
             self._drop_packet(frame, f"undecodable packet: {reason}")
@@ -293,9 +290,7 @@ class Decode(Transform):
 
     def _timed(self, stream: CodedStream, video_frame: VideoFrame, packet: Frame) -> Frame:
         """The packet of a frame, with the frame's time where its own is wrong."""
-        is_bidirectional = video_frame.pict_type == PictureType.B
-        is_key = bool(video_frame.key_frame)
-        pts = stream.times.take(packet.pts, is_bidirectional=is_bidirectional, is_key=is_key)
+        pts = stream.time_of(video_frame, packet)
         if stream.times.are_wrong:
             self.warn_once(WRONG_TIMES)
         return packet if pts == packet.pts else packet.replace(pts=pts)

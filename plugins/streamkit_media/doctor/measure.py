@@ -10,10 +10,9 @@ from itertools import pairwise
 
 from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
-from av.video.frame import PictureType
 
 from streamkit import SECOND_NS, Frame, FrameFlags
-from streamkit_media.decoding.presentation_times import PresentationTimes
+from streamkit_media.decoding.coded_stream import CodedStream
 from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.failures import reason_of
 from streamkit_media.streams import DecodeOnly
@@ -106,18 +105,16 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
     if not frames:
         return found
     try:
-        decoder: VideoDecoder[Frame] = VideoDecoder(frames[0].caps)
+        stream = CodedStream(frames[0], VideoDecoder(frames[0].caps))
     except (KeyError, UnknownCodecError) as cause:
         return Decoded(error=f"no decoder in this FFmpeg: {cause}")
-    times = PresentationTimes()
     began = time.monotonic()
     for frame in (*frames, None):
         if frame is not None and time.monotonic() - began > DECODING_LIMIT_S:
             continue
         found.packets += frame is not None
-        times.add(None if frame is None else frame.pts)
         try:
-            decoded = decoder.drain() if frame is None else decoder.decode(frame.data, frame)
+            decoded = stream.decoder.drain() if frame is None else stream.decode(frame)
         except FFmpegError as cause:
             found.error = found.error or reason_of(cause)
             continue
@@ -127,11 +124,10 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         found.damaged += sum(image.is_corrupt for image in shown)
         found.interlaced += sum(image.interlaced_frame for image in shown)
         for image, origin in decoded:
-            is_bidirectional = image.pict_type == PictureType.B
-            times.take(origin.pts, is_bidirectional=is_bidirectional, is_key=bool(image.key_frame))
+            stream.time_of(image, origin)
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
-    found.pixel_shape, found.are_times_wrong = decoder.pixel_shape, times.are_wrong
+    found.pixel_shape, found.are_times_wrong = stream.decoder.pixel_shape, stream.times.are_wrong
     elapsed_s = time.monotonic() - began
     found.rate = found.frames / elapsed_s if found.frames and elapsed_s else None
     return found
