@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from streamkit.geometry.camera import rotation_matrix
 from streamkit.geometry.homography import FloatArray, centre, corners, normalised, project, translation
 
 Maps = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
@@ -57,19 +58,10 @@ def camera_tilt(pitch: float, roll: float, sensor_angles: tuple[float, float, fl
     """
     azimuth, elevation, turn = sensor_angles
     # The axes of both bodies are forward, right, down; the camera's forward is its optical axis.
-    sensor = rotation(pitch, roll, 0.0) @ rotation(elevation, turn, azimuth)
+    sensor = rotation_matrix(0.0, pitch, roll) @ rotation_matrix(azimuth, elevation, turn)
     forward, right, down = sensor[2]
     along = math.atan2(down, forward)
     return math.atan2(-right, math.hypot(down, forward)), along
-
-
-def rotation(pitch: float, roll: float, yaw: float) -> FloatArray:
-    """float64[3, 3], a body's axes (forward, right, down) to its parent's: roll, then pitch, then yaw."""
-    (cp, sp), (cr, sr), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in (pitch, roll, yaw))
-    about_forward = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    about_right = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    about_down = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return np.asarray(about_down @ about_right @ about_forward, dtype=np.float64)
 
 
 def levelling(camera: CameraIntrinsics, shape: tuple[int, int], roll: float, pitch: float) -> FloatArray:

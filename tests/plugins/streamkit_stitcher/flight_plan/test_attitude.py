@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from streamkit.geometry.camera import rotation_matrix
 from streamkit_stitcher.flight_plan.rectification import (
     STRAIGHT_DOWN,
     CameraIntrinsics,
     camera_tilt,
     levelling,
-    rotation,
 )
 
 SHAPE = (480, 640)
@@ -39,7 +39,7 @@ def test_a_gimbal_makes_up_for_its_platform():
 )
 def test_levelling_brings_the_nadir_to_the_centre(pitch, roll, sensor):
     """What lies straight below the camera comes to the principal point."""
-    world = rotation(pitch, roll, 0.3) @ rotation(sensor[1], sensor[2], sensor[0])
+    world = rotation_matrix(0.3, pitch, roll) @ rotation_matrix(*sensor)
     forward, right, down = world[2]
     camera = CameraIntrinsics(600.0)
     inner = camera.matrix(SHAPE)
