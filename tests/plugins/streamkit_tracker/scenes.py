@@ -138,22 +138,23 @@ class Flight:
         generator = np.random.default_rng((11, self.seed))
         margin = 400
         height, width = self.size
-        backdrop = ground(generator, height + 2 * margin, width + 2 * margin)
+        scene = ground(generator, height + 2 * margin, width + 2 * margin)
         previous = None
         for index in range(self.frames):
             to_ground = self._camera(index)
-            scene = backdrop
-            truth = {}
+            truth, covered = {}, []
             for number, car in enumerate(self.cars):
                 window = car.window(index)
                 if window is not None:
                     shifted = window + np.array([margin, margin, 0, 0, 0])
-                    scene = _paint_near(scene, car.texture, shifted)
+                    covered.append(_paint_near(scene, car.texture, shifted))
                     truth[number] = _to_frame(window, to_ground)
             offset = np.array([[1.0, 0, margin], [0, 1.0, margin], [0, 0, 1]])
             seen = cv2.warpPerspective(
                 scene, offset @ to_ground, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             )
+            for near, before in reversed(covered):
+                scene[near] = before
             to_previous = np.eye(3) if previous is None else np.linalg.inv(previous) @ to_ground
             previous = to_ground
             inside = {n: w for n, w in truth.items() if 0 <= w[0] <= width - 1 and 0 <= w[1] <= height - 1}
@@ -211,17 +212,20 @@ class Flight:
         return centroids, boxes
 
 
-def _paint_near(scene: FloatArray, texture: FloatArray, window: FloatArray) -> FloatArray:
-    """Paints inside a small cut-out, so that the cost does not grow with the ground."""
+def _paint_near(
+    scene: FloatArray, texture: FloatArray, window: FloatArray
+) -> tuple[tuple[slice, slice], FloatArray]:
+    """Paints in place, so that the cost does not grow with the ground; returns what was there, and where."""
     reach = int(window[2]) + 4
     left, top = int(window[0]) - reach, int(window[1]) - reach
     right, bottom = left + 2 * reach, top + 2 * reach
+    near = slice(top, bottom), slice(left, right)
     if left < 0 or top < 0 or right > scene.shape[1] or bottom > scene.shape[0]:
-        return scene
-    painted = scene.copy()
-    local = window - np.array([left, top, 0, 0, 0])
-    painted[top:bottom, left:right] = paint(scene[top:bottom, left:right], texture, local)
-    return painted
+        near = slice(0), slice(0)
+    before = scene[near].copy()
+    if before.size:
+        scene[near] = paint(before, texture, window - np.array([left, top, 0, 0, 0]))
+    return near, before
 
 
 def _to_frame(window: FloatArray, to_ground: FloatArray) -> FloatArray:
