@@ -147,8 +147,8 @@ def test_searching_after_damage_takes_linear_time(block: bytes) -> None:
         assert reader.skipped == len(data)
         return time.process_time() - began
 
-    short = min(seconds(1 << 18) for _ in range(3))
-    long = min(seconds(1 << 20) for _ in range(3))
+    short = min(seconds(1 << 17) for _ in range(3))
+    long = min(seconds(1 << 19) for _ in range(3))
     assert long < 10 * max(short, 0.005)
 
 

@@ -497,10 +497,16 @@ requestAnimationFrame(note);
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(("count", "shown"), [(2, [0, 1]), (5, [3, 4])])
 def test_frames_that_come_within_one_refresh_are_shown_one_after_the_other(
-    browser: Chrome, serve_keys: Callable[..., str], key: str, count: int, shown: list[int]
+    browser: Chrome,
+    serve_keys: Callable[..., str],
+    key: str,
+    wait_for: Callable[..., Any],
+    count: int,
+    shown: list[int],
 ) -> None:
     """Records of two frames often come together; of more the newest two are shown, so that none lags."""
     browser.get(serve_keys(key))
+    wait_for(lambda: browser.execute_script("return streamkit.page.isOnline"))  # a new connection clears it
     assert browser.execute_async_script(TOGETHER, count) == shown
 
 

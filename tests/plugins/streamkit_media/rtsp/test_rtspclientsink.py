@@ -269,11 +269,11 @@ def test_no_password_is_in_the_list_of_processes(serve: Serve) -> None:
 
 
 def test_starts_and_stops_leave_nothing(closing_server: Close) -> None:
-    """After each of 20 connections and stops, processes, threads and pipes are as before the first."""
+    """After each of ten connections and stops, processes, threads and pipes are as before the first."""
     location = f"rtsp://127.0.0.1:{closing_server(1000)}/live"
     frames = coded("h264", 2)
     before = (children(), threading.active_count(), pipes())
-    for _ in range(20):
+    for _ in range(10):
         with Harness("rtspclientsink", location=location, max_packets=1, timeout_s=10.0) as harness:
             harness.push(frames[0])
             harness.push(frames[1])  # waits until the server has taken the first
