@@ -52,7 +52,7 @@ FORGETTING: dict[str, dict[str, Any]] = {
     "Emulation.setEmulatedMedia": {"features": []},
     "Network.clearBrowserCookies": {},
 }
-POLL_S = 0.05
+POLL_S = 0.15  # a look at a canvas takes the browser 50 ms
 
 
 @dataclass
