@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from pathlib import Path
-from typing import Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from av.codec.context import CodecContext, Flags, ThreadType
 from av.codec.hwaccel import HWAccel, hwdevices_available
@@ -13,7 +13,6 @@ from av.packet import Packet
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
-from av.video.stream import VideoStream
 
 from streamkit import Caps
 from streamkit_media.codecs import codec_of, decoder_for, extradata_of, size_of
@@ -21,7 +20,7 @@ from streamkit_media.container import MAX_PIXELS
 from streamkit_media.decoding.marks import PENDING_LIMIT
 
 Origin = TypeVar("Origin")
-Data: TypeAlias = "Packet[VideoStream] | bytes | bytearray | memoryview"
+Data: TypeAlias = "Packet[Any] | bytes | bytearray | memoryview"
 # Frame threads of these can wait for each other without end where damaged frames come out too; where these do
 # not, a third of all frames of a damaged stream is lost.
 SLICE_THREADS_ONLY = frozenset({"hevc"})

@@ -108,7 +108,7 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
         checks.append(note("videos", text, others=others))
     if decoded.interlaced:
         checks.append(note("fields", INTERLACED))
-    if decoded.are_times_wrong:
+    if decoded.are_times_wrong or seen.are_times_wrong:
         checks.append(note("times", WRONG_TIMES))
     if decoded.pixel_shape:
         checks.append(note("pixels", NOT_SQUARE.format(shape=decoded.pixel_shape)))

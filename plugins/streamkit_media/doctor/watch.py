@@ -32,6 +32,7 @@ class Seen:
         self.telemetry: dict[str, TelemetryReader] = {}  # a reader for each telemetry pad
         self.carrier = ""  # of a live stream: tcp, udp or its scheme
         self.unread_videos: list[int] = []  # streams of further videos
+        self.are_times_wrong = False  # whether a file stores times in order of coding
         self.error = ""  # the one that ended it, or ""
         self.shortfall = ""  # of a file that is cut short: where it ends, and where it should
 
@@ -102,6 +103,7 @@ def watch(
             _record(pipeline, seen, pads, until_s, seconds, most_packets)
             seen.carrier = getattr(pipeline["s"], "carrier", "")
             seen.unread_videos = pipeline["s"].unread_videos
+            seen.are_times_wrong = getattr(pipeline["s"], "are_times_wrong", False)
             error = pipeline.error
     except StreamkitError as failure:
         error = failure

@@ -14,6 +14,7 @@ from av.video.stream import VideoStream
 from streamkit import SECOND_NS, Caps, Frame, StreamError
 from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
+from streamkit_media.files.presentation_order import PresentationOrder
 from streamkit_media.streams import DECODE_ONLY, StreamKind, nanoseconds, packet_frame, read_packets
 
 FIRST_BACK_S = 1.0  # doubled with each try
@@ -68,6 +69,12 @@ class FilePart:
         self._dts: int | None = None  # of the last packet of the video, ns
         self._step_ns = 0
         self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
+        self._order = PresentationOrder(video)
+
+    @property
+    def are_times_wrong(self) -> bool:
+        """Whether the file stores the times of decoding as those of presentation, which are mended."""
+        return self._order.has_mended
 
     def shortfall(self) -> str:
         """What is missing of the video at its end, in words; "" where nothing is."""
@@ -121,7 +128,7 @@ class FilePart:
         """
         playing, video_pts = set(self._carried), None
         latest = dict[int, int | None]()  # time of each stream, ticks
-        for packet in read_packets(self._container, *self._streams):
+        for packet in self._order.mended(read_packets(self._container, *self._streams)):
             if self._completeness is not None:
                 self._completeness.add(packet)
             begin, end = self._limits[packet.stream_index]

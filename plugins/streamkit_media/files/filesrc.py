@@ -33,6 +33,7 @@ from streamkit_media.container import (
     unread_remedy,
     video_stream,
 )
+from streamkit_media.decoding.presentation_times import WRONG_TIMES
 from streamkit_media.files.file_part import FilePart, Joint
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
@@ -70,7 +71,8 @@ class FileSrc(Source):
     best is read, and a warning names the others, unless `video-stream` chooses one. Times are the file's own,
     exact to the nanosecond; where they go back, as where recordings are joined, they continue, with a
     warning. `start-s` goes by the file's own times: `filesrc ! packetsink` first makes a copy whose times
-    ascend. A file of bare KLV packets has none: they come out of `klv` without times. Video
+    ascend. Times that the container stores in order of coding, as writers do that know no B-frames, are put
+    in order of presentation. A file of bare KLV packets has none: they come out of `klv` without times. Video
     that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
 
     Example:
@@ -112,6 +114,7 @@ class FileSrc(Source):
                 raise ResourceError(f"{error}, got {self._where!r}") from None
         self._caps: dict[StreamKind, Caps] = {}
         self._orientation: dict[str, int | bool] = {}
+        self.are_times_wrong = False  # whether the file stores times in order of coding, which are mended
         self.unread_videos: list[int] = []  # streams of further videos, unless one is chosen
         with self._open() as container:
             self._kinds, self._duration_us = kinds_of(container), container.duration
@@ -259,6 +262,9 @@ class FileSrc(Source):
             for kind, frame in part.frames():
                 count += 1
                 shown += frame.get(DecodeOnly) is None
+                if part.are_times_wrong and not self.are_times_wrong:
+                    self.are_times_wrong = True
+                    self.post_warning(f"{where}: {WRONG_TIMES}")
                 if kind in wanted:
                     yield kind.value, frame
                 if kind is StreamKind.VIDEO and uses_src_pad:
