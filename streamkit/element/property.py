@@ -16,6 +16,7 @@ from fractions import Fraction
 from typing import Any, TypeVar, cast
 
 from streamkit.element.property_text import PLAIN_KINDS, flag_word, value_from_text
+from streamkit.element.reserved_names import NAME, use_of
 from streamkit.errors import PropertyError
 from streamkit.flow.caps import Caps
 from streamkit.flow.video import exact_rate
@@ -165,11 +166,10 @@ class PropertyDeclaration(Traits):
             TypeError: it is not; names class, property, rule and remedy.
         """
         where = f"{self.owner.__name__}.{self.attribute}"
-        for base in self.owner.__mro__[1:]:
-            if inspect.isroutine(vars(base).get(self.attribute)):
-                raise TypeError(
-                    f"{where}: the property hides the method {base.__name__}.{self.attribute}; rename it"
-                )
+        if self.name == NAME:
+            raise TypeError(f'{where}: "name" names the element in a description; rename the property')
+        if use := use_of(self.owner, self.attribute):
+            raise TypeError(f"{where}: the property hides {use}; rename it")
         try:
             kind, default = self.kind, self.default
             if kind not in PLAIN_KINDS and not issubclass(kind, enum.Enum):

@@ -26,10 +26,10 @@ class PropertyOwner:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls.properties = _declared_properties(cls)
         for item in vars(cls).values():
             if isinstance(item, PropertyDeclaration):
                 item.check_declaration()
+        cls.properties = _declared_properties(cls)
         cls.defaults = {item.attribute: item.default for item in cls.properties.values() if item.read is None}
 
     def __new__(cls, *_: Any, **__: Any) -> Self:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from streamkit import Caps, Element, Message, Property, PropertyError, Transform
+from streamkit import Caps, Element, Message, Property, PropertyError, Sink, Source, Transform
 
 
 class Mode(enum.StrEnum):
@@ -334,10 +334,33 @@ def test_a_class_without_annotations_may_declare_a_property() -> None:
     assert Plain.properties["fade"].kind is float
 
 
-def test_a_property_does_not_hide_a_method() -> None:
-    """It would only show when the engine calls the method."""
-    rule = re.escape("Hiding.stop: the property hides the method Element.stop; rename it")
-    with pytest.raises(TypeError, match=rule):
+@pytest.mark.parametrize("base", [Source, Transform, Sink])
+@pytest.mark.parametrize(
+    ("attribute", "use"),
+    [
+        ("drops", "attribute Element.drops"),  # set on each element
+        ("parent", "attribute Element.parent"),  # computed
+        ("rank", "attribute Element.rank"),  # of the class
+        ("properties", "attribute PropertyOwner.properties"),
+        ("sink", "attribute PadOwner.sink"),
+        ("stop", "method Element.stop"),
+    ],
+)
+def test_a_property_does_not_hide_what_the_engine_uses(base: type, attribute: str, use: str) -> None:
+    """The engine would read the value of the property, or the property that of the engine."""
+    with pytest.raises(TypeError, match=rf"^Hiding.{attribute}: the property hides the {use}; rename it$"):
+        type("Hiding", (base,), {attribute: Property(3, doc="x")})
 
-        class Hiding(Transform):
-            stop: int = Property(3, doc="x")
+
+def test_a_property_is_not_called_name() -> None:
+    """In a description that names the element, whatever the attribute is called."""
+    for attribute, name in (("name", ""), ("title", "name")):
+        with pytest.raises(TypeError, match='"name" names the element in a description; rename the prop'):
+            type("Hiding", (Transform,), {attribute: Property("", name=name, doc="x")})
+
+
+def test_a_property_may_have_the_name_of_a_plain_value() -> None:
+    """As `is_live` of a source, and any name that the engine uses for something else only."""
+    names = ("is_live", "items", "caps", "seq")
+    properties = {name: Property(False, doc="x") for name in names}
+    assert type("Free", (Source,), properties).properties.keys() >= set(names)
