@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from typing_extensions import override
 
-from streamkit import SECOND_NS, Caps, Frame, Property, Source
+from streamkit import SECOND_NS, Caps, Capture, Frame, Property, Source
 from streamkit_video.videoconvert import choose_format
 
 WINDOW_NS = 3 * SECOND_NS  # over which the rate of live frames is watched
@@ -26,7 +26,9 @@ class PacedSource(Source):
     preferred: ClassVar[Caps]
 
     num_buffers: int = Property(-1, min=-1, max=2**31 - 1, doc="Frames before EOS; -1 is endless.")
-    is_live: bool = Property(False, doc="Pace the frames in real time, as a camera does.")
+    is_live: bool = Property(
+        False, doc="Pace the frames in real time, as a camera does, and give them a time of capture."
+    )
 
     def begin_format(self, caps: Caps, pace: Fraction, start_ns: int) -> None:
         """Prepares frames of a format from a running time on, ns; `pace` is in frames per second."""
@@ -63,7 +65,9 @@ class PacedSource(Source):
             pts, end_ns = (start_ns + int(n * SECOND_NS / pace) for n in (number, number + 1))
             if self.is_live and not self.clock.wait_until(began_ns + pts, self.over):
                 return
-            yield self.next_frame(caps).replace(pts=pts, duration=end_ns - pts)
+            # Rendering takes the time between capture and arrival.
+            capture = Capture(self.clock.utc_ns(), "arrival") if self.is_live else None
+            yield self.next_frame(caps).replace(pts=pts, duration=end_ns - pts, capture=capture)
             number += 1
             if self.is_live:
                 window = self._watch_rate(end_ns, pace, window)

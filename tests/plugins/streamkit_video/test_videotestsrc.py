@@ -1,6 +1,7 @@
 """Tests of videotestsrc in pipelines."""
 
 import re
+import time
 
 import numpy as np
 import pytest
@@ -115,3 +116,16 @@ def test_an_image_that_scrolls_and_timestamps_with_an_offset() -> None:
     )
     assert np.array_equal(second.data, np.roll(first.data, -4, axis=1))
     assert [first.pts, second.pts] == [1000, 100_001_000]
+
+
+@pytest.mark.parametrize("source", ["videotestsrc", "dronetestsrc"])
+def test_live_frames_have_a_time_of_capture(source: str) -> None:
+    """As those of a camera, so that records tell their age; frames that are not live have none."""
+    begin_ns = time.time_ns()
+    live = frames_of(
+        f"{source} num-buffers=3 is-live=true ! video/x-raw, width=64, height=48, framerate=100/1"
+    )
+    times = [frame.capture.utc_ns for frame in live if frame.capture is not None]
+    assert len(times) == 3
+    assert begin_ns <= times[0] < times[1] < times[2] <= time.time_ns()
+    assert [frame.capture for frame in frames_of(f"{source} num-buffers=1")] == [None]
