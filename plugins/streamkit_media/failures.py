@@ -43,6 +43,10 @@ class ConnectionLost(StreamError):
     """The other side has ended the connection amid the stream, or has begun another stream."""
 
 
+class UnsupportedMedia(ResourceError):
+    """What the server sends cannot be received in its form; a retry does not help."""
+
+
 class InvalidMedia(ResourceError):
     """The server sends something that FFmpeg cannot identify."""
 

@@ -8,7 +8,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from streamkit import Element, Property, ResourceError, RestartDelay, mask_secrets
 from streamkit_media.container import with_credentials
-from streamkit_media.failures import AccessRefused, Silence
+from streamkit_media.failures import AccessRefused, Silence, UnsupportedMedia
 from streamkit_media.live.addresses import PLAIN_OF, RTSP_SCHEMES, port_of
 from streamkit_media.live.reachability import trusted_authorities
 
@@ -129,7 +129,9 @@ class Endpoint(Element):
         if limit < 0 and not has_worked and self.reconnect is not Reconnect.ALWAYS:
             limit = 0
         is_last = (
-            isinstance(failure, AccessRefused) or self.reconnect is Reconnect.NEVER or 0 <= limit <= tries
+            isinstance(failure, AccessRefused | UnsupportedMedia)
+            or self.reconnect is Reconnect.NEVER
+            or 0 <= limit <= tries
         )
         if failure is not None and is_last:
             self._post_state("gave-up", attempt=tries, reason=str(failure))

@@ -21,12 +21,17 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
-from streamkit_media.failures import InvalidMedia
+from streamkit_media.failures import InvalidMedia, UnsupportedMedia
 from streamkit_media.live.accessunits import UNPARSED, AccessUnits, can_be_joined
 from streamkit_media.live.liveinput import UrlInput
 from streamkit_media.streams import read_packets
 
 VP9_PROFILE_3 = 0x30  # its two bits; a reserved bit follows them
+JPEG_FRAME_HEADER, JPEG_SIZE_AT = b"\xff\xc0", 5  # then its length and depth, and height and width
+TOO_LARGE_JPEG = (
+    "its JPEG pictures are wider or higher than 2040 pixels, for which RTP has no field (RFC 2435); set the "
+    "camera to a smaller size, or to H.264 or H.265"
+)
 MAGIC, VERSION = ord("$"), 2
 FRAME_BYTES, HEADER_BYTES, EXTENSION_HEADER_BYTES = 4, 12, 4  # before each packet: "$", the channel, the size
 MARKER, EXTENSION, SOURCES = 0x80, 0x10, 0x0F
@@ -78,10 +83,12 @@ class RtspInput(UrlInput):
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         video = self.video_of(container)
         if not self._is_in_pieces:
-            is_vp9 = video.codec_context.name == "vp9"
+            codec = video.codec_context.name
             for packet in super().packets(container, streams):
-                if is_vp9 and packet.stream_index == video.index:
+                if codec == "vp9" and packet.stream_index == video.index:
                     packet.is_keyframe = is_vp9_keyframe(memoryview(packet))
+                elif codec == "mjpeg" and packet.stream_index == video.index and has_no_size(bytes(packet)):
+                    raise UnsupportedMedia(f"{self.where}: {TOO_LARGE_JPEG}")
                 yield packet
             return
         units = AccessUnits(video)
@@ -191,3 +198,13 @@ def is_vp9_keyframe(data: bytes | memoryview) -> bool:
     first = data[0] << (data[0] & VP9_PROFILE_3 == VP9_PROFILE_3)
     shows_existing_frame, is_inter_frame = first & 0x08, first & 0x04
     return not (shows_existing_frame or is_inter_frame)
+
+
+def has_no_size(jpeg: bytes) -> bool:
+    """Whether a JPEG picture says 0 pixels, as where its size does not fit into RTP.
+
+    Source: ITU-T T.81, B.2.2 (frame header); RFC 2435, 3.1.5 (width and height in blocks of 8, up to 255).
+    """
+    at = jpeg.find(JPEG_FRAME_HEADER)
+    size = jpeg[at + JPEG_SIZE_AT : at + JPEG_SIZE_AT + 4]
+    return at >= 0 and len(size) == 4 and b"\0\0" in (size[:2], size[2:])

@@ -1,6 +1,6 @@
 """An RTSP server for the tests; run by the system's Python, prints its port.
 
-gst_server.py            plays rtsp://user:secret@127.0.0.1:PORT/live, of H.264, and /vp9
+gst_server.py            plays rtsp://user:secret@127.0.0.1:PORT/live, of H.264, /vp9, /jpeg and /large-jpeg
 gst_server.py FOLDER     records rtsp://user:secret@127.0.0.1:PORT/CODEC to FOLDER/CODEC; h264 and h265
 """
 
@@ -20,6 +20,11 @@ LIVE = (
 VP9 = (
     "( videotestsrc is-live=true ! video/x-raw,width=320,height=240,framerate=30/1 "
     "! vp9enc deadline=1 cpu-used=8 keyframe-max-dist=15 ! rtpvp9pay name=pay0 pt=96 )"
+)
+JPEG = (
+    "( videotestsrc is-live=true pattern=ball "
+    "! video/x-raw,format=I420,width={width},height=240,framerate=15/1 "
+    "! jpegenc ! rtpjpegpay name=pay0 pt=26 )"
 )
 RECORDING = (
     "( rtp{codec}depay name=depay0 ! video/x-{codec},stream-format=byte-stream,alignment=au "
@@ -59,6 +64,8 @@ def main() -> None:
     else:
         add_mount(server, "/live", LIVE).set_shared(True)
         add_mount(server, "/vp9", VP9).set_shared(True)
+        add_mount(server, "/jpeg", JPEG.format(width=320)).set_shared(True)
+        add_mount(server, "/large-jpeg", JPEG.format(width=2560)).set_shared(True)
     server.attach(None)
     print(server.get_bound_port(), flush=True)
     GLib.MainLoop().run()

@@ -165,6 +165,26 @@ def test_vp9_can_be_recorded(real_server: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("transport", ["tcp", "udp"])
+def test_jpeg_is_received(real_server: Any, transport: str) -> None:
+    """As many cameras send it (RFC 2435)."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/jpeg"
+    text = f"rtspsrc location={location} transport={transport} ! decode ! appsink name=out"
+    with Pipeline.parse(text) as pipeline:
+        pipeline.play()
+        frames = list(islice(pipeline["out"], 5))
+    assert [frame.data.shape for frame in frames] == [(240, 320)] * 5
+
+
+def test_jpeg_too_large_for_rtp_is_named(real_server: Any) -> None:
+    """Its size is missing in the packets: no decoder can read them, and no retry helps."""
+    location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/large-jpeg"
+    pipeline = Pipeline.parse(f"rtspsrc location={location} transport=tcp ! decode ! fakesink")
+    rule = r"rtsp://\*\*\*@.*: its JPEG pictures are wider or higher than 2040 pixels.*; set the camera to "
+    with pytest.raises(ElementFailure, match=rule):
+        pipeline.run(timeout_s=30)
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
 def test_a_server_that_freezes_is_noticed(real_server: Any, transport: str) -> None:
     """A server stopped amid the stream ends in an error within timeout-s + 1 s."""
     location = f"rtsp://user:secret@127.0.0.1:{real_server.port}/live"
