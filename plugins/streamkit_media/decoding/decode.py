@@ -160,7 +160,7 @@ class Decode(Transform):
             decoded = stream.decode(frame)
         except FFmpegError as error:
             reason = NO_KEYFRAME if stream.awaits_keyframe else reason_of(error)
-            self._damage.begin()
+            self._damage.begin(frame.describe())
             self._drop_packet(frame, f"undecodable packet: {reason}")
             self._report_error(reason, f" at {frame.describe()}")
             return held
@@ -203,6 +203,8 @@ class Decode(Transform):
         shown, self._frames_shown = self._frames_shown, 0
         if shown and (damaged := self.outcomes["damaged"]):
             self.post_warning(f"{damaged} of {shown} frames are damaged", "shortfall")
+        if shown and (lost := self._damage.lost_end()):
+            self.post_warning(lost, "shortfall")
 
     def _begin(self, frame: Frame) -> CodedStream:
         """Makes the decoder for the stream that begins with a packet."""

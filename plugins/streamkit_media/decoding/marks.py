@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 # Frames that depend on a damaged one are damaged, too, until a keyframe; streams without one heal in time.
 DAMAGE_LASTS = 300
+LOST_END_PACKETS = 10  # more than a file that is cut short loses
 # No codec holds more frames back.
 PENDING_LIMIT = 256
 WINDOW = 32
@@ -18,19 +19,35 @@ class Damage:
     """Damage of frames, which outlasts the packet that it began with until it heals."""
 
     def __init__(self) -> None:
+        self._failed, self._failed_from = (
+            0,
+            "",
+        )  # packets since the last frame, and the first of them in words
         self._frames_left = 0
 
-    def begin(self) -> None:
+    def begin(self, packet: str) -> None:
         """A packet is lost on which later frames depend."""
         self._frames_left = DAMAGE_LASTS
+        self._failed_from = self._failed_from if self._failed else packet
+        self._failed += 1
 
     def next_frame(self, *, is_corrupt: bool, is_key: bool) -> bool:
         """Whether the next decoded frame, or one that it depends on, is damaged; a keyframe has none."""
+        self._failed = 0
         if is_corrupt:
             self._frames_left = DAMAGE_LASTS
         elif self._frames_left:
             self._frames_left = 0 if is_key else self._frames_left - 1
         return self._frames_left > 0
+
+    def lost_end(self) -> str:
+        """That no frame comes any more, in words; "" where one does, or where few packets are lost."""
+        if self._failed < LOST_END_PACKETS:
+            return ""
+        return (
+            f"the last {self._failed} packets gave no frame, from {self._failed_from} on; where recordings "
+            "of different codecs are joined, read them one by one"
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -477,6 +477,21 @@ def test_slice_threads_are_taken_when_live(small_video: Path) -> None:
     )
 
 
+def test_packets_at_the_end_that_give_no_frame_are_named(make_video: MakeVideo) -> None:
+    """As where a tool has joined recordings of two codecs, and moved their times."""
+    packets = packets_of(make_video("first.mp4", 40))
+    others = [packet.data for packet in packets_of(make_video("second.mp4", 40, codec="mpeg4"))]
+    joined = packets[:20] + [
+        packet.replace(data=data) for packet, data in zip(packets[20:], others, strict=False)
+    ]
+    with Harness("decode") as harness:
+        assert decoded(harness, joined)
+        texts = {message.text: message.fields.get("code") for message in harness.messages}
+    (lost,) = [text for text in texts if "packets gave no frame, from frame seq=2" in text]
+    assert "where recordings of different codecs are joined, read them one by one" in lost
+    assert texts[lost] == "shortfall"
+
+
 def test_frames_cost_no_copy_of_pixels(make_video: MakeVideo) -> None:
     """Holding frames holds the decoder's frames, each at its own address."""
     path = make_video("many.mp4", count=30)

@@ -1,4 +1,4 @@
-from streamkit_media.decoding.marks import DAMAGE_LASTS, Damage
+from streamkit_media.decoding.marks import DAMAGE_LASTS, LOST_END_PACKETS, Damage
 
 
 def test_damage_lasts_until_a_key_frame() -> None:
@@ -21,7 +21,7 @@ def test_a_packet_that_could_not_be_decoded_is_damage() -> None:
     """Later frames decode from wrong references."""
     damage = Damage()
     assert not damage.next_frame(is_corrupt=False, is_key=False)
-    damage.begin()
+    damage.begin("frame 7")
     assert damage.next_frame(is_corrupt=False, is_key=False)
 
 
@@ -32,3 +32,16 @@ def test_streams_without_key_frames_heal_in_time() -> None:
     for _ in range(DAMAGE_LASTS - 1):
         assert damage.next_frame(is_corrupt=False, is_key=False)
     assert not damage.next_frame(is_corrupt=False, is_key=False)
+
+
+def test_packets_that_fail_up_to_the_end_are_counted() -> None:
+    """With the first of them; a frame in between begins anew."""
+    damage = Damage()
+    damage.begin("frame 7")
+    damage.next_frame(is_corrupt=False, is_key=True)
+    for number in range(8, 8 + LOST_END_PACKETS):
+        assert damage.lost_end() == ""
+        damage.begin(f"frame {number}")
+    assert damage.lost_end().startswith(
+        f"the last {LOST_END_PACKETS} packets gave no frame, from frame 8 on; "
+    )
