@@ -22,7 +22,6 @@ from streamkit import (
     StreamError,
     Transform,
     display_size,
-    is_turned_for_display,
     raw_video_caps,
 )
 from streamkit.handoff.library_threads import available_cores
@@ -122,8 +121,7 @@ class Decode(Transform):
         if (shown := display_size(caps)) is not None:
             fields["width"], fields["height"] = shown
         is_odd = any(isinstance(size := fields.get(name), int) and size % 2 for name in ("width", "height"))
-        is_packed_only = is_odd or is_turned_for_display(caps)
-        formats = "GRAY8, BGR, RGB" if is_packed_only else "GRAY8, I420, NV12, BGR, RGB"
+        formats = "GRAY8, BGR, RGB" if is_odd else "GRAY8, I420, NV12, BGR, RGB"
         return Caps(f"video/x-raw, format={{ {formats} }}").with_fields(**fields)
 
     def fixate(self, sink_caps: Caps, allowed: Caps) -> Caps | None:
@@ -323,8 +321,9 @@ class Decode(Transform):
             self.warn_once(NOT_SQUARE.format(shape=shape))
         size = video_frame.width, video_frame.height
         if stream.rotation or stream.is_flipped:
-            pixels = oriented(pixels, stream.rotation, is_flipped=stream.is_flipped)
-            size = pixels.shape[1], pixels.shape[0]
+            format_ = self._reader.pixel_format
+            pixels = oriented(pixels, format_, stream.rotation, is_flipped=stream.is_flipped)
+            size = size[::-1] if stream.rotation % 180 else size
         caps = self._raw_caps
         if caps is None or (caps["width"], caps["height"]) != size:
             caps = self._raw_caps = raw_video_caps(self._reader.pixel_format, *size, stream.framerate)

@@ -19,6 +19,7 @@ LUMA_FIRST = frozenset(
 )  # fmt: skip
 SAME_AS_I420 = frozenset({"yuv420p", "yuvj420p"})
 PACKED = {"BGR": "bgr24", "RGB": "rgb24"}
+PLANAR = frozenset({"I420", "NV12"})
 NAMES = {"I420": "yuv420p", "NV12": "nv12", **PACKED}
 
 
@@ -80,6 +81,27 @@ def first_plane(frame: VideoFrame) -> Pixels:
     return rows[::-1] if line < 0 else rows
 
 
-def oriented(pixels: Pixels, degrees: int, *, is_flipped: bool) -> Pixels:
-    """uint8[h, w] or uint8[h, w, 3] upside down where flipped, then rotated counter-clockwise."""
-    return np.ascontiguousarray(np.rot90(pixels[::-1] if is_flipped else pixels, degrees // 90))
+def oriented(pixels: Pixels, pixel_format: str, degrees: int, *, is_flipped: bool) -> Pixels:
+    """A frame upside down where flipped, then rotated counter-clockwise.
+
+    Args:
+        pixels: GRAY8, BGR or RGB as uint8[h, w] or uint8[h, w, 3], I420 or NV12 as uint8[h * 3 // 2, w].
+        pixel_format: one of these.
+        degrees: a multiple of 90.
+        is_flipped: whether the frame is turned upside down first.
+    """
+    if pixel_format not in PLANAR:
+        return _turned(pixels, degrees, is_flipped=is_flipped)
+    width, rows = pixels.shape[1], pixels.shape[0] * 2 // 3
+    luma, chroma = pixels[:rows], pixels[rows:].reshape(-1)
+    if pixel_format == "I420":
+        planes = [luma, *chroma.reshape(2, rows // 2, width // 2)]
+    else:
+        planes = [luma, chroma.reshape(rows // 2, width // 2, 2)]
+    turned = [_turned(plane, degrees, is_flipped=is_flipped) for plane in planes]
+    return np.concatenate([plane.reshape(-1) for plane in turned]).reshape(-1, turned[0].shape[1])
+
+
+def _turned(plane: Pixels, degrees: int, *, is_flipped: bool) -> Pixels:
+    """uint8[h, w] or uint8[h, w, n]."""
+    return np.ascontiguousarray(np.rot90(plane[::-1] if is_flipped else plane, degrees // 90))

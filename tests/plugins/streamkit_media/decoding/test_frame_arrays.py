@@ -7,7 +7,7 @@ import pytest
 from av.filter import Graph
 from numpy.typing import NDArray
 
-from streamkit_media.decoding.frame_arrays import LUMA_FIRST, FrameReader, OddSize
+from streamkit_media.decoding.frame_arrays import LUMA_FIRST, FrameReader, OddSize, oriented
 
 
 def noise(width: int, height: int, pixel_format: str = "yuv420p") -> av.VideoFrame:
@@ -122,3 +122,24 @@ def test_other_formats_are_refused() -> None:
     """An unknown format is an error that lists the known ones."""
     with pytest.raises(ValueError, match="one of GRAY8, I420, NV12, BGR, RGB, got 'RGBA'"):
         FrameReader("RGBA")
+
+
+def _planes(pixels: NDArray[np.uint8], pixel_format: str) -> list[NDArray[np.uint8]]:
+    """The luma, and the two planes of colour, of I420 or NV12."""
+    rows, width = pixels.shape[0] * 2 // 3, pixels.shape[1]
+    colours = pixels[rows:].reshape(-1)
+    if pixel_format == "I420":
+        return [pixels[:rows], *colours.reshape(2, rows // 2, width // 2)]
+    return [pixels[:rows], *np.moveaxis(colours.reshape(rows // 2, width // 2, 2), 2, 0)]
+
+
+@pytest.mark.parametrize("pixel_format", ["I420", "NV12"])
+@pytest.mark.parametrize("is_flipped", [False, True])
+@pytest.mark.parametrize("degrees", [0, 90, 180, 270])
+def test_planes_are_turned_each(pixel_format: str, degrees: int, *, is_flipped: bool) -> None:
+    """Colours stay with their pixels, as of a telephone held upright."""
+    pixels = np.random.default_rng(3).integers(0, 256, (36, 16), np.uint8)
+    turned = oriented(pixels, pixel_format, degrees, is_flipped=is_flipped)
+    assert turned.shape == ((24, 24) if degrees % 180 else (36, 16))
+    for before, after in zip(_planes(pixels, pixel_format), _planes(turned, pixel_format), strict=True):
+        np.testing.assert_array_equal(after, np.rot90(before[::-1] if is_flipped else before, degrees // 90))
