@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from typing import BinaryIO
 
 from av.error import (
     FFmpegError,
@@ -19,6 +20,7 @@ from streamkit.errors import did_you_mean
 from streamkit.output.names import is_network, local_path
 
 PROTOCOLS = ("rtsp", "rtsps", "udp", "tcp", "rtmp", "http", "https", "file")
+FIRST_BOX, INDEX_BOX, MOST_BOXES = b"ftyp", b"moov", 1000
 # Every way in which PyAV reports media it cannot use; FFmpegError is no OSError.
 MEDIA_ERRORS = (FFmpegError, ValueError, OverflowError, RuntimeError, LookupError)
 
@@ -93,10 +95,7 @@ def open_failure(location: str, error: Exception, limit_s: float | None) -> Reso
             # The answer to a client that asks for none of the streams.
             check += ", and that it has video, not sound alone"
         return kind(f"{where}: cannot be opened: {reason_of(error)}; check {check}")
-    return StreamError(
-        f"{where}: no media that FFmpeg can read: {reason_of(error)}{first_bytes(location)}; "
-        "check that it is a whole video file"
-    )
+    return StreamError(f"{where}: no media that FFmpeg can read: {reason_of(error)}{fault_of_file(location)}")
 
 
 def protocol_remedy(scheme: str) -> str:
@@ -112,15 +111,40 @@ def reason_of(error: Exception) -> str:
     return text if isinstance(text, str) and text else mask_secrets(str(error)) or type(error).__name__
 
 
-def first_bytes(location: str) -> str:
-    """How a file begins, where that explains why it is no media."""
+def fault_of_file(location: str) -> str:
+    """What is wrong with a file, as far as its bytes tell, and what to do; continues a sentence."""
+    check = "; check that it is a whole video file"
     try:
         with local_path(location).open("rb") as file:
             head = file.read(256)
+            if head[4:8] == FIRST_BOX and INDEX_BOX not in boxes(file):
+                return (
+                    "; its index (the moov box) is missing, as where a recording was cut off; a program "
+                    "such as untrunc can restore it, with a whole file of the same camera"
+                )
     except OSError:
-        return ""
+        return check
     if not head.strip(b"\0"):
-        return " (it begins with zeros)"
+        return f" (it begins with zeros){check}"
     if all(byte >= 32 or byte in b"\t\r\n\f" for byte in head):
-        return f" (it begins with text: {head[:24].decode('latin-1')!r})"
-    return ""
+        return f" (it begins with text: {head[:24].decode('latin-1')!r}){check}"
+    return check
+
+
+def boxes(file: BinaryIO) -> set[bytes]:
+    """The types of the first boxes of an MP4 or MOV file.
+
+    Source: ISO/IEC 14496-12, 4.2 (size and type of a box; size 1: 64 bits follow; size 0: up to the end).
+    """
+    found, at = set[bytes](), 0
+    for _ in range(MOST_BOXES):
+        file.seek(at)
+        header = file.read(16)
+        if len(header) < 8:
+            break
+        found.add(header[4:8])
+        size = int.from_bytes(header[:4], "big")
+        at += int.from_bytes(header[8:], "big") if size == 1 else size
+        if size < 8 and size != 1:
+            break
+    return found

@@ -69,6 +69,11 @@ def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
         check_file("-")
 
 
+def box(name: bytes, size: int) -> bytes:
+    """A box of an MP4 file, with content of that many bytes."""
+    return (size + 8).to_bytes(4, "big") + name + bytes(size)
+
+
 @pytest.mark.parametrize(
     ("content", "rule"),
     [
@@ -78,6 +83,12 @@ def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
             r"no media that FFmpeg can read: .* \(it begins with text: 'just some text",
         ),
         (b"\0" * 4096, r"no media that FFmpeg can read: .* \(it begins with zeros\)"),
+        (box(b"ftyp", 16) + box(b"mdat", 900)[:500], r"its index \(the moov box\) is missing, .* untrunc"),
+        (
+            box(b"ftyp", 16) + (1).to_bytes(4, "big") + b"mdat" + (1 << 33).to_bytes(8, "big"),
+            r"its index \(the moov box\) is missing",
+        ),
+        (box(b"ftyp", 16) + b"\0" * 8, r"its index \(the moov box\) is missing"),
         (bytes(range(256)) * 16, "no media that FFmpeg can read: .*; check that it is a whole video file"),
     ],
 )
