@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from typing import BinaryIO
 
 from av.error import (
@@ -131,20 +132,19 @@ def fault_of_file(location: str) -> str:
     return check
 
 
-def boxes(file: BinaryIO) -> set[bytes]:
-    """The types of the first boxes of an MP4 or MOV file.
+def boxes(file: BinaryIO) -> list[bytes]:
+    """The types of the first boxes of an MP4 or MOV file, in their order.
 
     Source: ISO/IEC 14496-12, 4.2 (size and type of a box; size 1: 64 bits follow; size 0: up to the end).
     """
-    found, at = set[bytes](), 0
-    for _ in range(MOST_BOXES):
+    found, at, end = list[bytes](), 0, file.seek(0, os.SEEK_END)
+    while at < end and len(found) < MOST_BOXES:
         file.seek(at)
         header = file.read(16)
-        if len(header) < 8:
-            break
-        found.add(header[4:8])
+        found.append(header[4:8])
         size = int.from_bytes(header[:4], "big")
-        at += int.from_bytes(header[8:], "big") if size == 1 else size
-        if size < 8 and size != 1:
+        size = int.from_bytes(header[8:], "big") if size == 1 else size
+        if size < 8:
             break
+        at += size
     return found

@@ -9,6 +9,9 @@ from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
+from streamkit.output.names import local_path
+from streamkit_media.failures import FIRST_BOX, INDEX_BOX, boxes
+
 # The smaller difference is that of rounding, of delays, and of streams that end together.
 TOLERANCE_S, TOLERANCE_RATIO, TOLERANCE_STEPS = 1.0, 0.02, 2
 LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
@@ -72,3 +75,14 @@ def declared_length_s(container: InputContainer, video: VideoStream) -> float | 
         if len(container.streams) == 1 and container.duration:
             return container.duration / 1e6
     return None
+
+
+def holds_second_recording(location: str) -> bool:
+    """Whether another MP4 file was appended to a local one, of which FFmpeg reads the first alone."""
+    try:
+        with local_path(location).open("rb") as file:
+            found = boxes(file)
+    except OSError:
+        return False
+    # Fragments of a stream may each repeat the index, and are all read.
+    return found[:1] == [FIRST_BOX] and found.count(INDEX_BOX) > 1 and b"moof" not in found

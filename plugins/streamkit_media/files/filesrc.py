@@ -34,6 +34,7 @@ from streamkit_media.container import (
     video_stream,
 )
 from streamkit_media.decoding.presentation_times import WRONG_TIMES
+from streamkit_media.files.completeness import holds_second_recording
 from streamkit_media.files.file_part import FilePart, Joint
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
@@ -58,6 +59,10 @@ PAD_CAPS = {
     StreamKind.AUDIO: AUDIO_CAPS,
 }
 JOINTS_LOOKED_AT = 10
+SECOND_RECORDING = (
+    "another recording is appended to it, and is not read; join MP4 files with ffmpeg -f concat, or read "
+    "them one by one"
+)
 CUT_LIMIT_S, CUT_EVERY_S = 1.0, 0.02
 # FFmpeg takes bare KLV packets for any other format.
 KLV_CONTAINERS = frozenset({"mpegts", "mpeg", "mxf", "mov", "matroska", "avi"})
@@ -117,6 +122,8 @@ class FileSrc(Source):
         self.are_times_wrong = False  # whether the file stores times in order of coding, which are mended
         self.unread_videos: list[int] = []  # streams of further videos, unless one is chosen
         with self._open() as container:
+            if not is_network(self.location) and holds_second_recording(self.location):
+                self.post_warning(f"{self._where}: {SECOND_RECORDING}", "shortfall")
             self._kinds, self._duration_us = kinds_of(container), container.duration
             if self._video_is_wanted():
                 video = video_stream(container, self.location, self.video_stream)

@@ -88,6 +88,10 @@ def box(name: bytes, size: int) -> bytes:
             box(b"ftyp", 16) + (1).to_bytes(4, "big") + b"mdat" + (1 << 33).to_bytes(8, "big"),
             r"its index \(the moov box\) is missing",
         ),
+        (
+            box(b"ftyp", 16) + (1).to_bytes(4, "big") + b"mdat" + b"\xff" * 8,
+            r"its index \(the moov box\) is missing",
+        ),
         (box(b"ftyp", 16) + b"\0" * 8, r"its index \(the moov box\) is missing"),
         (bytes(range(256)) * 16, "no media that FFmpeg can read: .*; check that it is a whole video file"),
     ],

@@ -478,6 +478,15 @@ def test_another_codec_in_joined_recordings_is_named(make_video: MakeVideo, tmp_
     assert "read as video/x-h264; read the recordings one by one" in warnings[1]
 
 
+def test_an_mp4_file_appended_to_another_is_named(make_video: MakeVideo, tmp_path: Path) -> None:
+    """FFmpeg reads the first alone, and says nothing."""
+    joined = tmp_path / "joined.mp4"
+    joined.write_bytes(2 * make_video("alone.mp4").read_bytes())
+    times, warnings = _times(joined, "video")
+    assert len(times) == 12
+    assert ["another recording is appended to it, and is not read" in text for text in warnings] == [True]
+
+
 def test_the_end_of_a_part_may_lie_in_the_second_of_joined_recordings(
     make_video: MakeVideo, tmp_path: Path
 ) -> None:
