@@ -37,6 +37,7 @@ from streamkit_tracks.recorded_runs import (
     write_output,
 )
 
+TIMES, UNKNOWN_TIME = ("pts_ns", "capture_ns"), -(2**63)  # of `read_tracks`
 FileFormat = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
 FORMATS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
 ENDINGS = ", ".join(FORMATS)
@@ -168,7 +169,7 @@ def write_records(file: Path, run: int, sink: str, output: Path) -> None:
 
 
 def write_parquet(file: Path, run: int, output: Path) -> None:
-    """Writes a row per target and frame, the columns of `read_tracks`.
+    """Writes a row per target and frame, the columns of `read_tracks`; unknown times are null.
 
     Raises:
         ResourceError: pyarrow is not installed, or the file cannot be written.
@@ -179,7 +180,11 @@ def write_parquet(file: Path, run: int, output: Path) -> None:
     rows = read_tracks(file)
     rows = rows[rows["run"] == run]
     found = io.BytesIO()
-    parquet.write_table(arrow.table({name: rows[name] for name in rows.dtype.names or ()}), found)
+    columns = {
+        name: arrow.array(rows[name], mask=rows[name] == UNKNOWN_TIME if name in TIMES else None)
+        for name in rows.dtype.names or ()
+    }
+    parquet.write_table(arrow.table(columns), found)
     write_output(output, found.getvalue())
 
 

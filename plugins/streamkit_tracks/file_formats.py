@@ -22,7 +22,7 @@ Record = Mapping[str, Any]
 
 CSV_COLUMNS = (
     "source", "seq", "epoch", "pts_ns", "capture_ns", "id", "state", "x", "y", "length", "width", "angle",
-    "x0", "y0", "x1", "y1", "vx", "vy", "score", "age_ns", "lat", "lon",
+    "x0", "y0", "x1", "y1", "vx", "vy", "score", "age_ns", "lat", "lon", "error_m",
 )  # fmt: skip
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -180,10 +180,13 @@ GEOGRAPHIC = frozenset((FileKind.GEOJSON, FileKind.KML, FileKind.COT))
 
 
 def utc_time(record: Record) -> datetime | None:
-    """Time of capture, else of publishing; None where neither is known, or in no calendar."""
+    """Time of capture, else of publishing, to the nearest millisecond.
+
+    None where neither is known, or in no calendar.
+    """
     time_ns = record.get("capture_ns", record.get("published_ns"))
     try:
-        return None if time_ns is None else EPOCH + timedelta(microseconds=time_ns // 1000)
+        return None if time_ns is None else EPOCH + timedelta(milliseconds=(time_ns + 500_000) // 1_000_000)
     except OverflowError:
         return None
 

@@ -32,7 +32,7 @@ def read_csv(path: Path) -> Iterator[TrackRecord]:
     with path.open(encoding=ENCODING, errors="replace", newline="") as file:
         rows = csv.DictReader(file)
         try:
-            if missing := sorted(set(CSV_COLUMNS) - set(rows.fieldnames or ())):
+            if missing := sorted(set(CSV_COLUMNS) - {"error_m"} - set(rows.fieldnames or ())):
                 rule = "the first line must name the columns, with commas between"
                 raise ValueError(f"no column {', '.join(missing)}; {rule}")
             for _, group in groupby(rows, lambda row: (row["source"], row["epoch"], row["seq"])):
@@ -91,7 +91,8 @@ def _record(frame: Mapping[str, object], targets: list[dict[str, object]]) -> Tr
 
 
 def _csv_target(row: dict[str, str]) -> dict[str, object]:
-    geo = {"geo": {"lat": row["lat"], "lon": row["lon"]}} if "lat" in row else {}
+    position = {name: row[name] for name in ("lat", "lon", "error_m") if name in row}
+    geo = {"geo": position} if "lat" in row else {}
     return {**row, **geo, "bbox": [row[name] for name in ("x0", "y0", "x1", "y1")]}
 
 

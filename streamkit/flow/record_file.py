@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 COLUMNS = {
-    "run": "i8", "epoch": "i8", "seq": "i8", "pts_ns": "i8", "id": "i8", "state": "U16", "x": "f8", "y": "f8",
-    "length": "f8", "width": "f8", "angle": "f8", "vx": "f8", "vy": "f8", "score": "f8", "age_ns": "i8",
-    "lat": "f8", "lon": "f8", "error_m": "f8",
+    "run": "i8", "epoch": "i8", "seq": "i8", "pts_ns": "i8", "capture_ns": "i8", "id": "i8", "state": "U16",
+    "x": "f8", "y": "f8", "length": "f8", "width": "f8", "angle": "f8", "vx": "f8", "vy": "f8", "score": "f8",
+    "age_ns": "i8", "lat": "f8", "lon": "f8", "error_m": "f8",
 }  # fmt: skip
 LINE_LIMIT_BYTES = 4 << 20  # as for a record received over zenoh
-NO_TIME = -(2**63)  # `pts_ns` of a frame without a time
+NO_TIME = -(2**63)  # `pts_ns` or `capture_ns` of a frame without one
 
 
 class RecordFile:
@@ -82,9 +82,9 @@ def read_tracks(path: str | Path) -> NDArray[Any]:
 
     Returns:
         A structured array with a row for each target and frame, in the order of the file: run (from 1),
-        epoch, seq, pts_ns (-2**63 if unknown), id, state, x y length width (px of the frame), angle (rad),
-        vx vy (px/s on the reference plane), score, age_ns, lat lon (WGS84 degrees), error_m. Unknown numbers
-        are NaN.
+        epoch, seq, pts_ns and capture_ns (UTC; -2**63 if unknown), id, state, x y length width (px of the
+        frame), angle (rad), vx vy (px/s on the reference plane), score, age_ns, lat lon (WGS84 degrees),
+        error_m. Other unknown numbers are NaN.
 
     Raises:
         OSError: the file cannot be read.
@@ -100,6 +100,6 @@ def _row(run: int, record: TrackRecord, target: TargetRecord) -> tuple[object, .
     found: dict[str, object] = {"run": run}
     for part in (record, target, target.geo):
         found |= {} if part is None else msgspec.structs.asdict(part)
-    unknown = {"pts_ns": NO_TIME}
+    unknown = {"pts_ns": NO_TIME, "capture_ns": NO_TIME}
     values = ((name, found.get(name)) for name in COLUMNS)
     return tuple(unknown.get(name, math.nan) if value is None else value for name, value in values)

@@ -117,6 +117,17 @@ def test_records_are_converted_by_suffix(records: Path, tmp_path: Path, name: st
 
 
 @pytest.mark.timeout(200)
+def test_unknown_times_are_null_in_parquet(records: Path, tmp_path: Path) -> None:
+    """And known ones are those of the record."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    assert run("convert", str(records), str(tmp_path / "out.parquet")).returncode == 0
+    table = parquet.read_table(tmp_path / "out.parquet").to_pydict()
+    expected = [json.loads(line) for line in records.read_text().splitlines()]
+    assert table["pts_ns"] == [record["pts_ns"] for record in expected for _ in record["tracks"]]
+    assert set(table["capture_ns"]) == {None}
+
+
+@pytest.mark.timeout(200)
 def test_a_full_disk_is_reported_with_the_file(records: Path) -> None:
     """`/dev/full` refuses every write."""
     done = run("convert", str(records), "/dev/full", "--format", "parquet")

@@ -57,6 +57,7 @@ def test_csv_has_a_row_per_target() -> None:
         ("0", "7", "confirmed"), ("0", "8", "tentative"), ("2", "7", "confirmed"),
     ]  # fmt: skip
     assert (rows[0]["width"], rows[0]["lat"], rows[0]["x1"]) == ("4.0", "48.125", "24.0")
+    assert (rows[0]["error_m"], rows[2]["error_m"]) == ("3.5", "")
     assert (rows[2]["vx"], rows[2]["lat"]) == ("1.5", "")
 
 
@@ -90,3 +91,14 @@ def test_an_invalid_time_is_left_out(record: dict[str, Any], expected: str | Non
     """Time of publishing replaces that of capture; a year beyond the calendar is invalid."""
     time = utc_time(record)
     assert (None if time is None else iso_text(time)) == expected
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "text"),
+    [(33_333_333, "00:00:00.033Z"), (66_666_667, "00:00:00.067Z"), (999_999_999, "00:00:01.000Z")],
+)
+def test_times_are_rounded_to_the_nearest_millisecond(time_ns: int, text: str) -> None:
+    """Cut off, those of a camera of 30/s would be off by a third of a millisecond on the average."""
+    time = utc_time({"capture_ns": time_ns})
+    assert time is not None
+    assert iso_text(time) == f"1970-01-01T{text}"

@@ -13,7 +13,7 @@ from streamkit_tracks.file_readers import READERS, read_csv, read_mot
 TARGET = {
     "id": 7, "state": "coasting", "x": 20.1, "y": 30.0, "length": 8.0, "width": 4.25, "angle": 0.5,
     "bbox": [16.0, 27.5, 24.0, 32.5], "score": 0.875, "age_ns": 5, "vx": 1.5, "vy": -1 / 3,
-    "geo": {"lat": 48.1, "lon": 11.5},
+    "geo": {"lat": 48.1, "lon": 11.5, "error_m": 7.25},
 }  # fmt: skip
 YOUNG = {**TARGET, "id": 8, "state": "tentative", "geo": None, "vx": None}
 FRAME = {
@@ -87,3 +87,12 @@ def test_other_text_is_refused(tmp_path: Path, name: str, text: str | None, word
     )
     with pytest.raises(StreamError, match=words):
         list((read_csv if name.endswith("csv") else read_mot)(file))
+
+
+def test_a_table_without_a_later_column_is_read(tmp_path: Path) -> None:
+    """A file of before `error_m`."""
+    file = tmp_path / "a.csv"
+    rows = written(FileKind.CSV, [decode_record(msgspec.json.encode(RECORDS[0]))]).decode().splitlines()
+    file.write_text("".join(row.rpartition(",")[0] + "\n" for row in rows))
+    (found,) = read_csv(file)
+    assert [target.geo is not None for target in found.tracks] == [True, False]

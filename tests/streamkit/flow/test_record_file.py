@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -88,6 +89,10 @@ def test_the_table_has_a_row_for_each_target_and_frame(tmp_path: Path) -> None:
     assert np.array_equal(table["vx"], [np.nan, 2.0], equal_nan=True)
     assert np.isnan(table["error_m"]).all()
     assert table["pts_ns"].tolist() == [120, 120]
+    assert table["capture_ns"].tolist() == [-(2**63)] * 2
+    timed = msgspec.json.decode(record(0, target(6))) | {"capture_ns": 1_763_690_000_123_456_789}
+    path.write_bytes(msgspec.json.encode(timed | {"capture_origin": "misb"}))
+    assert read_tracks(path)["capture_ns"].tolist() == [1_763_690_000_123_456_789]
     path.write_bytes(record(0))
     assert read_tracks(path).shape == (0,)
     assert read_tracks(path)["pts_ns"].dtype == np.int64
