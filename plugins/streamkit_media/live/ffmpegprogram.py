@@ -79,7 +79,8 @@ class FfmpegProgram:
     """
 
     def __init__(self, command: Sequence[str], *, has_input: bool = False) -> None:
-        self._said = b""  # to its standard error since the last bytes of its output
+        # To its standard error, of a source since the last bytes of its output.
+        self._said, self._is_source = b"", not has_input
         # The kernel ends it with the thread that has started it: that one lives until `close`.
         self._starter = ThreadPoolExecutor(1, "ffmpeg")
         start = partial(
@@ -99,7 +100,7 @@ class FfmpegProgram:
         for pipe in (self._child.stdout, self._child.stderr):
             assert pipe is not None
             self._selector.register(pipe, selectors.EVENT_READ)
-        self._output = self._child.stdout
+        self._output, self._has_written = self._child.stdout, False
 
     def read(self, limit_s: float, ended: threading.Event) -> bytes:
         """The next bytes of its output as soon as there are any; empty at its end, or once `ended` is set.
@@ -114,13 +115,23 @@ class FfmpegProgram:
                 if not data:
                     self._selector.unregister(key.fileobj)
                 elif key.fileobj is self._output:
-                    self._said = b""
+                    self._said = b"" if self._is_source else self._said
                     return data
                 else:
                     self._said = (self._said + data)[-TEXT_BYTES:]
             if time.monotonic() > deadline:
                 raise TimeoutError
         return b""
+
+    def has_written(self) -> bool:
+        """Whether anything has come from its output, which is taken and not kept."""
+        while any(key.fileobj is self._output for key, _ in self._selector.select(0)):
+            assert self._output is not None
+            if not os.read(self._output.fileno(), PIECE_BYTES):
+                self._selector.unregister(self._output)
+                break
+            self._has_written = True
+        return self._has_written
 
     @property
     def input(self) -> int:

@@ -11,11 +11,12 @@ from urllib.parse import urlsplit
 
 from typing_extensions import override
 
-from streamkit import SECOND_NS, OutputFileSink, PropertyError, ResourceError, mask_secrets
+from streamkit import SECOND_NS, OutputFileSink, Property, PropertyError, ResourceError, mask_secrets
 from streamkit.output.file import OutputFile
 from streamkit.output.names import is_network
 from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, standard_output
 from streamkit_media.failures import MEDIA_ERRORS
+from streamkit_media.live.endpoint import Reconnect
 from streamkit_media.live.srtinput import SRT, check_srt_address
 from streamkit_media.recording.destination import Datagrams, Destination, Playlist
 from streamkit_media.recording.formats import FORMATS, PLAYLIST_FORMAT, ContainerFormat
@@ -44,6 +45,12 @@ class MediaOutput(OutputFileSink):
     formats: ClassVar[dict[str, ContainerFormat]] = FORMATS
     suffixes = (*FORMATS, PLAYLIST)
     write_errors = (*MEDIA_ERRORS, OSError)
+
+    reconnect: Reconnect = Property(
+        Reconnect.ON_ERROR,
+        doc="Over SRT, connect again never, after the loss of a receiver, or always: also where the first is "
+        "not there. What comes meanwhile is lost, and counted.",
+    )
 
     _ahead: tuple[int, int] | None = None
 
@@ -119,7 +126,22 @@ class MediaOutput(OutputFileSink):
         if self._scheme != SRT:
             return Datagrams(self.location, self._lose)
         url = f"{SRT}{self.location[len(SRT) :]}"  # the program knows small letters only
-        return SrtStream(url, ReaderWait(self.timeout_s, self.stopping, self.waiting))
+        reader_wait = ReaderWait(self.timeout_s, self.stopping, self.waiting)
+        return SrtStream(url, reader_wait, self.reconnect, self._connection_changed, self._lose_bytes)
+
+    def _connection_changed(self, reason: str, delay_s: float) -> None:
+        """Warns of a connection that is lost, with the reason; reports the next one, without."""
+        self.post_message("connection", state="retrying" if reason else "connected", reason=reason)
+        if reason:
+            self.results["lost_connections"] += 1
+            where = mask_secrets(self.location)
+            self.post_warning(
+                f"{where}: {reason}; what comes meanwhile is lost; trying again in {delay_s:.1f} s",
+                "shortfall",
+            )
+
+    def _lose_bytes(self, count: int) -> None:
+        self.results["lost_bytes"] += count
 
     def _lose(self, reason: str) -> None:
         """Counts a datagram that could not be sent, and warns of the first."""

@@ -14,7 +14,7 @@ import pytest
 from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
 from streamkit.output.pipe import ReaderWait
 from streamkit_media.live.ffmpegprogram import has_srt
-from streamkit_media.recording.srtstream import SrtStream
+from streamkit_media.recording.srtstream import SrtStream, entry_point
 from tests.child_programs import programs_at
 from tests.slowness import patience
 from tests.waiting import next_state
@@ -77,7 +77,8 @@ def test_gstreamer_receives_what_is_encoded_here(port: int) -> None:
     command = ["gst-launch-1.0", "-q", *words.split(), *["identity", "eos-after=60", "!", "fakesink"]]
     with subprocess.Popen(command) as receiver:
         try:
-            text = failure(f"{PICTURES} location=srt://127.0.0.1:{port}?connect_timeout=30000")
+            location = f"srt://127.0.0.1:{port}?connect_timeout=30000"
+            text = failure(f"{PICTURES} location={location} reconnect=never")
             assert receiver.wait(patience(30)) == 0
         finally:
             receiver.kill()
@@ -99,6 +100,45 @@ def test_a_stop_amid_the_stream_is_no_error(port: int) -> None:
             sender.play()
             assert len(list(islice(receiver["out"], 10))) == 10
     assert warnings == []
+    assert not senders(port)
+
+
+@pytest.mark.parametrize("calls", [True, False])
+def test_a_receiver_that_comes_back_gets_the_stream(port: int, *, calls: bool) -> None:
+    """The sink calls it again, or is called; what was made meanwhile is lost, and counted."""
+    caller, listener = (
+        f"srt://127.0.0.1:{port}?connect_timeout=30000",
+        f"srt://127.0.0.1:{port}?mode=listener",
+    )
+    receive_at, send_to = (listener, caller) if calls else (caller, listener)
+    receive = f'livesrc uri="{receive_at}" timeout-s=40 reconnect=always ! decode ! appsink name=out'
+    with Pipeline.parse(f'{PICTURES} name=sink timeout-s=40 location="{send_to}"') as sender:
+        with Pipeline.parse(receive) as receiver:
+            receiver.play()
+            next_state(receiver, "connecting")
+            sender.play()
+            assert len(list(islice(receiver["out"], 10))) == 10
+        retrying = next_state(sender, "retrying")
+        with Pipeline.parse(receive) as receiver:
+            receiver.play()
+            frames = list(islice(receiver["out"], 30))
+        next_state(sender, "connected")
+        assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+        assert sender["sink"].results["lost_connections"] >= 1
+        assert sender["sink"].results["lost_bytes"] > 0
+    assert "no connection to a receiver: " in str(retrying.fields["reason"])
+    assert not senders(port)
+
+
+def test_a_first_receiver_is_awaited_where_that_is_wanted(port: int) -> None:
+    """With reconnect=always; the stop ends a try."""
+    text = f"{PICTURES} reconnect=always location=srt://127.0.0.1:{port}?connect_timeout=500"
+    with Pipeline.parse(text) as sender:
+        sender.play()
+        next_state(sender, "retrying")
+        next_state(sender, "retrying")
+        warning = sender.bus.pop(0, (MessageKind.WARNING,))
+    assert warning is None or "what comes meanwhile is lost; trying again in" in warning.text
     assert not senders(port)
 
 
@@ -153,6 +193,26 @@ def test_ctrl_c_ends_a_wait_for_a_receiver(port: int) -> None:
         finally:
             process.kill()
     assert not senders(port)
+
+
+TABLE, OTHER = b"\x47\x40\0\x10" + bytes(184), b"\x47\x01\0\x10" + bytes(184)
+KEYFRAME = b"\x47\x41\0\x30\x07\x50" + bytes(182)
+DELAYED = b"\x47\x41\0\x30\x07\x10" + bytes(182)  # with a clock, and no keyframe
+
+
+@pytest.mark.parametrize(
+    ("packets", "expected"),
+    [
+        ([OTHER, TABLE, OTHER, KEYFRAME, TABLE], 1),
+        ([OTHER, DELAYED, KEYFRAME], 2),
+        ([TABLE, OTHER, DELAYED], None),
+        ([], None),
+    ],
+)
+def test_a_stream_is_entered_at_a_keyframe(packets: list[bytes], expected: int | None) -> None:
+    """With the table before it; a packet that is cut at the beginning or end is none."""
+    data = bytes(50) + b"".join(packets) + KEYFRAME[:100]
+    assert entry_point(data, 50) == (None if expected is None else 50 + 188 * expected)
 
 
 def test_what_cannot_be_written_starts_nothing(port: int) -> None:
