@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import stat
 import struct
 import time
 from collections.abc import Mapping
 from itertools import islice
+from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import quote, urlsplit
 
@@ -16,12 +18,14 @@ from av.stream import Disposition
 from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
+from streamkit.errors import did_you_mean
 from streamkit.output.names import is_network, lacks_protocol, local_path
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit_media.failures import MEDIA_ERRORS, open_failure
 
 LOCAL_LIMIT_S = 8.0
 MAX_PIXELS = 8192 * 8192
+MOST_NAMES = 10_000  # of a folder, in which a similar one is looked for
 PIPE_REMEDY = (
     "a pipe is not read; write it to a file first, or send it, as in ... | ffmpeg -i - -c copy -f mpegts "
     "udp://127.0.0.1:5000 with livesrc uri=udp://@:5000"
@@ -110,7 +114,7 @@ def check_file(location: str) -> None:
             with path.open("rb"):
                 pass
     except FileNotFoundError:
-        remedy = f"check the path (relative ones start at {path.cwd()})"
+        remedy = similar_file(path) or f"check the path (relative ones start at {path.cwd()})"
         if lacks_protocol(location):
             remedy += ", or begin the address of a camera with rtsp://"
         raise ResourceError(f"{location}: a file must be there, none is; {remedy}") from None
@@ -129,6 +133,15 @@ def check_file(location: str) -> None:
         raise ResourceError(f"{location}: a regular file is needed, this is {kind}; {PIPE_REMEDY}")
     if status.st_size == 0:
         raise StreamError(f"{location}: the file is empty (0 bytes); it may not have been written yet")
+
+
+def similar_file(path: Path) -> str:
+    """A hint with the file of the folder whose name is most like that of a missing one, or ""."""
+    try:
+        names = [entry.name for entry in islice(os.scandir(path.parent), MOST_NAMES)]
+    except OSError:
+        return ""
+    return did_you_mean(path.name, names, 0.8)
 
 
 def video_stream(container: InputContainer, location: str, index: int | None = None) -> VideoStream:

@@ -38,6 +38,16 @@ def test_a_missing_file_is_reported(tmp_path: Path) -> None:
         open_container(str(tmp_path / "none.mp4"))
 
 
+def test_a_misspelt_file_is_answered_with_a_similar_one(tmp_path: Path) -> None:
+    """Of the same folder, and not with any."""
+    for name in ("flight.mp4", "tracks.jsonl"):
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(ResourceError, match=r'none is; did you mean "flight\.mp4"\?$'):
+        check_file(str(tmp_path / "fligth.mp4"))
+    with pytest.raises(ResourceError, match=r"none is; check the path"):
+        check_file(str(tmp_path / "other.mkv"))
+
+
 @pytest.mark.parametrize(
     "address", ["10.0.0.7:554/live", "camera.local:8554", "NAME:SECRET@10.0.0.7:554/live"]
 )
