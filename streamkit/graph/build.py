@@ -27,7 +27,7 @@ from streamkit.graph.assignments import (
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, auto_name
-from streamkit.graph.linking import LinkEnd, Linker
+from streamkit.graph.linking import LinkEnd, Linker, file_hint
 from streamkit.graph.negotiate import negotiate
 from streamkit.graph.parse import (
     BinNode,
@@ -192,7 +192,7 @@ class GraphBuilder:
         last = chain.nodes[-1]
         if isinstance(last, ReferenceNode) and len(chain.nodes) == 1:
             what = f"unexpected reference {last.name!r}: link it to something with '!'"
-            raise DescriptionError("syntax", what, last.place)
+            raise DescriptionError("syntax", what, last.place, file_hint(last.name, last.pads))
         if isinstance(last, ElementNode | BinNode) and last.src_pads:
             what = f"unexpected pad {last.src_pads[0]!r}: no link follows that could use it"
             raise DescriptionError("syntax", what, last.place)

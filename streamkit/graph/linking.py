@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -139,7 +140,8 @@ class Linker:
         if found is None:
             raise DescriptionError(
                 "no-such-element", f"no element named {endpoint.name!r} in the pipeline", endpoint.place,
-                did_you_mean(endpoint.name, [element.name for element in self._graph.elements]),
+                file_hint(endpoint.name, endpoint.pads)
+                or did_you_mean(endpoint.name, [element.name for element in self._graph.elements]),
             )  # fmt: skip
         self._bins.check_unique(found)
         return found
@@ -147,3 +149,9 @@ class Linker:
 
 def _on_request(pad: Pad) -> bool:
     return pad.template.presence is Presence.REQUEST
+
+
+def file_hint(name: str, pads: tuple[str, ...]) -> str:
+    """What reads a file whose name, such as flight.mp4, stands for a pad of an element, or ""."""
+    file = ".".join((name, *pads))
+    return f"filesrc location={file} reads the file" if pads and os.path.isfile(file) else ""

@@ -215,6 +215,21 @@ def test_invalid_descriptions(text: str, code: str, message: str, column: int, l
     assert (caught.value.place.column, caught.value.place.length) == (column, length or 1)
 
 
+@pytest.mark.parametrize("text", ["flight.mp4", "flight.mp4 ! fakesink"])
+def test_the_name_of_a_file_is_answered_with_its_source(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a program that plays files takes it; it reads as a pad of an element."""
+    monkeypatch.chdir(tmp_path)
+    file = text.partition(" ")[0]
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    assert "filesrc" not in caught.value.hint
+    (tmp_path / file).touch()
+    with pytest.raises(DescriptionError, match=f"filesrc location={file} reads the file"):
+        build(text, {})
+
+
 def test_the_caret_is_below_the_error() -> None:
     """The example of the documentation."""
     text = "# a flight\nfakesrc\n    ! queu ! fakesink"
