@@ -7,6 +7,7 @@ for typer, or a `typer.Typer` with subcommands. It is imported when it is used.
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import shlex
 import sys
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from typing_extensions import override
 from streamkit.cli.stderr import fail, fail_usage
 from streamkit.element.entries import PluginEntry, entries_by_name, installed_entries
 from streamkit.errors import PluginBroken, StreamkitError
+from streamkit.masking import mask_secrets
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 GROUP = "streamkit.commands"
@@ -26,6 +28,7 @@ CORE = {
     name: PluginEntry("command", name, f"streamkit.cli.{name}:{name}")
     for name in ("launch", "inspect", "graph", "caps", "new", "prepare", "man")
 }
+FILE_COMMANDS = ("doctor", "view")  # of plugins, for a file or address
 SUMMARY = "Streams frames through graphs of elements: drone video in, tracks out."
 
 
@@ -50,9 +53,16 @@ class CommandGroup(TyperGroup):
             if "!" in " ".join(args) or name.endswith(".pipe"):
                 words = ["-f", *args] if name.endswith(".pipe") else args
                 fail_usage(f"{name!r} is no command; did you mean: streamkit launch {shlex.join(words)}")
+            if "://" in name or os.path.isfile(name):
+                self._offer_file_commands(args)
             self.list_commands(ctx)  # for the suggestion
             return super().resolve_command(ctx, args)
         return name, load_command(entry), args[1:]
+
+    def _offer_file_commands(self, args: list[str]) -> None:
+        known = [command for command in FILE_COMMANDS if command in installed_commands()]
+        if lines := " or ".join(f"streamkit {command} {shlex.join(args)}" for command in known):
+            fail_usage(mask_secrets(f"{args[0]!r} is no command; did you mean: {lines}"))
 
     def invoke(self, ctx: Any) -> Any:
         """Runs a command; an error of streamkit's own ends it, with code 2 for what the user wrote."""

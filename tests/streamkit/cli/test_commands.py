@@ -111,6 +111,18 @@ def test_a_description_without_the_command_is_answered_with_launch(words: list[s
     assert done.stderr == f"error: {words[0]!r} is no command; did you mean: streamkit {meant}\n"
 
 
+def test_a_file_or_address_without_a_command_is_answered_with_those_for_it(tmp_path: Path) -> None:
+    """The first thing that some type; secrets are not repeated."""
+    file = tmp_path / "flight.mp4"
+    file.touch()
+    for word, shown in ((str(file), str(file)), ("rtsp://me:secret@drone/live", "rtsp://***@drone/live")):
+        done = streamkit(word)
+        meant = f"streamkit doctor {shown} or streamkit view {shown}"
+        assert done.exit_code == 2
+        assert done.stderr == f"error: {shown!r} is no command; did you mean: {meant}\n"
+    assert "No such command" in streamkit(str(tmp_path / "none.mp4")).stderr
+
+
 def test_a_plugin_cannot_replace_a_command_of_the_engine(offer: Offer) -> None:
     """`launch` of a plugin is ignored."""
     offer(launch=greet)
