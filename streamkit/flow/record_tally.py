@@ -59,7 +59,10 @@ class RecordTally:
         if self._positions or (self._targets and not needs_positions):
             return ""
         if self._records and needs_positions:
-            return f"no target in {self._records} records has a position; pair telemetry with posesync"
+            return (
+                f"no target in {self._records} records has a position; pair telemetry with posesync when "
+                "they are made, and set ground-altitude there where it does not tell the height above ground"
+            )
         if not self._frames:
             return ""
         if not self._with[Tracks]:

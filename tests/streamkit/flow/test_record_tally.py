@@ -40,7 +40,8 @@ SEEN = EMPTY.attach(Tracks((TARGET,)))
         (
             [Frame(b"{}", TRACKS_CAPS, seq=0)],
             True,
-            "no target in 1 records has a position; pair telemetry with posesync",
+            "no target in 1 records has a position; pair telemetry with posesync when they are made, and set "
+            "ground-altitude there where it does not tell the height above ground",
         ),
     ],
 )
