@@ -33,6 +33,11 @@ def posed_camera(
     """
     height = height_above_ground(pose, ground_altitude)
     if height is None:
+        ground = pose.ground_altitude if ground_altitude is None else ground_altitude
+        if pose.altitude is not None and ground is not None:
+            return (
+                "the camera is less than 1 m above the ground, as before take-off; else set ground-altitude"
+            )
         return "the camera's height above the ground is unknown; set ground-altitude"
     view = pose.field_of_view
     if view is None and field_of_view > 0:

@@ -38,8 +38,12 @@ def test_a_camera_without_angles_looks_straight_down() -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"altitude": None}, "ground-altitude"),
-        ({"ground_altitude": 90.0}, "ground-altitude"),
+        ({"altitude": None}, "height above the ground is unknown; set ground-altitude"),
+        ({"ground_altitude": None}, "height above the ground is unknown; set ground-altitude"),
+        (
+            {"ground_altitude": 90.0},
+            "less than 1 m above the ground, as before take-off; else set ground-altitude",
+        ),
         ({"field_of_view": None}, "field-of-view"),
         ({"heading": None}, "put stitch before it"),
         ({"is_stale": True}, "put stitch before it"),
