@@ -75,7 +75,10 @@ def check_free_name(name: str) -> None:
             f"take another name, such as 'my-{name}'"
         )
     from streamkit.element.registry import available_elements
+    from streamkit.graph.bins import BIN_CLASSES
 
+    if element_name(name) in BIN_CLASSES:
+        fail_usage(f"{name!r} is a bin in descriptions; take another name, such as 'my-{name}'")
     taken = available_elements().get(element_name(name))
     if taken is not None:
         fail_usage(

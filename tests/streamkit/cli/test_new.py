@@ -72,6 +72,7 @@ def test_what_runs_have_written_is_not_published(folder: Path, tmp_path: Path) -
         ("json", "'json' is a name of Python's or streamkit's own; take another, such as 'my-json'"),
         ("class", "'class' is a name of Python's or streamkit's own"),
         ("streamkit", "'streamkit' is a name of Python's or streamkit's own"),
+        ("bin", "'bin' is a bin in descriptions; take another name, such as 'my-bin'"),
         ("numpy", "there is a package 'numpy' in this environment, which the new one would hide"),
         (
             "video-test-src",
