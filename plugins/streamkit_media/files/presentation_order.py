@@ -27,9 +27,9 @@ class PresentationOrder:
     """Gives packets times of presentation where the file stores only those of decoding.
 
     Writers without composition offsets give the packets of a stream with B-frames the times of their
-    decoding. A file is suspected where its codec reorders and the first packets have one time for both. Its
-    packets are then decoded here, ahead of their use, since only the decoder knows the order for each codec;
-    each packet gets the time that its frame has from `decode`.
+    decoding. A file is suspected where its codec reorders and the times of the first packets ascend in the
+    order of coding. Its packets are then decoded here, ahead of their use, since only the decoder knows the
+    order for each codec; each packet gets the time that its frame has from `decode`.
 
     Args:
         video: the stream to mend; None where none is read.
@@ -73,7 +73,7 @@ class PresentationOrder:
 
     def _beginning(self, packets: Iterator[Packet[Stream]]) -> tuple[list[Packet[Stream]], bool]:
         """The packets up to the one that decides, and whether the times are suspicious."""
-        video, count = self._video, 0
+        video, count, last = self._video, 0, None
         first: list[Packet[Stream]] = []
         if video is None or not video.codec_context.has_b_frames:
             return first, False
@@ -81,9 +81,9 @@ class PresentationOrder:
             first.append(packet)
             if packet.stream_index != video.index:
                 continue
-            if packet.dts is None or packet.pts != packet.dts:
+            if packet.pts is None or (last is not None and packet.pts <= last):
                 return first, False
-            count += 1
+            count, last = count + 1, packet.pts
             if count > REORDER_LIMIT:
                 break
         return first, count > 1

@@ -14,9 +14,9 @@ MakeVideo = Callable[..., Path]
 OPTIONS = {"g": "20", "b_strategy": "0"}
 
 
-def _in_order_of_coding(path: Path) -> Path:
+def _in_order_of_coding(path: Path, suffix: str = ".mp4") -> Path:
     """A copy as of a writer that stores no composition offsets."""
-    copy = path.with_stem(f"{path.stem}-coding")
+    copy = path.with_name(f"{path.stem}-coding{suffix}")
     with av.open(str(path)) as source, av.open(str(copy), "w") as container:
         stream = container.add_stream_from_template(source.streams.video[0])
         first: int | None = None
@@ -42,12 +42,15 @@ def _times(path: Path, rest: str = "") -> tuple[list[int | None], list[str]]:
 
 @pytest.mark.parametrize("codec", ["libx264", "libx265"])
 @pytest.mark.parametrize("count", [9, 100])
-def test_packets_get_the_times_of_presentation(make_video: MakeVideo, codec: str, count: int) -> None:
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_packets_get_the_times_of_presentation(
+    make_video: MakeVideo, codec: str, count: int, suffix: str
+) -> None:
     """Those that a writer with composition offsets stores; frames take the same, and one warning says so."""
     extra = {"x265-params": "log-level=0:bframes=3:keyint=20"} if codec == "libx265" else {}
     name = f"{codec}{count}.mp4"
     right = make_video(name, count=count, codec=codec, bframes=3, options=OPTIONS | extra)
-    wrong = _in_order_of_coding(right)
+    wrong = _in_order_of_coding(right, suffix)
     expected, warnings = _times(right)
     assert not warnings
     assert expected != sorted(expected)  # it has B-frames
