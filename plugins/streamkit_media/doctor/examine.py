@@ -23,6 +23,7 @@ from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFi
 
 FILE_PACKETS = 3000  # of the beginning of a file
 PLAYED_TOLERANCES = 1.5  # of its end
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv"})  # of files that are no bare telemetry
 TRACKING = "stitch ! framediff ! waveleteigen ! particletrack"
 
 
@@ -208,7 +209,8 @@ def _telemetry_file(location: str, checks: list[Check], error: str) -> Report:
                 last = sample
     except (OSError, ValueError) as fault:
         reason = str(fault).removeprefix(location + ": ")
-        more = f"; nor telemetry: {reason}" if isinstance(fault, NoTelemetry) else ""
+        is_video = Path(where).suffix.lower() in VIDEO_SUFFIXES
+        more = f"; nor telemetry: {reason}" if isinstance(fault, NoTelemetry) and not is_video else ""
         return _report(where, [*checks, bad("stream", error + more)])
     assert first is not None
     assert last is not None

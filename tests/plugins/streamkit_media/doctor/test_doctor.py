@@ -342,6 +342,14 @@ def test_subtitles_without_positions(tmp_path: Path) -> None:
     assert "; nor telemetry: no position in it; it must hold MISB" in report.as_text()
 
 
+def test_a_broken_video_is_not_taken_for_telemetry(tmp_path: Path) -> None:
+    """By its name it is none, and what it lacks is said alone."""
+    path = tmp_path / "flight.mp4"
+    path.write_bytes(bytes(range(256)))
+    (check,) = [check for check in examine(str(path), 1, 5, "tcp").checks if check.verdict is Verdict.BAD]
+    assert check.text.endswith("check that it is a whole video file")
+
+
 def test_a_photograph(streamkit_data: Path) -> None:
     """Its header has the position; a rate or a loss of one frame is not spoken of."""
     path = streamkit_data / "mosaic" / "brighton_beach" / "DJI_0020.JPG"
