@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-import dis
-import functools
 import inspect
-from itertools import pairwise
-from types import FunctionType
 
-ENGINE = "streamkit."
 NAME = "name"  # in a description it names the element
+# By class, the public attributes that it declares for its subclasses to set, or sets on each element.
+ATTRIBUTES = {
+    "PropertyOwner": {"defaults", "is_playing", "properties", "set_in_text"},
+    "PadOwner": {"pad_templates", "pads", "sink", "src", "templates"},
+    "Waits": {
+        "activity", "changed", "clock", "flushes", "is_flushing", "is_waiting", "lock", "stopping", "timing",
+        "waited_ns",
+    },
+    "Element": {
+        "at_work", "bin", "drops", "factory", "has_failed", "host", "outcomes", "poster", "presets", "rank",
+        "results", "uri_schemes",
+    },
+    "Source": {"over", "position_ns"},
+    "Sink": {"position_ns"},
+    "Transform": {"keeps_caps"},
+    "Combine": {"combine_lock"},
+    "FrameHolder": {"limits", "pending"},
+    "OutputFileSink": {
+        "example", "file", "has_begun", "names", "number", "suffixes", "write_errors", "written_paths",
+    },
+    "NumberedFilesSink": {"remembers_earlier_runs"},
+    "TextFileSink": {"content", "file", "formats", "kinds"},
+}  # fmt: skip
 
 
 def use_of(owner: type, attribute: str) -> str:
@@ -26,26 +44,7 @@ def use_of(owner: type, attribute: str) -> str:
         found = vars(base).get(attribute)
         if inspect.isroutine(found):
             return f"the method {base.__name__}.{attribute}"
-        is_engine = f"{base.__module__}.".startswith(ENGINE)
-        if is_engine and (isinstance(found, property) or attribute in _own_attributes(base)):
+        is_engine = base.__module__.startswith("streamkit.")
+        if is_engine and (isinstance(found, property) or attribute in ATTRIBUTES.get(base.__name__, ())):
             return f"the attribute {base.__name__}.{attribute}"
     return ""
-
-
-@functools.cache
-def _own_attributes(base: type) -> frozenset[str]:
-    """The class variables of a class of the engine, and what its methods set on `self`."""
-    annotations = inspect.get_annotations(base).items()
-    variables = {name for name, annotation in annotations if str(annotation).startswith("ClassVar[")}
-    methods = (member for member in vars(base).values() if isinstance(member, FunctionType))
-    stored = (_stored_on_self(method) for method in methods)
-    return frozenset(variables.union(*stored))
-
-
-def _stored_on_self(method: FunctionType) -> set[str]:
-    """The attributes in assignments to `self`; an instruction may load several names, that one last."""
-    lines = pairwise(dis.get_instructions(method))
-    stored = ((before.argval, str(line.argval)) for before, line in lines if line.opname == "STORE_ATTR")
-    return {
-        name for loaded, name in stored if (loaded[-1] if isinstance(loaded, tuple) else loaded) == "self"
-    }

@@ -19,10 +19,8 @@ class Damage:
     """Damage of frames, which outlasts the packet that it began with until it heals."""
 
     def __init__(self) -> None:
-        self._failed, self._failed_from = (
-            0,
-            "",
-        )  # packets since the last frame, and the first of them in words
+        self._failed = 0  # packets since the last frame
+        self._failed_from = ""  # the first of them in words
         self._frames_left = 0
 
     def begin(self, packet: str) -> None:

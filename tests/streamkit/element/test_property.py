@@ -9,6 +9,10 @@ from typing import Any
 import pytest
 
 from streamkit import Caps, Element, Message, Property, PropertyError, Sink, Source, Transform
+from streamkit.element.branching import Combine
+from streamkit.element.numbered_files_sink import NumberedFilesSink
+from streamkit.element.reserved_names import NAME, use_of
+from streamkit.element.text_sink import TextFileSink
 
 
 class Mode(enum.StrEnum):
@@ -350,6 +354,15 @@ def test_a_property_does_not_hide_what_the_engine_uses(base: type, attribute: st
     """The engine would read the value of the property, or the property that of the engine."""
     with pytest.raises(TypeError, match=rf"^Hiding.{attribute}: the property hides the {use}; rename it$"):
         type("Hiding", (base,), {attribute: Property(3, doc="x")})
+
+
+@pytest.mark.parametrize("base", [Source, Transform, Sink, Combine, NumberedFilesSink, TextFileSink])
+def test_each_attribute_that_the_engine_sets_is_reserved(base: type[Element]) -> None:
+    """The list of names is written by hand."""
+    element = type("Plain", (base,), {"sink": "ANY", "src": "ANY"})()
+    declared = {declaration.attribute for declaration in element.properties.values()} | {NAME}
+    public = {name for name in vars(element) if not name.startswith("_")} - declared
+    assert {name for name in public if not use_of(type(element), name)} == set()
 
 
 def test_a_property_is_not_called_name() -> None:
