@@ -75,7 +75,8 @@ def test_stored_tables_parse_as_new_ones(stored_tables: Path) -> None:
         stored_tables.write_bytes(found)
         parse_module._parser.cache_clear()
         assert [chain.nodes for chain in parse(TEXT, {})] == first
-        assert stored_tables.stat().st_size == len(written)
+        # The order of sets in them differs from one making to the next.
+        assert stored_tables.stat().st_size == pytest.approx(len(written), rel=0.01)
 
 
 def test_no_tables_are_stored_where_no_bytecode_is(
