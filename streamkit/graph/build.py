@@ -5,10 +5,12 @@ The order is that of gst-launch, so that the first of several errors is the one 
 
 from __future__ import annotations
 
+import glob
 import re
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from streamkit.element.base import Element
 from streamkit.element.pad_owner import walk
@@ -214,6 +216,8 @@ class GraphBuilder:
         if isinstance(node, BinNode):
             return self._add_bin(node, members)
         if isinstance(node, ReferenceNode):
+            if is_first and (hint := self._unquoted(".".join((node.name, *node.pads)))):
+                raise DescriptionError("syntax", f"unexpected reference {node.name!r}", node.place, hint)
             endpoint = LinkEnd(None, node.name, node.pads, node.place)
             return Endpoints(None, endpoint) if is_first else Endpoints(endpoint, None)
         if isinstance(node, UrlNode):
@@ -232,7 +236,11 @@ class GraphBuilder:
         if node.factory in BIN_CLASSES:
             return self._make_empty_bin(node)
         with located(node.place):
-            element_class(node.factory)  # its error comes before one of the name
+            try:
+                element_class(node.factory)  # its error comes before one of the name
+            except DescriptionError as error:
+                hint = self._unquoted(node.factory)
+                raise (DescriptionError(error.code, error.message, None, hint) if hint else error) from None
         warnings = self.graph.warnings
         entry = available_elements()[node.factory]
         if entry.rivals:
@@ -244,6 +252,16 @@ class GraphBuilder:
         load_presets(element, node.presets)
         self.graph.elements.append(element)
         return element
+
+    def _unquoted(self, word: str) -> str:
+        """A hint where the word is the rest of the name of a file, which has a blank and no quotes, or ""."""
+        last = self.graph.elements[-1] if self.graph.elements else None
+        for name, value in last.set_in_text.items() if last else ():
+            path = Path(str(value))
+            is_file = bool(last and last.find_property(name).file)
+            if is_file and any(path.parent.glob(f"{glob.escape(f'{path.name} {word}')}*")):
+                return f'a value with a blank stands in quotes, {name}="{value} {word}..."'
+        return ""
 
     def _make_empty_bin(self, node: ElementNode) -> Bin:
         """A bin written like an element: legal, but useless."""

@@ -215,6 +215,13 @@ def test_invalid_descriptions(text: str, code: str, message: str, column: int, l
     assert (caught.value.place.column, caught.value.place.length) == (column, length or 1)
 
 
+class Reads(Source):
+    """Reads a file."""
+
+    src = "a/b"
+    location: str = Property("", file="read", doc="File.")
+
+
 @pytest.mark.parametrize("text", ["flight.mp4", "flight.mp4 ! fakesink"])
 def test_the_name_of_a_file_is_answered_with_its_source(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -227,6 +234,28 @@ def test_the_name_of_a_file_is_answered_with_its_source(
     assert "filesrc" not in caught.value.hint
     (tmp_path / file).touch()
     with pytest.raises(DescriptionError, match=f"filesrc location={file} reads the file"):
+        build(text, {})
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "shown"),
+    [
+        ("my flight.mp4", "unexpected reference 'flight'", "my flight.mp4"),
+        ("my flight (1).mp4", 'no element "flight"', "my flight"),
+    ],
+)
+def test_the_name_of_a_file_with_a_blank_is_answered_with_quotes(
+    tmp_path: Path, register: Register, name: str, said: str, shown: str
+) -> None:
+    """What follows the blank reads as another element; without such a file nothing is guessed."""
+    register(reads=Reads)
+    text = f"reads location={tmp_path}/{name} ! fakesink"
+    with pytest.raises(DescriptionError) as caught:
+        build(text, {})
+    assert "quotes" not in caught.value.hint
+    (tmp_path / name).touch()
+    rule = f'{said}; a value with a blank stands in quotes, location="{tmp_path}/{shown}..."'
+    with pytest.raises(DescriptionError, match=f"^{re.escape(rule)}$"):
         build(text, {})
 
 
