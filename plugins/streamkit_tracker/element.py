@@ -154,7 +154,6 @@ def observe(frame: Frame, last: Frame | None) -> Observation:
         continuity=FrameContinuity.KNOWN if last is None else _continuity(frame, last),
         to_previous=np.asarray(_to_previous(registration, frame, last), np.float64),
         to_reference=registration.to_reference,
-        registration_std=registration.corner_std or 0.0,
         chroma=_chroma(frame),
         centroids=centroids,
         boxes=np.asarray(detections.boxes).reshape(-1, 4),

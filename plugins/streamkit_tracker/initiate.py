@@ -11,14 +11,16 @@ from streamkit_tracker.appearance.eigen_template import EigenTemplate
 from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
-from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
+from streamkit_tracker.settings import TrackerSettings
+from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetModel, TargetTable
 from streamkit_tracker.trail import extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
 from streamkit_tracker.update.drawn_target import DrawnTarget
-from streamkit_tracker.window_geometry import LENGTH, WIDTH
+from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 MIN_STRAIGHTNESS = 0.5
-TRAVEL_STDS = 2.0  # of the registration: a twentieth of what stands still would seem to move so far
+SIGHTINGS = 5  # the last detections of a target, by which its regions are judged
+MAX_SIZE_STD = 0.4  # of the logarithm of the area: parts of a target are half of it, or twice a part
 LIKELY = 0.5  # more than this is more likely than not
 TENTATIVE_SHARE = 4
 
@@ -38,37 +40,56 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:
     """Confirms tentative targets, in order of the ids.
 
-    Those of regions of motion have to move by more than the registration may be wrong, and to be likely to
-    last: where leaves or tall structures are found for some frames at a time, so few detections are no
-    evidence.
+    Those of regions of motion have to move over the ground, to show an object, and to be likely to last:
+    where leaves or tall structures are found for some frames at a time, so few detections are no evidence.
     """
     rows, settings = table.rows, table.settings
     hits_needed = min(settings.birth_hits, settings.birth_window)
-    candidates = np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0)).tolist()
-    if not candidates:
+    candidates = np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0))
+    if not len(candidates):
         return
     lasts = table.survival.probabilities() > LIKELY
-    for index in candidates:
+    found = rows["detection"][candidates]
+    positions, seen = observation.centroids[found], sightings(observation, found)
+    for index, position, sighting in zip(candidates.tolist(), positions, seen, strict=True):
         model = table.models[index]
-        position = observation.centroids[rows["detection"][index]]
         model.trail = extended(model.trail, position)
+        model.sightings = extended(model.sightings, sighting)
         if np.nansum(rows["hits"][index]) < hits_needed or table.settled >= settings.max_targets:
             continue
         if not observation.are_objects:
-            right, down = span(model.trail)
-            least = max(settings.min_travel, TRAVEL_STDS * observation.registration_std)
-            travel = least if settings.min_travel > 0 else 0.0
-            if math.hypot(right, down) < travel or straightness(model.trail) < MIN_STRAIGHTNESS:
+            if not shows_object(model, settings):
                 continue
             if not lasts[min(rows["detections"].item(index), settings.lasting_hits)]:
                 table.causes[rows["id"].item(index)] = "waits: most that were detected as often ended soon"
                 continue
+            right, down = span(model.trail)
             one = rows[index : index + 1]
             headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])
             headings = np.where(np.isinf(deviations), np.arctan2(down, right), headings)
             one["window"] = turned_windows(one["window"][:, :2], one["box"], headings)
         start_appearance(table, index, observation.space, sampler)
         table.confirm(index, "confirmed")
+
+
+def sightings(observation: Observation, detections: IndexArray) -> FloatArray:
+    """Scores, 1 where there are none, and natural logarithms of the areas, px squared: float64[n, 2]."""
+    boxes = observation.boxes[detections]
+    areas = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    scores = np.ones(len(areas)) if observation.scores is None else observation.scores[detections]
+    return np.column_stack([np.nan_to_num(scores, nan=1.0), np.log(areas)])
+
+
+def shows_object(model: TargetModel, settings: TrackerSettings) -> bool:
+    """Whether regions of motion have moved over the ground, and the last ones are clear and of one size.
+
+    Structures that shift against the ground, as relief does under a camera that moves, leave regions that are
+    faint, or that break up and grow together.
+    """
+    if math.hypot(*span(model.trail)) < settings.min_travel or straightness(model.trail) < MIN_STRAIGHTNESS:
+        return False
+    scores, areas = model.sightings[-SIGHTINGS:].T
+    return bool(scores.mean() >= settings.birth_score and areas.std() <= MAX_SIZE_STD)
 
 
 def start_appearance(

@@ -29,11 +29,10 @@ class Observation:
         continuity: known; lost (no registration: targets coast); new (a cut: all targets end).
         to_previous: float64[3, 3], this frame's pixels to the previous frame's.
         to_reference: float64[3, 3], this frame's pixels to the reference plane.
-        registration_std: predicted error of `to_reference`, px; 0 if unknown.
         chroma: planes u and v, uint8[h / 2, w / 2], or None for a frame without colour.
         centroids: float64[n, 2], px.
         boxes: float64[n, 4], x0 y0 x1 y1 px.
-        scores: float64[n], 0 to 1, or None; used of objects.
+        scores: float64[n], 0 to 1, or None.
         are_objects: whether each box is one whole object, as a classifier gives them; else they are regions
             of motion, of which the small ones may show a part of a target, or several.
         detector_ran: whether a detector ran on this frame; no target is missed where none did.
@@ -46,7 +45,6 @@ class Observation:
     continuity: FrameContinuity = FrameContinuity.KNOWN
     to_previous: FloatArray = field(default_factory=lambda: np.eye(3))
     to_reference: FloatArray = field(default_factory=lambda: np.eye(3))
-    registration_std: float = 0.0
     chroma: Chroma | None = None
     centroids: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     boxes: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))

@@ -40,12 +40,17 @@ class TrackerSettings:
     )
     birth_hits: int = setting(3, min=1, max=100, doc="Detections that confirm a target.")
     birth_window: int = setting(5, min=1, max=100, unit="frames", doc="The frames they have to lie in.")
+    birth_score: float = setting(
+        0.33,
+        min=0.0,
+        max=1.0,
+        doc="Mean score of the last detections of a region of motion before it is confirmed.",
+    )
     min_travel: float = setting(
         4.0,
         min=0.0,
         unit="px",
-        doc="Distance over the ground before a target is confirmed, at least two standard deviations of the "
-        "registration; 0 is off.",
+        doc="Distance over the ground before a target is confirmed; 0 is off.",
     )
     lasting_hits: int = setting(
         15,

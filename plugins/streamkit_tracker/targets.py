@@ -82,6 +82,8 @@ class TargetModel:
         evidence: when it counts as seen.
         trail: float64[n, 2], its last positions: detected ones before it is confirmed, those where it was
             recognised if it is drawn by hand; px of the latest frame.
+        sightings: float64[n, 2], scores and logarithms of the areas of its last detections before it is
+            confirmed.
         template: windows are compared with it; None before the target is confirmed.
         particles: of the layered filter; None while they are one, at the window.
         patch: samples of a compared patch (rows, columns).
@@ -92,6 +94,7 @@ class TargetModel:
     generator: np.random.Generator
     evidence: Evidence
     trail: FloatArray
+    sightings: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     template: EigenTemplate | FeatureTemplate | None = None
     particles: Particles | None = None
     patch: tuple[int, int] = (0, 0)

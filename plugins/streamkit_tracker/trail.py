@@ -11,7 +11,7 @@ JITTER, STRAIGHT = 0.5, 0.9
 
 
 def extended(trail: FloatArray, position: FloatArray) -> FloatArray:
-    """With one more position, float64[2]; the oldest goes when 16 are kept."""
+    """With one more position or sighting, float64[2]; the oldest goes when 16 are kept."""
     return np.vstack([trail, position])[-MAX_POSITIONS:]
 
 

@@ -33,6 +33,7 @@ def frame_of(seen, index: int, **changes) -> Frame:
         reference=changes.pop("reference", 0),
         reference_change=changes.pop("reference_change", None),
         status=changes.pop("status", RegistrationStatus.OK),
+        corner_std=changes.pop("corner_std", 0.1),
     )
     count = len(seen.centroids)
     detections = Detections(seen.centroids, seen.boxes, np.full(count, 300.0), np.ones(count))
@@ -94,6 +95,15 @@ def test_detections_become_tracks(scenes: ModuleType):
     assert track.age_ns == 24 * 40_000_000
     assert 0 <= track.score <= 1
     assert track.covariance.shape == (2, 2)
+
+
+def test_an_error_of_the_plane_delays_no_target(scenes: ModuleType):
+    """All frames may be off by the same: `corner_std` says little about the motion between them."""
+    with Harness("particletrack") as harness:
+        for index, seen in enumerate(flight(scenes, 10)):
+            changes = {"status": RegistrationStatus.WEAK, "corner_std": 40.0}
+            states = states_of(harness.push(frame_of(seen, index, **changes)))
+    assert states == ["confirmed"]
 
 
 def test_the_real_time_between_frames_counts(scenes: ModuleType):

@@ -381,28 +381,54 @@ def test_people_keep_their_ids_and_sizes_in_a_region_that_shows_both():
     np.testing.assert_allclose([report.turned_box[0] for report in reports], [72 + 158, 272 - 158], atol=1)
 
 
-@pytest.mark.parametrize(
-    ("speed", "registration_std", "min_travel", "is_confirmed"),
-    [(1.5, 0.0, 4.0, True), (1.5, 12.0, 4.0, False), (4.0, 12.0, 4.0, True), (1.5, 12.0, 0.0, True)],
-)
-def test_a_target_moves_by_more_than_the_registration_may_be_wrong(
-    speed: float, registration_std: float, min_travel: float, is_confirmed: bool
-):
-    """What seems to move less may stand still, px a frame; `min-travel=0` asks for no motion at all."""
-    tracker, image = (
-        MultiTargetTracker(TrackerSettings(min_travel=min_travel)),
-        np.full((300, 500), 90, np.uint8),
-    )
-    found = []
+def first_confirmations(
+    settings: TrackerSettings, speed: float, score: float, growth: float, **observed: bool
+) -> list[int]:
+    """Frames of 30 with a new confirmed target, of a region that moves; every second box is larger."""
+    tracker, image = MultiTargetTracker(settings), np.full((300, 500), 90, np.uint8)
+    found = {}
     for index in range(30):
-        x = 40.0 + speed * index
+        x, scale = 40.0 + speed * index, growth if index % 2 else 1.0
         seen = Observation(
             0.04,
-            registration_std=registration_std,
             centroids=np.array([[x, 50.0]]),
-            boxes=np.array([[x - 12, 44.0, x + 12, 56.0]]),
+            boxes=np.array([[x, 50, x, 50]]) + scale * np.array([-12.0, -6.0, 12.0, 6.0]),
+            scores=np.array([score]),
+            **observed,
         )
-        found += confirmed(tracker.step(image, seen))
+        for report in confirmed(tracker.step(image, seen)):
+            found.setdefault(report.id, index)
+    return list(found.values())
+
+
+@pytest.mark.parametrize(
+    ("speed", "min_travel", "is_confirmed"), [(1.5, 4.0, True), (0.1, 4.0, False), (0.1, 0.0, True)]
+)
+def test_a_target_moves_before_it_is_confirmed(speed: float, min_travel: float, is_confirmed: bool):
+    """It moves by `min-travel`, px over the ground; speeds are px a frame. 0 asks for no motion at all."""
+    found = first_confirmations(TrackerSettings(min_travel=min_travel), speed, 1.0, 1.0)
+    assert bool(found) == is_confirmed
+
+
+@pytest.mark.parametrize(
+    ("score", "least", "is_confirmed"),
+    [(0.5, 0.33, True), (0.25, 0.33, False), (0.25, 0.2, True), (np.nan, 0.33, True)],
+)
+def test_a_faint_region_confirms_no_target(score: float, least: float, is_confirmed: bool):
+    """The mean score of its last detections is at least `birth-score`; what has no score is clear."""
+    found = first_confirmations(TrackerSettings(birth_score=least), 2.0, score, 1.0)
+    assert bool(found) == is_confirmed
+
+
+@pytest.mark.parametrize(
+    ("growth", "are_objects", "is_confirmed"),
+    [(1.0, False, True), (1.3, False, True), (1.8, False, False), (1.8, True, True)],
+)
+def test_a_region_that_breaks_up_and_grows_together_confirms_no_target(
+    growth: float, are_objects: bool, is_confirmed: bool
+):
+    """Its area keeps within a factor of its mean, unlike that of structures that shift; objects are given."""
+    found = first_confirmations(TrackerSettings(), 2.0, 1.0, growth, are_objects=are_objects)
     assert bool(found) == is_confirmed
 
 
