@@ -1,15 +1,22 @@
 """How many targets are confirmed in real clips in which few move, most of them from drones.
 
-    STREAMKIT_DATA=... python benchmarks/clutter.py [--lasting-hits 15] [--only TEXT] [--norfair PYTHON]
+    STREAMKIT_DATA=... python benchmarks/clutter.py [--lasting-hits 15] [--only TEXT] [--backwards]
+        [--norfair PYTHON]
 
 Each clip of data/sot_video goes through `stitch ! framediff ! particletrack`. The truth has one target, which
 is not always the only one: `ids` are those of targets that are shown (confirmed or coasting), `rows` how many
 are in a frame, `found` the share of frames in which one overlaps the true target by 0.3. `--norfair` names a
-Python with norfair, which gets the same detections.
+Python with norfair, which gets the same detections. `--backwards` plays each clip from its last frame to its
+first one, on which nothing was chosen.
 """
 
 import argparse
+import tempfile
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
 
+import av
 import numpy as np
 from many_targets import Sequence, norfair, run
 from tracking_sequences import FloatArray, shared_data
@@ -18,6 +25,7 @@ from streamkit_tracks.evaluation.readers import read_boxes
 from streamkit_tracks.evaluation.scores import Labelled, overlaps
 
 FOUND_OVERLAP = 0.3
+RATE = 25  # frames per second, of all clips
 
 
 def row(name: str, method: str, tracks: list[Labelled], truth: FloatArray) -> tuple[int, float, float]:
@@ -31,12 +39,44 @@ def row(name: str, method: str, tracks: list[Labelled], truth: FloatArray) -> tu
     return figures
 
 
-def clip(name: str, lasting_hits: int) -> Sequence:
+def clip(path: Path, lasting_hits: int) -> Sequence:
     """What comes out of the pipeline."""
-    path = shared_data() / "sot_video" / name / "video.mp4"
     nothing = Labelled(np.zeros(0, np.int64), np.zeros((0, 4)))
     chain = f"stitch ! framediff ! particletrack lasting-hits={lasting_hits} ! appsink name=out"
     return run(f"filesrc location={path} ! decode ! {chain}", lambda *_: nothing, 10**6)
+
+
+def reverse(source: Path, copy: Path) -> int:
+    """Writes a video from its last frame to its first one, nearly without loss; returns their number."""
+    with av.open(str(source)) as video:
+        pictures = [frame.to_ndarray(format="yuv420p") for frame in video.decode(video=0)]
+    with av.open(str(copy), "w") as output:
+        stream = output.add_stream(
+            "libx264", rate=RATE, options={"crf": "10", "preset": "veryfast", "bf": "0"}
+        )
+        stream.height, stream.width = pictures[0].shape[0] * 2 // 3, pictures[0].shape[1]
+        stream.codec_context.thread_count = 1  # the same bytes on every machine
+        for index, picture in enumerate(reversed(pictures)):
+            frame = av.VideoFrame.from_ndarray(picture, format="yuv420p")
+            frame.pts, frame.time_base = index, Fraction(1, RATE)
+            output.mux(stream.encode(frame))
+        output.mux(stream.encode())
+    return len(pictures)
+
+
+def clips(only: str, is_backwards: bool) -> Iterator[tuple[str, Path, FloatArray]]:
+    """Names, videos and true boxes, float64[n, 4], of the clips with `only` in their names."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for folder in sorted((shared_data() / "sot_video").iterdir()):
+            if only not in folder.name:
+                continue
+            video, truth = folder / "video.mp4", read_boxes(folder / "groundtruth.txt")
+            if is_backwards:
+                copy = Path(scratch) / "backwards.mp4"
+                count = reverse(video, copy)
+                missing = np.full((max(count - len(truth), 0), 4), np.nan)
+                video, truth = copy, np.concatenate([truth[:count], missing])[::-1]
+            yield folder.name, video, truth
 
 
 def main() -> None:
@@ -45,19 +85,17 @@ def main() -> None:
     parser.add_argument("--lasting-hits", type=int, default=15)
     parser.add_argument("--only", default="")
     parser.add_argument("--norfair", default="")
+    parser.add_argument("--backwards", action="store_true")
     options = parser.parse_args()
     figures: dict[str, list[tuple[int, float, float]]] = {}
     print("| clip | tracker | ids | rows | found |\n|---|---|---|---|---|")
-    for folder in sorted((shared_data() / "sot_video").iterdir()):
-        if options.only not in folder.name:
-            continue
-        truth = read_boxes(folder / "groundtruth.txt")
-        sequence = clip(folder.name, options.lasting_hits)
+    for name, video, truth in clips(options.only, options.backwards):
+        sequence = clip(video, options.lasting_hits)
         methods = {"particletrack": sequence.tracks}
         if options.norfair:
             methods["norfair"] = norfair(options.norfair, sequence)
         for method, tracks in methods.items():
-            figures.setdefault(method, []).append(row(folder.name, method, tracks, truth))
+            figures.setdefault(method, []).append(row(name, method, tracks, truth))
     for method, rows in figures.items():
         print("| mean | {} | {:.1f} | {:.2f} | {:.3f} |".format(method, *np.mean(rows, axis=0)))
 
