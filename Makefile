@@ -19,8 +19,8 @@ demo: $(READY)
 	@$(BIN)/python pipelines/demo.py
 
 # Python may cache: each worker would compile all tests again. One process compiles them beforehand, and runs
-# a test for which Hypothesis makes its tables of characters. Long files come early in the order of names.
-# Tests wait for half of their time, for servers and clocks: on two cores six workers are busy.
+# a test for which Hypothesis makes its tables of characters. Tests wait for half of their time, for servers and
+# clocks: on two cores six workers are busy.
 test: $(READY)
 	@$(BIN)/python -m compileall -q streamkit plugins  # for the processes that tests start
 	@PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -k $(FIRST) > /dev/null 2>&1 || true

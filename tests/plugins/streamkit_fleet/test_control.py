@@ -24,6 +24,7 @@ from streamkit_fleet.feeds import FeedSpec
 from streamkit_zenoh import TrackSubscriber
 from tests.slowness import patience
 
+pytestmark = pytest.mark.long
 SMALL = {"object_store_memory": 80_000_000, "include_dashboard": False}
 LIVE = "videotestsrc is-live=true ! video/x-raw, width=32, height=32 ! fakesink name=${name}"
 SECRET = "never-shown"

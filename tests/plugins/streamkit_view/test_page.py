@@ -29,6 +29,7 @@ from streamkit_zenoh.wire.numbering import Stamp
 from streamkit_zenoh.wire.status import DropCount, ElementDrop, ElementStatus, StatusRecord
 from tests.slowness import patience
 
+pytestmark = pytest.mark.long
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
 SIZE = np.array([640, 360])
 FLIGHT = "dronetestsrc num-buffers=100 seed=1 ! video/x-raw, format=BGR, width=640, height=360"
@@ -131,10 +132,9 @@ def number_of_last(browser: Chrome) -> int | None:
 
 def last_frame(browser: Chrome) -> tuple[int, np.ndarray[Any, Any]] | None:
     """The number and the pixels of the last frame, unless another is shown meanwhile."""
-    if (number := number_of_last(browser)) is None:
-        return None
+    number = number_of_last(browser)
     pixels = canvas(browser, "video")[:, :, :3]
-    return (number, pixels) if number_of_last(browser) == number else None
+    return None if number is None or number_of_last(browser) != number else (number, pixels)
 
 
 def drawn_boxes(overlay: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -159,7 +159,7 @@ def worker_at_work(task: str) -> int:
                 title = (folder / "cmdline").read_bytes()
                 if title.startswith(f"ray::{task}".encode()) and parent(parent(folder.name)) == os.getpid():
                     return int(folder.name)
-        time.sleep(0.1)
+        time.sleep(0.02)
     raise AssertionError(f"no worker runs {task}")
 
 

@@ -10,6 +10,7 @@ from streamkit.geometry.homography import normalised, translation
 from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit_stitcher.plane.settings import ReferenceChoice
 
+pytestmark = pytest.mark.long
 SHAPE = (450, 640)
 # A row of photographs, 300 px apart.
 PLACES = [(200 + 300 * number, 300) for number in range(8)]
