@@ -5,55 +5,120 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from streamkit_kernels import FLOAT32, compiled, kernel
+from streamkit.geometry.homography import FloatArray
+from streamkit_kernels import FLOAT32, FLOAT64, FLOAT64_1D, compiled, kernel
 
 SingleArray = npt.NDArray[np.float32]
-SingleLine = npt.NDArray[np.float32]
 BLOCK: Final = 8
+_AREA: Final = BLOCK * BLOCK
+# Difference of a block, as a part of both powers, at which it has a quarter of its weight, and at which it
+# counts as a quarter of agreement; 1 is unrelated.
+_UNLIKE: Final = 0.15
+_RELATED: Final = 0.3
+_WEAK_POWER: Final = 0.05
 
 
-@kernel(FLOAT32, FLOAT32, FLOAT32, FLOAT32)
+@kernel(FLOAT32, FLOAT64, FLOAT64, FLOAT32, FLOAT32, FLOAT32, FLOAT64_1D)
 def compare_blocks(
-    moved: SingleArray, texture: SingleArray, across: SingleArray, down: SingleArray
-) -> SingleArray:
-    """Means over blocks of 8 x 8 px, float32[4, rows, columns], of what a frame differs by from a keyframe.
+    image: SingleArray,
+    motion: FloatArray,
+    origins: FloatArray,
+    texture: SingleArray,
+    across: SingleArray,
+    down: SingleArray,
+    power: FloatArray,
+) -> FloatArray:
+    """Compares blocks of 8 x 8 px of a keyframe with a frame.
 
     Args:
-        moved: float32[h, w], texture of the frame on the keyframe, NaN where it does not show it.
-        texture: float32[h, w], of the keyframe.
-        across: float32[h, w], its gradient in x.
-        down: float32[h, w], its gradient in y.
+        image: float32[h, w], texture of the frame; at least a block in size, unless n is 0.
+        motion: float64[3, 3], px of the keyframe to those of the frame.
+        origins: float64[n, 2], x and y of the first pixel of each block.
+        texture: float32[n, 64], of the keyframe, one row for each block.
+        across: float32[n, 64], its gradient in x.
+        down: float32[n, 64], its gradient in y.
+        power: float64[n], mean square of `texture`.
 
     Returns:
-        The squared difference, the square of `moved`, and the products of the difference with the gradients;
-        NaN for blocks that the frame does not fill. A remainder at the right and bottom is left out.
+        float64[6, n]: 1 where the frame fills the block, else 0; its weight, 0 to 1; the same for larger
+        differences; the mean squared difference; and the mean products of the difference with the gradients.
+        All are 0 where the frame does not fill the block.
     """
-    rows, columns = max(1, moved.shape[0] // BLOCK), max(1, moved.shape[1] // BLOCK)
-    height, width = min(BLOCK, moved.shape[0]), min(BLOCK, moved.shape[1])
-    means = np.empty((4, rows, columns), np.float32)
-    sums = np.empty((4, columns * width), np.float32)
-    share = np.float32(1.0 / (height * width))
-    for row in range(rows):
-        sums[:] = np.float32(0.0)
-        for line in range(row * height, (row + 1) * height):
-            _add_line(moved[line], texture[line], across[line], down[line], sums)
-        for kind in range(4):
-            for column in range(columns):
-                total = np.float32(0.0)
-                for index in range(column * width, (column + 1) * width):
-                    total += sums[kind, index]
-                means[kind, row, column] = total * share
-    return means
+    height, width = image.shape
+    pixels, matrix = image.reshape(height * width), motion.astype(np.float32)
+    found, means = np.zeros((6, len(origins))), np.empty(4, np.float32)
+    values, right, low = np.empty(_AREA, np.float32), np.empty(_AREA, np.float32), np.empty(_AREA, np.float32)
+    first = np.empty(_AREA, np.int32)
+    for block in range(len(origins)):
+        left, top = origins[block]
+        if not _is_inside(motion, left, top, width, height):
+            continue
+        _locate(matrix, np.float32(left), np.float32(top), width, height, first, right, low)
+        for pixel in range(_AREA):
+            at = first[pixel]
+            upper, lower = pixels[at], pixels[at + width]
+            upper += right[pixel] * (pixels[at + 1] - upper)
+            lower += right[pixel] * (pixels[at + width + 1] - lower)
+            values[pixel] = upper + low[pixel] * (lower - upper)
+        _add_up(values, texture[block], across[block], down[block], means)
+        part = means[0] / (power[block] + means[1] + _WEAK_POWER)
+        found[0, block] = 1.0
+        found[1, block] = 1 / (1 + (part / _UNLIKE) ** 2) ** 2
+        found[2, block] = 1 / (1 + (part / _RELATED) ** 2) ** 2
+        found[3, block], found[4, block], found[5, block] = means[0], means[2], means[3]
+    return found
 
 
 @compiled
-def _add_line(
-    moved: SingleLine, texture: SingleLine, across: SingleLine, down: SingleLine, sums: SingleArray
+def _is_inside(motion: FloatArray, left: float, top: float, width: int, height: int) -> bool:
+    """Whether a frame shows all pixels of a block: those at its corners, as a homography keeps it convex."""
+    for corner in range(4):
+        x, y = left + (corner % 2) * (BLOCK - 1), top + (corner // 2) * (BLOCK - 1)
+        depth = motion[2, 0] * x + motion[2, 1] * y + motion[2, 2]
+        across = motion[0, 0] * x + motion[0, 1] * y + motion[0, 2]
+        down = motion[1, 0] * x + motion[1, 1] * y + motion[1, 2]
+        if not (depth > 0 and 0 <= across <= (width - 1) * depth and 0 <= down <= (height - 1) * depth):
+            return False
+    return True
+
+
+@compiled
+def _locate(
+    matrix: SingleArray,
+    left: np.float32,
+    top: np.float32,
+    width: int,
+    height: int,
+    first: npt.NDArray[np.int32],
+    right: SingleArray,
+    low: SingleArray,
 ) -> None:
-    for index in range(sums.shape[1]):
-        value = moved[index]
-        difference = value - texture[index]
-        sums[0, index] += difference * difference
-        sums[1, index] += value * value
-        sums[2, index] += difference * across[index]
-        sums[3, index] += difference * down[index]
+    """Where the pixels of a block lie in the frame: of the four around each the first, and the rest, px."""
+    # In registers: loops that store into arrays would load the matrix from memory again for each pixel.
+    xx, xy, xo = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    yx, yy, yo = matrix[1, 0], matrix[1, 1], matrix[1, 2]
+    zx, zy, zo = matrix[2, 0], matrix[2, 1], matrix[2, 2]
+    last_column, last_row, columns = np.int32(width - 2), np.int32(height - 2), np.int32(width)
+    for pixel in range(_AREA):
+        x, y = left + np.float32(pixel % BLOCK), top + np.float32(pixel // BLOCK)
+        nearness = np.float32(1.0) / (zx * x + zy * y + zo)
+        across, down = (xx * x + xy * y + xo) * nearness, (yx * x + yy * y + yo) * nearness
+        column, row = min(np.int32(across), last_column), min(np.int32(down), last_row)
+        first[pixel] = row * columns + column
+        right[pixel], low[pixel] = across - np.float32(column), down - np.float32(row)
+
+
+@compiled
+def _add_up(
+    values: SingleArray, texture: SingleArray, across: SingleArray, down: SingleArray, means: SingleArray
+) -> None:
+    squares = own = sideways = downwards = np.float32(0.0)
+    for pixel in range(_AREA):
+        value = values[pixel]
+        difference = value - texture[pixel]
+        squares += difference * difference
+        own += value * value
+        sideways += difference * across[pixel]
+        downwards += difference * down[pixel]
+    share = np.float32(1.0 / _AREA)
+    means[0], means[1], means[2], means[3] = squares * share, own * share, sideways * share, downwards * share

@@ -15,6 +15,7 @@ _FINE: Final = 1.0
 _COARSE: Final = 4.0
 _MIN_OVERLAP: Final = 0.15
 _MIN_CORRELATION: Final = 0.2
+_LEAST_POWER: Final = 1e-6
 _MIN_SHARED: Final = 1 / 12
 
 
@@ -38,22 +39,49 @@ def search_shift(earlier: GreyArray, current: GreyArray) -> FloatArray | None:
     return translation(np.array([x * width / columns, y * height / rows]))
 
 
-def texture_shift(first: FloatArray, second: FloatArray) -> tuple[int, int, float]:
-    """The most significant shift between textures of mean 0, float[h, w], see `search_shift`.
+def texture_shift(first: npt.NDArray[Any], second: npt.NDArray[Any]) -> tuple[int, int, float]:
+    """The most significant shift between textures of mean 0, float[h, w], see `ShiftSearch`."""
+    return ShiftSearch(first).shift_from(second)
 
-    Returns:
-        The shift from `second` to `first` in x and in y, px, and the correlation of their overlap.
+
+class ShiftSearch:
+    """Correlates a texture of mean 0 with others of its size, and keeps what that needs of its own.
+
+    Args:
+        texture: float[h, w].
     """
-    rows, columns = first.shape
-    overlap = np.multiply.outer(*(side - np.abs(np.arange(-side, side)) for side in first.shape))
-    # The sum over what the second image covers under a shift is that of its own part under the opposite one.
-    power = _overlap_sums(first**2) * _overlap_sums((second**2)[::-1, ::-1])
-    correlation = _correlate(first, second) / np.sqrt(np.maximum(power, 1e-6))
-    correlation[overlap < _MIN_OVERLAP * rows * columns] = 0.0
-    # A small overlap correlates by chance: weigh the correlation by its significance.
-    significance = correlation * np.sqrt(overlap)
-    y, x = np.unravel_index(int(np.argmax(significance)), overlap.shape)
-    return int(x) - columns, int(y) - rows, float(correlation[y, x])
+
+    def __init__(self, texture: npt.NDArray[Any]) -> None:
+        self._shape = texture.shape
+        self._size = tuple(scipy.fft.next_fast_len(2 * side, real=True) for side in texture.shape)
+        self._spectrum, self._power = self._transformed(texture), _overlap_sums(texture)
+        overlap = np.multiply.outer(*(side - np.abs(np.arange(-side, side)) for side in texture.shape))
+        # A small overlap correlates by chance: weigh the correlation by its significance.
+        is_large = overlap >= _MIN_OVERLAP * texture.size
+        self._weights = np.where(is_large, np.sqrt(overlap), 0.0).astype(np.float32)
+
+    def shift_from(self, other: npt.NDArray[Any]) -> tuple[int, int, float]:
+        """The most significant shift, see `search_shift`.
+
+        Args:
+            other: float[h, w], of the same size.
+
+        Returns:
+            The shift from `other` to the texture in x and in y, px, and the correlation of their overlap.
+        """
+        product = scipy.fft.irfft2(self._spectrum * self._transformed(other).conj(), self._size)
+        rows, columns = self._shape
+        # The element [rows + y, columns + x] is of a shift by x, y.
+        shifted = np.roll(product, (rows, columns), (0, 1))[: 2 * rows, : 2 * columns]
+        # The sum over what the other covers under a shift is that of its own part under the opposite one.
+        power = np.sqrt(np.maximum(self._power * _overlap_sums(other[::-1, ::-1]), _LEAST_POWER))
+        significance = shifted * self._weights / power
+        y, x = np.unravel_index(int(np.argmax(significance)), significance.shape)
+        correlation = float(shifted[y, x] / power[y, x]) if self._weights[y, x] > 0 else 0.0
+        return int(x) - columns, int(y) - rows, correlation
+
+    def _transformed(self, texture: npt.NDArray[Any]) -> npt.NDArray[np.complex64]:
+        return np.asarray(scipy.fft.rfft2(texture.astype(np.float32), self._size), np.complex64)
 
 
 def band_pass(grey: npt.NDArray[Any], fine: float, coarse: float) -> FloatArray:
@@ -78,19 +106,9 @@ def overlap_correlation(first: FloatArray, second: FloatArray, to_second: FloatA
     return float((one * two).sum()) / power if power > 1e-9 else 0.0
 
 
-def _overlap_sums(values: FloatArray) -> FloatArray:
-    """Sums over the overlap with an image of the same size, laid out as by `_correlate`."""
-    rows, columns = (np.arange(-size, size) for size in values.shape)
-    height, width = values.shape
-    sums = cv2.integral(values)
-    down = sums[np.clip(rows + height, 0, height)] - sums[np.clip(rows, 0, height)]
-    across = down[:, np.clip(columns + width, 0, width)] - down[:, np.clip(columns, 0, width)]
-    return np.asarray(across, dtype=np.float64)
-
-
-def _correlate(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Sums of products over the overlap, float64[2 h, 2 w]; element [h + y, w + x] is of a shift by x, y."""
-    height, width = first.shape
-    size = tuple(scipy.fft.next_fast_len(2 * side, real=True) for side in first.shape)
-    product = scipy.fft.irfft2(scipy.fft.rfft2(first, size) * scipy.fft.rfft2(second, size).conj(), size)
-    return np.asarray(np.roll(product, (height, width), (0, 1))[: 2 * height, : 2 * width], dtype=np.float64)
+def _overlap_sums(texture: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """Sums of the squares over the overlap with an image of the same size, for each shift."""
+    sums = cv2.integral(np.square(texture, dtype=np.float64))
+    down = np.concatenate([sums[:-1], sums[-1:] - sums[:-1]])
+    across = np.concatenate([down[:, :-1], down[:, -1:] - down[:, :-1]], axis=1)
+    return across.astype(np.float32)

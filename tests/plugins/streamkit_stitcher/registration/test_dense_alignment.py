@@ -165,3 +165,19 @@ def test_what_a_frame_shows_of_its_tilt_does_not_depend_on_the_prior(ground):
     frame = cv2.warpPerspective(ground, true @ translation(np.array([-300.0, -300.0])), (320, 180))
     found = aligned(levels(key), frame, [true], WIDE, tilt=still)
     assert found.tilt == pytest.approx([0, 0, 2.0, 0], abs=0.5)
+
+
+def test_a_frame_smaller_than_a_block_agrees_with_nothing():
+    """It has no whole block."""
+    tiny = np.arange(36, dtype=np.uint8).reshape(6, 6)
+    assert aligned(levels(tiny), tiny, [np.eye(3)], LOOSE, 0.0).agreement == 0
+
+
+def test_no_more_blocks_are_compared_than_tell_something(ground):
+    """Of 4800 one of each four neighbours, the one of most contrast; of 880 all."""
+    grey = ground[300:780, 300:940].copy()
+    grey[8:16, 0:8] = 255 * (np.indices((8, 8)).sum(axis=0) // 2 % 2)
+    fine, coarse = DenseLevel(grey), DenseLevel(np.ascontiguousarray(grey[:180, :320]))
+    assert len(coarse.centres) == 22 * 40
+    assert len(fine.centres) == len(np.unique(fine.centres // 16, axis=0)) == 30 * 40
+    assert [3.5, 11.5] in fine.centres.tolist()
