@@ -3,6 +3,7 @@
 from typing import Final
 
 from streamkit.geometry.homography import FloatArray, corner_shift, inverse, normalised
+from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.motion_prediction import MotionPredictor
 from streamkit_stitcher.plane.placement import Placement
 from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
@@ -14,6 +15,9 @@ _LOST_STD: Final = 1.0
 # Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
 _FREQUENT_TRIES: Final = 4
 _RARE_PERIOD: Final = 16
+# Searches by the corners, each of which has confirmed a weak match, after which they become rarer, too.
+_MOST_VAIN: Final = 8
+_VAIN_PERIOD: Final = 4
 
 
 class Localisation:
@@ -33,7 +37,7 @@ class Localisation:
     def __init__(self, shape: tuple[int, int]) -> None:
         self._shape, self._max_drift = shape, MAX_DRIFT * shape[1]
         self._motion = MotionPredictor(shape)
-        self._lost = self._unmeasured = 0
+        self._lost = self._unmeasured = self._vain = self._since_search = 0
         self.std = 0.0
         self.is_adrift = False
 
@@ -93,6 +97,18 @@ class Localisation:
         is_rare = motion.model is not None and self._unmeasured > _FREQUENT_TRIES
         return motion.is_cut or self._unmeasured % (_RARE_PERIOD if is_rare else 2) == 0
 
+    def is_corner_search_due(self) -> bool:
+        """Whether the corners of a frame may place it better than a weak match does, and counts the frame.
+
+        Where they have confirmed such matches many times, as over relief, the tries become rarer.
+        """
+        self._since_search += 1
+        return self.is_adrift or self._vain < _MOST_VAIN or self._since_search >= _VAIN_PERIOD
+
+    def searched(self, is_vain: bool) -> None:
+        """Notes whether a search by the corners has confirmed a weak match."""
+        self._vain, self._since_search = self._vain + 1 if is_vain else 0, 0
+
     def lose(self) -> bool:
         """Counts a frame that nothing places; whether they are so many that a plane begins."""
         self._lost += 1
@@ -104,6 +120,8 @@ class Localisation:
         self._motion.update(to_previous)
         self.std = std
         self._lost = 0
+        if std <= OK_STD:
+            self._vain = 0
         self._unmeasured = 0 if is_measured else self._unmeasured + 1
 
     def leave_plane(self) -> None:

@@ -25,6 +25,7 @@ from streamkit_stitcher.plane.placement import Placement, placed
 from streamkit_stitcher.plane.planes import Planes
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.registration.combing import field_error
+from streamkit_stitcher.registration.dense_alignment import MIN_AGREEMENT
 from streamkit_stitcher.registration.pairwise import (
     PairwiseMotion,
     WorkingImage,
@@ -139,7 +140,7 @@ class FrameRegistrar:
         # After a lost frame the place is not known well enough.
         if not self._place.was_lost:
             near = anchor.match_near(images, before, self._place.std, self._place.expected(before))
-        if near is not None and near.share >= SURE_SHARE:
+        if near is not None and self._is_enough(near):
             found = placed(anchor.keyframes.active, near)
             has_jumped = is_jump(normalised(inverse(before) @ found.to_reference), self._shape)
             if self._footage.continues(has_jumped):
@@ -148,6 +149,11 @@ class FrameRegistrar:
         if image.is_blank:
             return self._predict()
         return self._search(images, image, last, anchor, near)
+
+    def _is_enough(self, near: KeyframeMatch) -> bool:
+        """Whether a match is taken without a search: a sure one, or one that searches have only confirmed."""
+        is_weak = near.share >= MIN_AGREEMENT and self._footage.is_video
+        return near.share >= SURE_SHARE or (is_weak and not self._place.is_corner_search_due())
 
     def _search(
         self,
@@ -162,6 +168,7 @@ class FrameRegistrar:
         predicted = place.predicted_by(motion, self._planes.before, self._planes.last_to_plane)
         is_photograph = self._is_photograph(last, image, motion)
         found = anchor.place(images, near, predicted, place.std, is_photograph)
+        place.searched(is_vain=near is not None and found.match is near)
         # Frames that continue each other at an unknown place: a cut was not noticed.
         is_elsewhere = place.stays_adrift(found, motion) and predicted.is_trusted and self._footage.is_calm
         if is_elsewhere or (found.match is None and (is_photograph or place.is_search_due(motion))):

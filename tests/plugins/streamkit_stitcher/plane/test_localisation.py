@@ -77,3 +77,23 @@ def test_frames_are_lost_for_a_second():
     """After 25 that nothing places, a plane begins."""
     place = Localisation(SHAPE)
     assert [place.lose() for _ in range(26)] == [False] * 25 + [True]
+
+
+def test_the_corners_are_searched_rarely_once_they_have_confirmed_many_weak_matches():
+    """One that places a frame better, a certain frame or an unknown place ends that."""
+    place = Localisation(SHAPE)
+    for _ in range(8):
+        assert place.is_corner_search_due()
+        place.searched(is_vain=True)
+    assert [place.is_corner_search_due() for _ in range(4)] == [False, False, False, True]
+    place.searched(is_vain=True)
+    assert not place.is_corner_search_due()
+    place.is_adrift = True
+    assert place.is_corner_search_due()
+    place.is_adrift = False
+    place.place(moved(0.0), 0.5, is_measured=True)
+    assert place.is_corner_search_due()
+    for _ in range(9):
+        place.searched(is_vain=True)
+    place.searched(is_vain=False)
+    assert place.is_corner_search_due()

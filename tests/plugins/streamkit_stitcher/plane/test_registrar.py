@@ -13,6 +13,7 @@ from streamkit.geometry.registration_status import RegistrationStatus
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_stitcher.plane import registrar as registrar_module
 from streamkit_stitcher.plane.anchoring import KeyframeAnchor
+from streamkit_stitcher.plane.placement import placed
 from streamkit_stitcher.plane.settings import ReferenceChoice
 from streamkit_stitcher.registration.motion_models import MotionModel
 from streamkit_stitcher.registration.pairwise import PairwiseMotion, register
@@ -350,3 +351,30 @@ def test_a_frame_is_as_certain_as_the_one_before_it_allows(ground, registrar, mo
     frames = [ground[400:760, left : left + 640] for left in range(300, 318, 3)]
     states = [registrar.register(np.ascontiguousarray(frame)).status.value for frame in frames]
     assert states == ["ok", "ok", "ok", "weak", "weak", "ok"]
+
+
+def test_corners_that_only_confirm_a_weak_match_are_tracked_in_every_fourth_frame(
+    ground, registrar, monkeypatch
+):
+    """After eight frames, so that a live stream over relief does not fall behind; all keep their match."""
+    match_near, tracked, is_weak = KeyframeAnchor.match_near, [], False
+
+    def weakly(self, *arguments):
+        match = match_near(self, *arguments)
+        return replace(match, share=0.1, corner_std=3.0) if is_weak else match
+
+    def confirmed(self, images, near, *_):
+        return placed(self.keyframes.active, near)
+
+    def counted(*arguments):
+        tracked.append(number)
+        return register(*arguments)
+
+    monkeypatch.setattr(KeyframeAnchor, "match_near", weakly)
+    monkeypatch.setattr(KeyframeAnchor, "place", confirmed)
+    monkeypatch.setattr(registrar_module, "register", counted)
+    for number in range(24):
+        is_weak = number >= 4 and number != 20
+        left = 300 + 3 * number
+        assert registrar.register(np.ascontiguousarray(ground[400:760, left : left + 640])).measured
+    assert tracked == [*range(4, 12), 15, 19, 21, 22, 23]
