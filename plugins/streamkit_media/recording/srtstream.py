@@ -63,9 +63,8 @@ class SrtStream(Destination):
         self._program: FfmpegProgram | None = None
         self._delay = RestartDelay(FIRST_DELAY_S, LONGEST_DELAY_S, JITTER)
         self._position = 0  # in the stream, bytes
-        self._due_s: float | None = (
-            None  # when to connect again; None while there is a connection, or the first
-        )
+        # When to connect again; None while there is a connection, or the first is awaited.
+        self._due_s: float | None = None
 
     def write(self, data: bytes) -> int:
         """Sends all of the data, once, or nothing while there is no connection, or after an error."""
