@@ -64,7 +64,12 @@ class CodedStream:
         Raises:
             FFmpegError: the packet, or one before it, could not be decoded.
         """
-        self._add(packet)
+        self.packets += 1
+        self.awaits_keyframe &= not packet.flags & KEYFRAME
+        self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
+        insort(self.numbers, packet.seq)
+        del self.numbers[:-PENDING_LIMIT]
+        self.times.add(packet.pts)
         try:
             return self.decoder.decode(packet.data, packet, bool(packet.flags & KEYFRAME))
         except FFmpegError:
@@ -81,14 +86,6 @@ class CodedStream:
         if isinstance(packet.data, Packet) and packet.data.is_disposable:
             return False
         return is_reference(codec_of(self.caps), memoryview(packet.data), extradata_of(self.caps))
-
-    def _add(self, packet: Frame) -> None:
-        self.packets += 1
-        self.awaits_keyframe &= not packet.flags & KEYFRAME
-        self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
-        insort(self.numbers, packet.seq)
-        del self.numbers[:-PENDING_LIMIT]
-        self.times.add(packet.pts)
 
     def _leave_out(self, packet: Frame) -> None:
         with suppress(ValueError):

@@ -54,13 +54,15 @@ class PresentationOrder:
         Args:
             packets: of all streams that are read.
         """
-        packets, video = iter(packets), self._video
+        packets = iter(packets)
         first, is_suspicious = self._beginning(packets)
-        if video is None or not is_suspicious:
-            yield from chain(first, packets)
-            return
+        whole = chain(first, packets)
+        return self._reordered(whole, self._video) if self._video and is_suspicious else whole
+
+    def _reordered(self, packets: Iterator[Packet[Stream]], video: VideoStream) -> Iterator[Packet[Stream]]:
+        """Decodes packets until their times are trusted; gives each its time."""
         decoder: VideoDecoder[_Origin] = VideoDecoder(video_caps(video), holds_for_order=True)
-        for number, packet in enumerate(chain(first, packets)):
+        for number, packet in enumerate(packets):
             self._held.append(packet)
             if packet.stream_index == video.index:
                 self._decode(decoder, number, packet)
