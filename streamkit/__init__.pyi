@@ -77,6 +77,7 @@ from streamkit.flow.record import decode_record as decode_record
 from streamkit.flow.record import encode_record as encode_record
 from streamkit.flow.record import record_line as record_line
 from streamkit.flow.record import track_record as track_record
+from streamkit.flow.record_file import NO_TIME as NO_TIME
 from streamkit.flow.record_file import RecordFile as RecordFile
 from streamkit.flow.record_file import read_tracks as read_tracks
 from streamkit.flow.record_metadata import registration_of as registration_of

@@ -15,6 +15,7 @@ import msgspec
 import typer
 
 from streamkit import (
+    NO_TIME,
     MessageKind,
     Pipeline,
     RecordFile,
@@ -37,7 +38,7 @@ from streamkit_tracks.recorded_runs import (
     write_output,
 )
 
-TIMES, UNKNOWN_TIME = ("pts_ns", "capture_ns"), -(2**63)  # of `read_tracks`
+TIMES = ("pts_ns", "capture_ns")  # of `read_tracks`
 FileFormat = Literal["jsonl", "mot", "csv", "geojson", "kml", "cot", "mcap", "parquet"]
 FORMATS = {**{ending: str(kind) for ending, kind in KINDS.items()}, ".mcap": "mcap", ".parquet": "parquet"}
 ENDINGS = ", ".join(FORMATS)
@@ -181,7 +182,7 @@ def write_parquet(file: Path, run: int, output: Path) -> None:
     rows = rows[rows["run"] == run]
     found = io.BytesIO()
     columns = {
-        name: arrow.array(rows[name], mask=rows[name] == UNKNOWN_TIME if name in TIMES else None)
+        name: arrow.array(rows[name], mask=rows[name] == NO_TIME if name in TIMES else None)
         for name in rows.dtype.names or ()
     }
     parquet.write_table(arrow.table(columns), found)

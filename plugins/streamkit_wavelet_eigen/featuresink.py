@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from typing_extensions import override
 
 from streamkit import (
+    NO_TIME,
     Detections,
     Features,
     FeatureSpace,
@@ -24,8 +25,6 @@ from streamkit.output.file import OutputFile
 from streamkit_wavelet_eigen.target_features import TargetFeatures
 from streamkit_wavelet_eigen.windows import rotated_boxes
 
-# `pts_ns` of a frame without a time.
-NO_TIME = np.iinfo(np.int64).min
 SAVE_S = 1.0
 SAVING_SHARE = 0.05  # of one processor, for files that take long to save
 SCHEMA = "streamkit.features/1"

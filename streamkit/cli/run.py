@@ -62,7 +62,7 @@ class Run:
     ) -> None:
         self.pipeline = pipeline
         self.display = display
-        self.beat_s = beat_s
+        self._beat_s = beat_s
         self.eos_on_shutdown = eos_on_shutdown
         self.monitor = monitor or Monitor(pipeline)
         self.printer = MessagePrinter(pipeline, display, verbose=verbose, quiet=quiet)
@@ -152,7 +152,7 @@ class Run:
         deadline: float | None = None
         limit_s, handled = self.pipeline.watchdog_s, 0
         while True:
-            message = self.pipeline.bus.pop(self.beat_s)
+            message = self.pipeline.bus.pop(self._beat_s)
             if message is not None:
                 self.printer.print(message)
             self.printer.print_caps()

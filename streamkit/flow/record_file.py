@@ -22,7 +22,8 @@ COLUMNS = {
     "age_ns": "i8", "lat": "f8", "lon": "f8", "error_m": "f8",
 }  # fmt: skip
 LINE_LIMIT_BYTES = 4 << 20  # as for a record received over zenoh
-NO_TIME = -(2**63)  # `pts_ns` or `capture_ns` of a frame without one
+NO_TIME = -(2**63)
+"""`pts_ns` or `capture_ns` of a frame without one, in columns of int64."""
 
 
 class RecordFile:

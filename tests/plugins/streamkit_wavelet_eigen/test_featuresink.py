@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from streamkit import (
+    NO_TIME,
     Detections,
     Features,
     FeatureSpace,
@@ -18,7 +19,6 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
-from streamkit_wavelet_eigen.featuresink import NO_TIME
 
 CAPS = raw_video_caps("GRAY8", 160, 120)
 
