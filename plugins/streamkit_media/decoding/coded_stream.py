@@ -8,13 +8,12 @@ from typing import TypeAlias
 
 from av.error import FFmpegError
 from av.packet import Packet
-from av.video.frame import PictureType, VideoFrame
+from av.video.frame import VideoFrame
 
 from streamkit import Frame, FrameFlags
 from streamkit_media.codecs import caps_rate, codec_of, extradata_of
 from streamkit_media.decoding.framenumbers import FrameNumbers
 from streamkit_media.decoding.marks import PENDING_LIMIT
-from streamkit_media.decoding.presentation_times import PresentationTimes
 from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.nalunits import is_reference
 
@@ -39,7 +38,6 @@ class CodedStream:
         packets: that the decoder has got.
         numbers: sequence numbers of the packets without a frame yet, ascending. Frames come out in order of
             presentation, so each takes the first.
-        times: of the frames, where the packets have them.
     """
 
     def __init__(self, first: Frame, decoder: VideoDecoder[Frame]) -> None:
@@ -54,7 +52,6 @@ class CodedStream:
         self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None
         self.newest_arrival_ns = self.next_pts = 0
         self.numbers: list[int] = []
-        self.times = PresentationTimes()
         self.has_given_frame = False
         self.packets = 0
 
@@ -69,25 +66,15 @@ class CodedStream:
         self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
         insort(self.numbers, packet.seq)
         del self.numbers[:-PENDING_LIMIT]
-        self.times.add(packet.pts)
         try:
-            return self.decoder.decode(packet.data, packet, bool(packet.flags & KEYFRAME))
+            return self.decoder.decode(packet.data, packet, bool(packet.flags & KEYFRAME), packet.pts)
         except FFmpegError:
-            self._leave_out(packet)
+            with suppress(ValueError):
+                self.numbers.remove(packet.seq)
             raise
-
-    def time_of(self, image: VideoFrame, packet: Frame) -> int | None:
-        """The time of a frame, the next one that the decoder gave: its packet's, where that is right, ns."""
-        is_bidirectional = image.pict_type == PictureType.B
-        return self.times.take(packet.pts, is_bidirectional=is_bidirectional, is_key=bool(image.key_frame))
 
     def is_needed(self, packet: Frame) -> bool:
         """Whether other frames may depend on the one in a packet."""
         if isinstance(packet.data, Packet) and packet.data.is_disposable:
             return False
         return is_reference(codec_of(self.caps), memoryview(packet.data), extradata_of(self.caps))
-
-    def _leave_out(self, packet: Frame) -> None:
-        with suppress(ValueError):
-            self.numbers.remove(packet.seq)
-        self.times.leave_out(packet.pts)

@@ -275,10 +275,11 @@ class Decode(Transform):
 
     def _shown(self, stream: CodedStream, decoded: Decoded) -> list[Frame]:
         self._frames_decoded += len(decoded)
+        if stream.decoder.times.are_wrong:
+            self.warn_once(WRONG_TIMES)
         frames = []
-        for video_frame, packet in decoded:
-            number = stream.numbers.pop(0) if stream.numbers else packet.seq
-            origin = self._timed(stream, video_frame, packet)
+        for video_frame, origin in decoded:
+            number = stream.numbers.pop(0) if stream.numbers else origin.seq
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._damage.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._decide_to_hide(stream, origin) if origin.metadata else None
@@ -287,13 +288,6 @@ class Decode(Transform):
             else:
                 self._drop_packet(origin, reason)
         return frames
-
-    def _timed(self, stream: CodedStream, video_frame: VideoFrame, packet: Frame) -> Frame:
-        """The packet of a frame, with the frame's time where its own is wrong."""
-        pts = stream.time_of(video_frame, packet)
-        if stream.times.are_wrong:
-            self.warn_once(WRONG_TIMES)
-        return packet if pts == packet.pts else packet.replace(pts=pts)
 
     def _decide_to_hide(self, stream: CodedStream, origin: Frame) -> str | None:
         """Notes a frame's age; why it is not shown, "" where that is not counted, or None where it is."""
@@ -337,6 +331,6 @@ class Decode(Transform):
         duration = origin.duration
         if duration is None and stream.framerate is not None:
             duration = round(SECOND_NS / stream.framerate)
-        pts = stream.next_pts if origin.pts is None else origin.pts
+        pts = stream.next_pts if video_frame.pts is None else video_frame.pts
         stream.next_pts = pts + (duration or 0)
         return origin.replace(data=pixels, caps=caps, pts=pts, duration=duration, flags=flags, seq=number)

@@ -64,7 +64,8 @@ class PresentationTimes:
         is_early = self._last is not None and pts < self._last
         self.are_wrong |= self._is_ascending and (is_late or is_early)
         if not self.are_wrong:
-            self.leave_out(pts)
+            if pts in waiting:
+                waiting.remove(pts)
             self._last = pts
             return pts
         earliest = pts if self._last is None else self._last + 1

@@ -1,4 +1,4 @@
-"""Decoder that returns each frame with the packet it came from, on the processor or a graphics device."""
+"""Decoder that returns each frame with its time and packet, on the processor or a graphics device."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from av.error import FFmpegError
 from av.packet import Packet
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
-from av.video.frame import VideoFrame
+from av.video.frame import PictureType, VideoFrame
 
 from streamkit import Caps
 from streamkit_media.codecs import codec_of, decoder_for, extradata_of, size_of
 from streamkit_media.container import MAX_PIXELS
 from streamkit_media.decoding.marks import PENDING_LIMIT
+from streamkit_media.decoding.presentation_times import PresentationTimes
 
 Origin = TypeVar("Origin")
 Data: TypeAlias = "Packet[Any] | bytes | bytearray | memoryview"
@@ -34,7 +35,7 @@ DEVICES = {
 
 
 class VideoDecoder(Generic[Origin]):
-    """Decodes packets of one codec; each frame comes with the origin given with its packet.
+    """Decodes packets of one codec; each frame comes with its presentation time and its packet's origin.
 
     Args:
         caps: of the packets.
@@ -46,6 +47,7 @@ class VideoDecoder(Generic[Origin]):
 
     Attributes:
         threading: what it has.
+        times: of the frames; says whether those of the packets are wrong.
         unaccounted: packets that gave neither a frame nor an error yet; after `drain` they never will.
 
     Raises:
@@ -72,7 +74,8 @@ class VideoDecoder(Generic[Origin]):
         context.options = {"max_pixels": str(MAX_PIXELS), **({"strict": "1"} if is_strict else {})}
         # Damaged frames come out, marked, instead of disappearing.
         context.flags |= Flags.output_corrupt
-        self._pending: OrderedDict[int, Origin] = OrderedDict()
+        self.times = PresentationTimes()
+        self._pending: OrderedDict[int, tuple[Origin, int | None]] = OrderedDict()
         self._count = self.unaccounted = 0
 
     def _configure(self, caps: Caps) -> None:
@@ -101,12 +104,19 @@ class VideoDecoder(Generic[Origin]):
         return self._context.is_hwaccel
 
     def decode(
-        self, data: Data, origin: Origin, is_keyframe: bool = False
+        self, data: Data, origin: Origin, is_keyframe: bool = False, pts: int | None = None
     ) -> list[tuple[VideoFrame, Origin]]:
         """Gives one packet to the decoder.
 
+        Args:
+            data: the packet.
+            origin: comes out with its frame.
+            is_keyframe: whether decoding can begin with it.
+            pts: its time, in any unit; None if it has none.
+
         Returns:
-            The frames that are complete now, in order of presentation, each with its packet's origin.
+            The frames that are complete now, in order of presentation, each with its packet's origin. The
+            `pts` of a frame is that of its packet, corrected where packets have times in order of coding.
 
         Raises:
             FFmpegError: the packet, or one before it, could not be decoded; the next may.
@@ -125,10 +135,15 @@ class VideoDecoder(Generic[Origin]):
         self.unaccounted += 1
         # FFmpeg carries a packet's pts to its frame untouched: a number there finds the origin again.
         packet.pts = self._count
-        self._pending[self._count] = origin
+        self._pending[self._count] = origin, pts
+        self.times.add(pts)
         if len(self._pending) > PENDING_LIMIT:
             self._pending.popitem(last=False)
-        return self._decoded(packet, origin)
+        try:
+            return self._decoded(packet, (origin, pts))
+        except FFmpegError:
+            self.times.leave_out(pts)
+            raise
 
     def drain(self) -> list[tuple[VideoFrame, Origin]]:
         """The frames still held; nothing may be decoded after it.
@@ -139,7 +154,7 @@ class VideoDecoder(Generic[Origin]):
         return self._decoded(None, next(reversed(self._pending.values()), None)) if self._count else []
 
     def _decoded(
-        self, packet: Packet[Stream] | None, fallback: Origin | None
+        self, packet: Packet[Stream] | None, fallback: tuple[Origin, int | None] | None
     ) -> list[tuple[VideoFrame, Origin]]:
         try:
             frames = self._context.decode(packet)
@@ -150,8 +165,11 @@ class VideoDecoder(Generic[Origin]):
         for frame in frames:
             is_pending = frame.pts in self._pending
             self.unaccounted -= is_pending
-            origin = self._pending.pop(frame.pts or 0) if is_pending else fallback
-            if origin is not None:
+            if (sent := self._pending.pop(frame.pts or 0) if is_pending else fallback) is not None:
+                origin, pts = sent
+                frame.pts = self.times.take(
+                    pts, is_bidirectional=frame.pict_type == PictureType.B, is_key=bool(frame.key_frame)
+                )
                 found.append((frame, origin))
         return found
 

@@ -123,11 +123,9 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         found.frames += len(shown)
         found.damaged += sum(image.is_corrupt for image in shown)
         found.interlaced += sum(image.interlaced_frame for image in shown)
-        for image, origin in decoded:
-            stream.time_of(image, origin)
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
-    found.pixel_shape, found.are_times_wrong = stream.decoder.pixel_shape, stream.times.are_wrong
+    found.pixel_shape, found.are_times_wrong = stream.decoder.pixel_shape, stream.decoder.times.are_wrong
     elapsed_s = time.monotonic() - began
     found.rate = found.frames / elapsed_s if found.frames and elapsed_s else None
     return found

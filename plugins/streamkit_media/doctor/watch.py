@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import Any, cast
 
 from streamkit import ElementFailure, Frame, FrameFlags, Message, Pipeline, StreamkitError
+from streamkit_media.decoding.presentation_times import WRONG_TIMES
 from streamkit_media.doctor.measure import PacketFacts
 from streamkit_media.streams import DecodeOnly
 from streamkit_telemetry_formats.photograph import sample_of_photograph
@@ -89,21 +90,21 @@ def watch(
     text = f"{factory} name=s  s.src ! appsink name=video {full}  {telemetry}"
     until_s = time.monotonic() + limit_s
 
-    def watch_for_cut(message: Message) -> None:
+    def watch_messages(message: Message) -> None:
         if message.fields.get("name") == "cut-short":
             seen.shortfall = str(message.fields["text"])
+        seen.are_times_wrong |= message.text.endswith(WRONG_TIMES)
 
     error: Exception | None = None
     try:
         with Pipeline.parse(text) as pipeline:
-            pipeline.bus.watch(watch_for_cut)  # without one, an error that is not read would be logged, too
+            pipeline.bus.watch(watch_messages)  # without one, an error that is not read would be logged, too
             for name, value in properties.items():
                 pipeline["s"].set_property(name, value)
             pipeline.play()
             _record(pipeline, seen, pads, until_s, seconds, most_packets)
             seen.carrier = getattr(pipeline["s"], "carrier", "")
             seen.unread_videos = pipeline["s"].unread_videos
-            seen.are_times_wrong = getattr(pipeline["s"], "are_times_wrong", False)
             error = pipeline.error
     except StreamkitError as failure:
         error = failure

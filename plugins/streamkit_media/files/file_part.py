@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
+from functools import partial
 from typing import NamedTuple
 
 from av.container import InputContainer
@@ -12,9 +13,10 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 from streamkit import SECOND_NS, Caps, Frame, StreamError
+from streamkit_media.decoding.presentation_times import WRONG_TIMES
 from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
-from streamkit_media.files.presentation_order import PresentationOrder
+from streamkit_media.files.presentation_order import with_presentation_times
 from streamkit_media.streams import DECODE_ONLY, StreamKind, nanoseconds, packet_frame, read_packets
 
 FIRST_BACK_S = 1.0  # doubled with each try
@@ -42,6 +44,7 @@ class FilePart:
         streams: what to read, by kind, each with the caps of its packets.
         start_s, stop_s: from the beginning of the video.
         offset_ns: added to all times, as this part follows others.
+        warn: called with a text where the file's times are corrected.
 
     Attributes:
         end_ns: end of the last frame shown so far.
@@ -56,6 +59,7 @@ class FilePart:
         start_s: float,
         stop_s: float | None,
         offset_ns: int,
+        warn: Callable[[str], object],
     ) -> None:
         self.end_ns = self._offset_ns = offset_ns
         self.joints: list[Joint] = []
@@ -69,12 +73,7 @@ class FilePart:
         self._dts: int | None = None  # of the last packet of the video, ns
         self._step_ns = 0
         self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
-        self._order = PresentationOrder(video)
-
-    @property
-    def are_times_wrong(self) -> bool:
-        """Whether the file stores the times of decoding as those of presentation, which are mended."""
-        return self._order.has_mended
+        self._report_times = partial(warn, f"{where}: {WRONG_TIMES}")
 
     def shortfall(self) -> str:
         """What is missing of the video at its end, in words; "" where nothing is."""
@@ -128,7 +127,8 @@ class FilePart:
         """
         playing, video_pts = set(self._carried), None
         latest = dict[int, int | None]()  # time of each stream, ticks
-        for packet in self._order.mended(read_packets(self._container, *self._streams)):
+        packets = read_packets(self._container, *self._streams)
+        for packet in with_presentation_times(packets, self._video, self._report_times):
             if self._completeness is not None:
                 self._completeness.add(packet)
             begin, end = self._limits[packet.stream_index]

@@ -33,7 +33,6 @@ from streamkit_media.container import (
     unread_remedy,
     video_stream,
 )
-from streamkit_media.decoding.presentation_times import WRONG_TIMES
 from streamkit_media.files.completeness import holds_second_recording
 from streamkit_media.files.file_part import FilePart, Joint
 from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
@@ -119,7 +118,6 @@ class FileSrc(Source):
                 raise ResourceError(f"{error}, got {self._where!r}") from None
         self._caps: dict[StreamKind, Caps] = {}
         self._orientation: dict[str, int | bool] = {}
-        self.are_times_wrong = False  # whether the file stores times in order of coding, which are mended
         self.unread_videos: list[int] = []  # streams of further videos, unless one is chosen
         with self._open() as container:
             if not is_network(self.location) and holds_second_recording(self.location):
@@ -263,15 +261,14 @@ class FileSrc(Source):
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
         first_ns = self._begin_ns + round(self.start_s * SECOND_NS) if begin_ns else 0
-        part = FilePart(container, where, streams, self.start_s, self.stop_s, begin_ns - first_ns)
+        part = FilePart(
+            container, where, streams, self.start_s, self.stop_s, begin_ns - first_ns, self.warn_once
+        )
         part.seek()
         try:
             for kind, frame in part.frames():
                 count += 1
                 shown += frame.get(DecodeOnly) is None
-                if part.are_times_wrong and not self.are_times_wrong:
-                    self.are_times_wrong = True
-                    self.post_warning(f"{where}: {WRONG_TIMES}")
                 if kind in wanted:
                     yield kind.value, frame
                 if kind is StreamKind.VIDEO and uses_src_pad:
