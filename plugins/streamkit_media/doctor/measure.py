@@ -12,7 +12,6 @@ from av.codec.codec import UnknownCodecError
 from av.error import FFmpegError
 
 from streamkit import SECOND_NS, Frame, FrameFlags
-from streamkit_media.decoding.coded_stream import CodedStream
 from streamkit_media.decoding.videodecoder import VideoDecoder
 from streamkit_media.failures import reason_of
 from streamkit_media.streams import DecodeOnly
@@ -105,7 +104,7 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
     if not frames:
         return found
     try:
-        stream = CodedStream(frames[0], VideoDecoder(frames[0].caps))
+        decoder = VideoDecoder[Frame](frames[0].caps)
     except (KeyError, UnknownCodecError) as cause:
         return Decoded(error=f"no decoder in this FFmpeg: {cause}")
     began = time.monotonic()
@@ -114,7 +113,11 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
             continue
         found.packets += frame is not None
         try:
-            decoded = stream.decoder.drain() if frame is None else stream.decode(frame)
+            if frame is None:
+                decoded = decoder.drain()
+            else:
+                is_keyframe = bool(frame.flags & FrameFlags.KEYFRAME)
+                decoded = decoder.decode(frame.data, frame, is_keyframe, frame.pts)
         except FFmpegError as cause:
             found.error = found.error or reason_of(cause)
             continue
@@ -125,7 +128,7 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         found.interlaced += sum(image.interlaced_frame for image in shown)
         if decoded and found.size is None:
             found.size = decoded[0][0].width, decoded[0][0].height
-    found.pixel_shape, found.are_times_wrong = stream.decoder.pixel_shape, stream.decoder.times.are_wrong
+    found.pixel_shape, found.are_times_wrong = decoder.pixel_shape, decoder.times.are_wrong
     elapsed_s = time.monotonic() - began
     found.rate = found.frames / elapsed_s if found.frames and elapsed_s else None
     return found

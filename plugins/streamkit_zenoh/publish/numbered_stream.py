@@ -135,6 +135,7 @@ class Sender(NumberedStream):
     Attributes:
         last: the last frame whose message was sent, or had no subscriber; all before it are settled.
         executor: the thread; its owner's to close.
+        part_publisher: of keys at which parts of the message are published, too; None without any.
     """
 
     drop_reason: ClassVar[str] = "queue full"
@@ -150,6 +151,7 @@ class Sender(NumberedStream):
     ) -> None:
         super().__init__(publisher, name, content_type)
         self.last: Outgoing | None = None
+        self.part_publisher: zenoh.Publisher | None = None
         self._patience_s = patience_s
         self._drops: Counter[str] = Counter()
         self._first_numbers: RecentDict[str, int] = RecentDict()
@@ -157,14 +159,10 @@ class Sender(NumberedStream):
             f"zenoh {name}", self._not_sent, capacity=capacity, periodic=periodic
         )
 
-    def is_wanted(self) -> bool:
-        """Whether anyone receives what is made of a frame."""
-        return self.has_subscriber
-
     def submit(self, frame: Frame) -> None:
         """Queues a frame."""
         item = Outgoing(frame, self.take_stamp(), self.publisher.utc_ns())
-        if not self.is_wanted():
+        if not (self.has_subscriber or is_matching(self.part_publisher)):
             self.settle(item)
             return
         cancelled = self.publisher.cancelled

@@ -58,11 +58,7 @@ class RecordSender(Sender):
         )  # fmt: skip
         # Targets are published by the session: this only shows whether anyone wants them.
         key = f"{self._track_key}/*"
-        self._track_publisher = session.declare_publisher(key) if settings.track else None
-
-    @override
-    def is_wanted(self) -> bool:
-        return self.has_subscriber or is_matching(self._track_publisher)
+        self.part_publisher = session.declare_publisher(key) if settings.track else None
 
     @override
     def submit(self, frame: Frame) -> None:
@@ -134,7 +130,7 @@ class RecordSender(Sender):
             self._publish_status()
         if self.publisher.settings.tracks and self.has_subscriber:
             self.put(payload, attachment)
-        if is_matching(self._track_publisher):
+        if is_matching(self.part_publisher):
             self._send_tracks(record, attachment)
         self.settle(item)
         self.age_ms, self.targets = record.age_ms, len(record.tracks)

@@ -19,6 +19,7 @@ from streamkit import (
 )
 from streamkit.testing import Harness
 from streamkit_zenoh.keys import InvalidKey, alive_key
+from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.subscriber import TrackSubscriber
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.numbering import Stamp
@@ -158,7 +159,7 @@ def test_each_target_can_be_followed_by_itself(sink: Callable[..., Harness], key
     with TrackSubscriber(f"{key}/track/*", connect=endpoint, ring=64) as subscriber:
         harness = sink(track_qos="block")
         publication = harness.element._publication
-        assert wait_for(publication.records.is_wanted)
+        assert wait_for(lambda: is_matching(publication.records.part_publisher))
         confirmed, tentative, lost = TrackState.CONFIRMED, TrackState.TENTATIVE, TrackState.LOST
         harness.push(_frame(0, confirmed, tentative, confirmed))
         harness.push(_frame(1, confirmed, confirmed, lost))
