@@ -290,7 +290,7 @@ class Decode(Transform):
         return frames
 
     def _decide_to_hide(self, stream: CodedStream, origin: Frame) -> str | None:
-        """Notes a frame's age; why it is not shown, "" where that is not counted, or None where it is."""
+        """Adds a frame's age; returns why it is hidden, "" if that is not counted, None if it is shown."""
         hidden, freshness = origin.get(DecodeOnly), origin.get(Freshness)
         # Of the packet that let the decoder give the frame out: a frame that is reordered has not waited.
         age_ns = self.clock_ns() - stream.newest_arrival_ns

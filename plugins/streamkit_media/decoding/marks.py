@@ -1,4 +1,4 @@
-"""What follows a live or damaged stream from frame to frame: damage and age."""
+"""State that lasts from frame to frame of a live or damaged stream: damage and age."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Damage:
         self._frames_left = 0
 
     def begin(self, packet: str) -> None:
-        """A packet is lost on which later frames depend."""
+        """Marks the frames that follow as damaged: a packet that they depend on is lost."""
         self._frames_left = DAMAGE_LASTS
         self._failed_from = self._failed_from if self._failed else packet
         self._failed += 1
@@ -39,7 +39,7 @@ class Damage:
         return self._frames_left > 0
 
     def lost_end(self) -> str:
-        """That no frame comes any more, in words; "" where one does, or where few packets are lost."""
+        """A warning if the last packets gave no frame, else ""."""
         if self._failed < LOST_END_PACKETS:
             return ""
         return (

@@ -1,4 +1,4 @@
-"""Looks at a stream or file from all sides."""
+"""Examines a stream or file: all checks, and a pipeline line to begin with."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def _examine_file(location: str, timeout_s: float) -> Report:
 
 
 def _end_of(location: str, timeout_s: float) -> str:
-    """What the end of a long file lacks, of which the beginning alone was read; "" if nothing."""
+    """The shortfall at the end of a long file, whose beginning alone was read; "" if it is whole."""
     with suppress(StreamkitError), open_container(location) as container:
         length_s = declared_length_s(container, video_stream(container, location))
         if length_s is not None:

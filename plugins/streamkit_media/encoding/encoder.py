@@ -222,7 +222,7 @@ def grey_as_i420(luma: Pixels) -> Pixels:
 
 
 def video_frame(pixels: Pixels, pixel_format: str, planar: str = "yuv420p") -> VideoFrame:
-    """FFmpeg's frame of even size with the pixels of an array; grey ones as the luma of a `planar` format."""
+    """Converts an array to FFmpeg's frame of even size; GRAY8 becomes the luma of a `planar` format."""
     if pixel_format == "GRAY8":
         pixels, name = grey_as_i420(pad_to_even(pixels)), planar
     elif pixel_format in PACKED:

@@ -55,7 +55,7 @@ class Completeness:
 
 
 def tolerance_s(length_s: float) -> float:
-    """By how much a whole video may end before its declared length, s."""
+    """How much earlier than its declared length a whole video may end, s."""
     return max(TOLERANCE_S, TOLERANCE_RATIO * length_s)
 
 
@@ -78,7 +78,7 @@ def declared_length_s(container: InputContainer, video: VideoStream) -> float | 
 
 
 def holds_second_recording(location: str) -> bool:
-    """Whether another MP4 file was appended to a local one, of which FFmpeg reads the first alone."""
+    """Whether a local MP4 file has another one appended; FFmpeg reads only the first."""
     try:
         with local_path(location).open("rb") as file:
             found = boxes(file)

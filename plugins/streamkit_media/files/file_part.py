@@ -93,7 +93,7 @@ class FilePart:
                 return
             at_s, back_s = self._start_s - back_s, 2 * back_s
         if self._start_s:
-            self._seek(-FIRST_BACK_S)  # its first packet may precede the first picture
+            self._seek(-FIRST_BACK_S)  # its first packet may precede the first frame
 
     def _meets_keyframe(self) -> bool:
         """Whether a keyframe of the video comes before the start; reads on, up to the start."""
@@ -140,7 +140,7 @@ class FilePart:
                 continue
             kind, caps = self._carried[packet.stream_index]
             if kind is StreamKind.VIDEO and self._awaits_keyframe and not packet.is_keyframe:
-                continue  # of pictures from before the keyframe that was sought
+                continue  # its frame is shown before the keyframe that was sought
             self._awaits_keyframe &= kind is not StreamKind.VIDEO
             frame = packet_frame(packet, caps)
             if kind is StreamKind.VIDEO and packet.dts is not None:

@@ -11,7 +11,7 @@ from streamkit import Caps, Frame, OutputFileSink, ResourceError
 from streamkit.output.names import TRACK_SUFFIXES
 
 CONTAINERS = frozenset({".mp4", ".mov", ".mkv", ".webm", ".avi"})
-PICTURES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"})
+IMAGES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"})
 LINE_TYPES = ("text/", "application/json", "application/x-tracks", "application/x-json")
 
 
@@ -35,7 +35,7 @@ class FileSink(OutputFileSink):
 
         Raises:
             ResourceError: the file's name is that of a container, of track records or, for raw video, of a
-                picture; the bytes of video make none of them.
+                image; the bytes of video make none of them.
         """
         self._check_suffix(sink_caps)
         self._is_lines = sink_caps.name.startswith(LINE_TYPES)
@@ -69,13 +69,13 @@ class FileSink(OutputFileSink):
 
 
 def check_pixels(caps: Caps, location: str, factory: str) -> None:
-    """Checks that pixels are not written, as they are, to files that are named as pictures.
+    """Checks that raw pixels are not written to files that are named as images.
 
     Raises:
         ResourceError: raw video is.
     """
     path = Path(location)
-    if path.suffix.lower() in PICTURES and any(item.name == "video/x-raw" for item in caps.structures):
+    if path.suffix.lower() in IMAGES and any(item.name == "video/x-raw" for item in caps.structures):
         stem = path.stem if "%" in location else f"{path.stem}-%05d"
         raise ResourceError(
             f"location={location}: {factory} writes the bytes of frames, which are no {path.suffix} file; "

@@ -114,7 +114,7 @@ class _TimeCorrection:
         return self._held_video >= HELD_LIMIT
 
     def _decoding_delay(self) -> int:
-        """By how much the times of decoding move back, so that no frame is shown before it, ticks."""
+        """How much earlier decoding times must be, so that no frame is decoded after it is shown, ticks."""
         pairs = ((packet.dts, self._known.get(number)) for number, packet in self._held)
         return max((dts - pts for dts, pts in pairs if dts is not None and pts is not None), default=0)
 

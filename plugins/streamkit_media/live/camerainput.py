@@ -1,4 +1,4 @@
-"""What a live source reads from a camera of this machine, by Video4Linux."""
+"""Live input from a camera of this machine, by Video4Linux."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ def camera_options(location: str) -> dict[str, str]:
 
 
 class CameraInput(LiveInput):
-    """A camera: FFmpeg reads its device, and `cut` ends a wait for the next picture.
+    """A camera: FFmpeg reads its device, and `cut` ends a wait for the next frame.
 
     Args:
         location: as `camera_device` takes it.
-        timeout_s: limit for each picture; the connection's watchdog keeps it, FFmpeg has none here.
+        timeout_s: limit for each frame; the connection's watchdog keeps it, FFmpeg has none here.
     """
 
     def __init__(self, location: str, timeout_s: float) -> None:

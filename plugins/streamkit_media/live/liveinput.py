@@ -1,4 +1,4 @@
-"""What a live connection reads from, how it fails, and what FFmpeg receives over TCP."""
+"""LiveInput, what a live connection reads from; UrlInput reads over TCP with FFmpeg."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ PES_START = b"\0\0\1"
 
 
 class RecentPackets:
-    """What has been handed to FFmpeg since the frame before the last one."""
+    """The transport packets given to FFmpeg since the last frame but one."""
 
     def __init__(self) -> None:
         self._parts: deque[bytes] = deque()
@@ -36,13 +36,13 @@ class RecentPackets:
             self._size -= len(self._parts.popleft())
 
     def end_frame(self) -> None:
-        """A frame of the video has come from FFmpeg: what is older than the one before is not needed."""
+        """Forgets the packets before the last frame but one; called when FFmpeg has given out a frame."""
         while len(self._parts) > self._new + self._last:
             self._size -= len(self._parts.popleft())
         self._new, self._last = 0, self._new
 
     def since(self, pid: int, decoding_time: int) -> bytes:
-        """The packets from the beginning of a stream, of which a frame is known.
+        """The packets from the beginning of a new stream, found by its first frame.
 
         Args:
             pid: of the stream's video.
@@ -65,7 +65,7 @@ class RecentPackets:
 
 
 def _first_packet(data: bytes) -> int:
-    """Where the first whole transport packet begins; the end where there is none."""
+    """Offset of the first whole transport packet; the length of the data if there is none."""
     for start in range(min(PACKET_BYTES, len(data))):
         marks = data[start : start + 8 * PACKET_BYTES : PACKET_BYTES]
         if marks.count(SYNC) == len(marks):

@@ -66,7 +66,7 @@ class TransportPackets:
 
 
 def rtp_payload_start(datagram: bytes) -> int:
-    """Where the transport packets in an RTP packet begin; 0 if it is none that carries them."""
+    """Offset of the transport packets in an RTP packet; 0 if it carries none."""
     if len(datagram) <= RTP_HEADER_BYTES or datagram[0] >> 6 != RTP_VERSION or datagram[1] & 0x7F != MPEG_TS:
         return 0
     start = RTP_HEADER_BYTES + 4 * (datagram[0] & 0x0F)

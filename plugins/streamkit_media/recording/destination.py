@@ -1,4 +1,4 @@
-"""Where media may go apart from files: datagrams over UDP, and playlists with their segments (HLS)."""
+"""Destinations of media other than files: datagrams over UDP, and playlists with segments (HLS)."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class MultiFileSink(NumberedFilesSink):
             )
 
     def configure(self, sink_caps: Caps) -> None:
-        """Checks that files named as pictures are some.
+        """Checks that files named as images are images.
 
         Raises:
             ResourceError: they would hold raw pixels.
@@ -68,7 +68,7 @@ class JpegSink(MultiFileSink):
     quality: int = Property(90, min=1, max=100, doc="Of the JPEG.")
 
     def configure(self, sink_caps: Caps) -> None:
-        """Files are pictures."""
+        """Files are images."""
 
     def content(self, frame: Frame) -> bytes | memoryview:
         """The frame as JPEG."""

@@ -140,7 +140,7 @@ class PacketSink(MediaOutput, NumberedFilesSink):
             )
 
     def shortfall(self) -> str:
-        """That no keyframe came, with which a file begins; `drain` says so of damaged ones."""
+        """A warning if no keyframe came, without which no file begins; `drain` reports damaged ones."""
         return "" if self._count or self.drops[DAMAGED] else "no keyframe came, nothing is written"
 
     def _write_video(self, frame: Frame) -> None:

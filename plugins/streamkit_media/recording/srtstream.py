@@ -30,7 +30,7 @@ PRIMER = 7 * (b"\x47\x1f\xff\x10" + bytes([0xFF]) * (PACKET_BYTES - 4))
 
 
 def ignore(*_: object) -> None:
-    """Of what nothing is reported to."""
+    """Default callback: ignores the report."""
 
 
 class SrtStream(Destination):
@@ -110,7 +110,7 @@ class SrtStream(Destination):
         self._report("", 0.0)
 
     def _lost(self) -> None:
-        """There is no connection: an error, or a reason to wait for the next try."""
+        """Handles a lost connection: sets the error, or the time of the next try."""
         program = self._program
         assert program is not None
         has_worked = self._due_s is not None or program.has_written()
@@ -174,7 +174,7 @@ def lost(program: FfmpegProgram) -> OSError:
 
 
 def entry_point(data: bytes, first: int) -> int | None:
-    """Where a receiver can begin to decode: a keyframe, with the tables that FFmpeg writes before it.
+    """The packet at which a receiver can begin to decode: the tables that FFmpeg writes before a keyframe.
 
     Source: ISO/IEC 13818-1, 2.4.3.4 (random_access_indicator) and 2.4.4.3 (the PID of the first table is 0).
 

@@ -28,7 +28,7 @@ Message = TypeVar("Message")
 
 
 class PushOrder(msgspec.Struct, frozen=True):
-    """Where to push; the first message."""
+    """The first message: where and what to push."""
 
     url: str  # of the recording
     options: dict[str, str]  # of FFmpeg

@@ -125,7 +125,7 @@ def peek(connection: socket.socket) -> RtpHeader | None:
 
 
 def wait_for_header(connection: socket.socket, limit_s: float) -> RtpHeader | None:
-    """As `peek`, once something has come; None also at the end."""
+    """Waits for data, then does as `peek`; None at the end of the stream, too."""
     # A server with Nagle's algorithm sends the last small segment of a frame only when the others are
     # acknowledged, which this side would delay. The option does not stay set.
     with suppress(OSError):
