@@ -41,7 +41,7 @@ class SessionMode(StrEnum):
 
 
 class Reach(StrEnum):
-    """Which sessions are found without endpoints: those on this machine, or on the local network."""
+    """The sessions that are found without endpoints: those on this machine, or on the local network."""
 
     LOCAL = "local"
     NETWORK = "network"

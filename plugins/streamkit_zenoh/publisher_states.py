@@ -5,7 +5,7 @@ from streamkit_zenoh.wire.status import StatusRecord
 
 
 class PublisherStates:
-    """What the publishers of a key have last said of themselves: that they run, or that they have ended."""
+    """The last reported state of each publisher of a key: running or ended."""
 
     def __init__(self) -> None:
         self._latest_run = 0  # of the records
@@ -13,15 +13,15 @@ class PublisherStates:
         self._awaits_status = False  # of a publisher that has appeared
 
     def note_appeared(self) -> None:
-        """Another publisher is there; it has not said anything yet."""
+        """Notes that a publisher has appeared, which has not sent a status yet."""
         self._awaits_status = True
 
     def note_record(self, run: int) -> None:
-        """A record of a run has come."""
+        """Notes the run of a record."""
         self._latest_run = max(self._latest_run, run)
 
     def note_status(self, status: StatusRecord) -> None:
-        """A status has come; a reply from before the end may follow it, or one of an earlier run the next."""
+        """Notes a status; one of an earlier run, or a reply from before the end, may come after it."""
         self._awaits_status = False
         run, is_running = self._running.get(status.source, (status.run, True))
         if status.run > run or (status.run == run and is_running):

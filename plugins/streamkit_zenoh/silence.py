@@ -1,4 +1,4 @@
-"""SilenceMonitor: what receivers say when no record comes."""
+"""SilenceMonitor: notices that no record comes, and says why."""
 
 from collections.abc import Callable
 
@@ -26,7 +26,7 @@ class SilenceMonitor:
         self.reset()
 
     def reset(self) -> None:
-        """Notes that a record has come."""
+        """Starts again: a record has come."""
         self._began_s = self._now_s()
         self._noted_publisher: bool | None = None  # whether one was there at the last note
 
@@ -36,7 +36,7 @@ class SilenceMonitor:
         return self._now_s() - self._began_s
 
     def reason(self) -> str:
-        """For how long none came and why, to follow "no record"; "" while that is short or known already."""
+        """How long and why no record came, to follow "no record"; "" if not for long, or if said already."""
         if self.seconds <= SILENCE_S or self._has_publisher() == self._noted_publisher:
             return ""
         self._noted_publisher = self._has_publisher()
@@ -48,6 +48,6 @@ class SilenceMonitor:
 
 
 def others_text(keys: list[str]) -> str:
-    """That only other keys are published, and a few of them; "" if none is."""
+    """A remark that other keys are published, with some of them; "" if there are none."""
     more = f" and {len(keys) - MAX_KEYS} more" if len(keys) > MAX_KEYS else ""
     return f"no publisher has this key; others have {', '.join(keys[:MAX_KEYS])}{more}" if keys else ""

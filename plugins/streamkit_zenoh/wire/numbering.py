@@ -60,7 +60,7 @@ class RecentDict(OrderedDict[Key, Value]):
 
 
 class RunOrder:
-    """Notices messages of an earlier publisher between those of a later one at the same key.
+    """Detects messages of an earlier publisher between those of a later one at the same key.
 
     A run counts as the later one from its third message on, until 16 messages of others have come in a row: a
     single forged stamp has no effect.
@@ -74,7 +74,7 @@ class RunOrder:
         self._messages = self._others = 0
 
     def received(self, run: int, *, is_first: bool) -> bool:
-        """Notes a new message; whether it is of the earlier publisher."""
+        """Counts a new message; returns whether the earlier publisher sent it."""
         self.last = run
         if is_first or self._others == OTHERS_LIMIT:
             self._latest, self._messages = run, 0

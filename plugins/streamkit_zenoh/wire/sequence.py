@@ -118,7 +118,7 @@ class ReceivedNumbers:
         return Continuity(change, is_new, is_jump)
 
     def replied(self, number: int) -> bool:
-        """Notes the reply to a query for the last message; whether it is new."""
+        """Notes the reply to a query for the last message; returns whether it is new."""
         is_late = any(known is not None and number <= known for known in (self._latest, self._reply))
         is_still_to_come = self._latest is None and self._start is not None and number >= self._start
         if is_late or is_still_to_come or number in self._settled:
@@ -127,7 +127,7 @@ class ReceivedNumbers:
         return True
 
     def starts_at(self, number: int) -> int:
-        """Notes that all from this number on were sent to this receiver; returns the new losses this shows.
+        """Notes that this receiver was sent all from this number on; returns how many more are lost by that.
 
         It may be known before the first message or after; the lowest number counts.
         """
