@@ -52,14 +52,13 @@ SOLID_COLOURS = {
 }  # fmt: skip
 SPOKES = 16
 BAR_PX = 7
+# White, yellow, cyan, green, magenta, red, blue at 75 %, BGR.
 BARS = ((191, 191, 191), (0, 191, 191), (191, 191, 0), (0, 191, 0), (191, 0, 191), (0, 0, 191), (191, 0, 0))
-"""White, yellow, cyan, green, magenta, red, blue at 75 %, BGR."""
 BLACK, WHITE = (19, 19, 19), (191, 191, 191)
 REVERSE_BARS = ((191, 0, 0), BLACK, (191, 0, 191), BLACK, (191, 191, 0), BLACK, WHITE)
+# -I, white, +Q, black, and the pluge (below black, black, above black); BGR.
 PLUGE_BARS = ((76, 33, 0), (255, 255, 255), (106, 0, 50), (19, 19, 19), (9, 9, 9), (29, 29, 29), (19, 19, 19))
-"""-I, white, +Q, black, and the pluge (below black, black, above black); BGR."""
-BALL_PERIODS = (200.0, 180.0)
-"""Periods of the ball across and down, frames."""
+BALL_PERIODS = (200.0, 180.0)  # periods of the ball across and down, frames
 
 
 def paint(

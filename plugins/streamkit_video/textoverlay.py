@@ -16,13 +16,7 @@ ByteArray = NDArray[np.uint8]
 
 DEFAULT_SIZE = 18
 MAX_LINES, MAX_CHARACTERS = 20, 400  # of the text that is drawn, and of a line
-STROKES = [
-    (-1, -1, 0),
-    (-1, 1, 0),
-    (1, -1, 0),
-    (1, 1, 0),
-    (0, 0, 255),
-]  # offsets and level: a dark edge first
+STROKES = (-1, -1, 0), (-1, 1, 0), (1, -1, 0), (1, 1, 0), (0, 0, 255)  # offsets, grey level; dark edge first
 DARKER = 0.4  # the video behind the text, with `shaded-background`
 
 

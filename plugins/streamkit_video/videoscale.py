@@ -13,8 +13,7 @@ from streamkit_video.reframing import FloatArray, ReframingTransform, Size
 
 SIDES = ("width", "height")
 FOR_ANY_SIZE = Caps(f"video/x-raw, format={{ {', '.join(name for name in FORMATS if name not in PLANAR)} }}")
-MAX_SIDE = 32767
-"""Limit of OpenCV's resize, px."""
+MAX_SIDE = 32767  # limit of OpenCV's resize, px
 
 
 class ScaleMethod(Choice):

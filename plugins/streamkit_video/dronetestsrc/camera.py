@@ -6,16 +6,12 @@ import numpy as np
 
 from streamkit.geometry.homography import FloatArray, centre, normalised, translation
 
-TURN = np.deg2rad(20.0)
-"""Amplitude of the heading, rad."""
-ZOOM = 0.12
-"""Relative amplitude of the altitude."""
-TILT = 0.03
-"""Largest change of scale from the centre to the edge of a frame due to tilt."""
-MAX_VIEW_SHARE = 0.75
-"""Largest share of the ground image in view, so that the camera can travel."""
+TURN = np.deg2rad(20.0)  # amplitude of the heading, rad
+ZOOM = 0.12  # relative amplitude of the altitude
+TILT = 0.03  # largest change of scale from the centre to the edge of a frame due to tilt
+MAX_VIEW_SHARE = 0.75  # largest share of the ground image in view, so that the camera can travel
+# Periods of heading, altitude, pitch and roll, frames: primes, so that their combination repeats late.
 PERIODS = (733.0, 941.0, 577.0, 811.0)
-"""Periods of heading, altitude, pitch and roll, frames: primes, so that their combination repeats late."""
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 JITTER_LIMIT = 3.0
 

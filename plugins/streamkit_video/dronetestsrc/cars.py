@@ -15,15 +15,11 @@ SPEEDS = (1.5, 6.0)
 TURNING_RADIUS = 45.0
 ACCELERATION = 0.08
 STEERING_LAG = 0.15
-INSET = 0.12
-"""Goals keep this share of the frame away from its border."""
-LOOK_AHEAD = 25
-"""Goals are placed in the view of so many frames later: otherwise slow cars are left behind."""
+INSET = 0.12  # goals keep this share of the frame away from its border
+LOOK_AHEAD = 25  # goals are placed in the view of so many frames later: otherwise slow cars are left behind
 ARRIVED = 60.0
-GOAL_TIMEOUT = 260
-"""A car that circles around its goal gets another one after this many frames."""
-HORIZON = 40.0
-"""Cars avoid collisions within this many frames."""
+GOAL_TIMEOUT = 260  # a car that circles around its goal gets another one after this many frames
+HORIZON = 40.0  # cars avoid collisions within this many frames
 CLEARANCE = 40.0
 TOO_NEAR = 32.0
 HEAD_ON = 8.0

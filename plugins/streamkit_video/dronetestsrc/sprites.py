@@ -14,21 +14,19 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 ByteArray = NDArray[np.uint8]
 
+# Paint, BGR: all differ from the brightness of the ground, which is near 115.
 COLOURS = (
     (238, 240, 240), (24, 22, 22), (205, 206, 204), (92, 36, 22), (52, 205, 238),
     (28, 22, 112), (178, 212, 226), (44, 62, 20), (240, 228, 190), (40, 40, 44),
 )  # fmt: skip
-"""Paint, BGR: all differ from the brightness of the ground, which is near 115."""
 GLASS = (46.0, 38.0, 32.0)
-RESOLUTION = 2.0
-"""Sprite px per frame px at mean altitude."""
+RESOLUTION = 2.0  # sprite px per frame px at mean altitude
 OVERSAMPLING = 4
 MARGIN = 4.0
 BODY_BLUR = 0.7
 SHADOW_BLUR = 1.6
 SHADOW_STRENGTH = 0.5
-SHADOW_OFFSET = (2.2, 3.0)
-"""Offset of the shadow, frame px along the ground axes."""
+SHADOW_OFFSET = (2.2, 3.0)  # offset of the shadow, frame px along the ground axes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,10 +16,9 @@ FloatArray = NDArray[np.float64]
 Colour = tuple[int, int, int]
 Rectangle = tuple[int, int, int, int]
 
-SHIFT = 4
-"""Fractional bits of the coordinates given to OpenCV."""
+SHIFT = 4  # fractional bits of the coordinates given to OpenCV
+# Coordinates are clipped to this many px: OpenCV's fixed-point numbers overflow beyond.
 MAX_COORDINATE = 1 << 20
-"""Coordinates are clipped to this many px: OpenCV's fixed-point numbers overflow beyond."""
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 DASH = 6.0
 GAP = 6.0
