@@ -9,8 +9,8 @@ from streamkit.cli.stderr import exit_with_error as exit_with_error
 from streamkit.element.base import Element as Element
 from streamkit.element.branching import Combine as Combine
 from streamkit.element.branching import Split as Split
-from streamkit.element.numbered_files_sink import NumberedFilesSink as NumberedFilesSink
 from streamkit.element.older_files import IfExists as IfExists
+from streamkit.element.output_sink import NumberedFilesSink as NumberedFilesSink
 from streamkit.element.output_sink import OutputFileSink as OutputFileSink
 from streamkit.element.pad import Direction as Direction
 from streamkit.element.pad import Pad as Pad

@@ -92,7 +92,7 @@ class PluginEntry:
 
     @property
     def rivalry(self) -> str:
-        """Which packages offer this name, where several do, or ""."""
+        """The packages that offer this name, if several do, else ""."""
         if not self.rivals:
             return ""
         others = " and ".join(f"{rival.package} {rival.version}".rstrip() for rival in self.rivals)

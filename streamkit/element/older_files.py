@@ -1,4 +1,4 @@
-"""OlderFiles: what becomes of the files that were at a sink's location before the run."""
+"""OlderFiles: refuses, continues or replaces the files that were at a sink's location before the run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class IfExists(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class OlderFiles:
-    """The files that were there before a run, and what may become of them.
+    """The files that were there before a run, and whether they may be replaced or continued.
 
     Attributes:
         names: of these files, and of the run's.
@@ -48,7 +48,7 @@ class OlderFiles:
         return max(there) + 1 if there and self.if_exists is IfExists.CONTINUE else 0
 
     def place(self, path: Path) -> Path:
-        """Where a file of the run goes: to its path, or beside the older file of the same second.
+        """The path of a file of the run: its own, or another one beside an older file of the same second.
 
         Raises:
             ResourceError: there is an older file, which must stay.

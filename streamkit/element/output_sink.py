@@ -1,4 +1,4 @@
-"""OutputFileSink: base of the sinks that write files."""
+"""OutputFileSink and NumberedFilesSink: bases of the sinks that write files."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from typing import ClassVar
 
 from streamkit.element.older_files import IfExists, OlderFiles
 from streamkit.element.property import Property
+from streamkit.element.settings_of import SettingsOf
 from streamkit.element.sink import Sink
 from streamkit.errors import PropertyError, ResourceError, StreamkitError, write_remedy
 from streamkit.flow.frame import Frame
 from streamkit.output.file import OutputFile, check_writable, is_special
 from streamkit.output.names import FileNames, local_path
 from streamkit.output.pipe import STANDARD_OUTPUT, ReaderWait, standard_output
+from streamkit.output.retention import Retention, RetentionLimits
 
 CLOSE_LIMIT_S = 5.0
 
@@ -123,7 +125,7 @@ class OutputFileSink(Sink):
         return path
 
     def take_back(self) -> None:
-        """The last path was not written: the next file gets its number."""
+        """Gives the number of the last file, which was not written, to the next one."""
         self.number -= 1
         self.results["files"] -= 1
         self.written_paths = self._written_before
@@ -233,3 +235,31 @@ class OutputFileSink(Sink):
             raise ResourceError(
                 f"location={self.location}: cannot be written: {reason}{write_remedy(error)}"
             ) from error
+
+
+class NumberedFilesSink(OutputFileSink):
+    """Base class of sinks that write many files and may delete the oldest.
+
+    Attributes:
+        remembers_earlier_runs: whether files of earlier runs count, too.
+    """
+
+    remembers_earlier_runs: ClassVar[bool] = True
+
+    if_exists: IfExists = Property(
+        IfExists.CONTINUE,
+        doc="Older files: refuse them, continue their numbers (one file: refuse it), or replace them.",
+    )
+    retention_limits = SettingsOf(RetentionLimits)
+
+    def start(self) -> None:
+        """Checks the name, and reads which files of earlier runs may be deleted."""
+        super().start()
+        pattern = local_path(self.location)
+        ledger = pattern.with_name(f".{pattern.name}.written") if self.remembers_earlier_runs else None
+        self._retention = Retention(self.retention_limits, pattern.parent, ledger)
+
+    def file_is_complete(self, path: Path, companion: Path | None = None) -> None:
+        """Adds a complete file and its companion to those kept; deletes the oldest beyond the limits."""
+        if deleted := self._retention.add(path, self.clock.utc_ns() / 1e9, companion):
+            self.results["deleted_files"] += deleted
