@@ -56,7 +56,7 @@ def local_camera(location: str) -> str:
 
 
 def gives_images(location: str) -> bool:
-    """Whether a live location is a camera of this machine, or a web camera of JPEG pictures."""
+    """Whether a live location gives JPEG images: a camera of this machine, or a web camera."""
     return bool(local_camera(location)) or urlsplit(location).path.endswith((".mjpg", ".mjpeg"))
 
 
