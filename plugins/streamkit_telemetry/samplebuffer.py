@@ -50,7 +50,7 @@ class SampleBuffer:
         return bool(self._samples) and self._samples[-1].pts >= pts
 
     def was_evicted(self, pts: int) -> bool:
-        """Whether the samples of a time were removed for newer ones."""
+        """Whether samples at a time were removed to make room for newer ones."""
         return self._has_evicted and pts < self._samples[0].pts
 
     def sample_at(self, pts: int) -> tuple[Sample, int, bool] | None:

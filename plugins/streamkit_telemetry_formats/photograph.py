@@ -31,7 +31,7 @@ _FIELD: Final = re.compile(rb"drone-dji:(\w{1,40})\s*[=>]" + _NUMBER)
 
 
 def sample_of_photograph(data: bytes, pts: int) -> Sample | None:
-    """Where and how a photograph was taken.
+    """The pose of the camera and the time at which a photograph was taken.
 
     What a DJI aircraft writes as XMP goes before Exif: it has more digits and the attitude. The field of view
     is that published of the DJI camera, whose pictures of 16:9 are cut out of a sensor of another shape; else
