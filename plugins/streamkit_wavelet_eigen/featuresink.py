@@ -47,7 +47,7 @@ def empty_rows(count: int, length: int) -> Rows:
 
 
 class FeatureWriter:
-    """Collects rows in a temporary file, of which the whole file is made each time it is saved.
+    """Collects rows in a temporary file; each save makes the whole file of it.
 
     An npz file has an array for each column. A parquet file has groups of 4096 rows, and `vector` is a list
     of fixed length.

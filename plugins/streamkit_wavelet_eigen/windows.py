@@ -33,7 +33,7 @@ class Windows:
 
 
 def rotated_boxes(centroids: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotated boxes of upright ones, with angle 0.
+    """Converts upright boxes to rotated boxes with angle 0.
 
     Args:
         centroids: float64[n, 2], x y px.

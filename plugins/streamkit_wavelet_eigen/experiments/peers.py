@@ -62,7 +62,7 @@ def lbp_histograms(images: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 @cache
 def _lbp_histogram(pixels: bytes, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Of one image; cached, as all splits have the same images."""
+    """The histograms of one image; cached, because all splits have the same images."""
     from skimage.feature import local_binary_pattern
 
     image = np.frombuffer(pixels, np.uint8).reshape(shape)
