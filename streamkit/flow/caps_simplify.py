@@ -71,7 +71,7 @@ def simplify(structures: Sequence[Structure]) -> tuple[Structure, ...]:
 
 
 def _is_redundant(index: int, structures: Sequence[Structure]) -> bool:
-    """Whether a structure is a subset of one with any features; of equal ones the last is kept."""
+    """Whether a structure is a subset of another with any features; the last of equal ones is kept."""
     one = structures[index]
     return any(
         one.is_subset(other) and (place > index or not other.is_subset(one))

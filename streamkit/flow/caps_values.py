@@ -118,7 +118,7 @@ class Int64Range(IntRange):
 
 @dataclass(frozen=True, slots=True)
 class FlagSet:
-    """32 flags, of which those in `mask` are set to `flags`; the others are undecided."""
+    """32 flags: those in `mask` have the values in `flags`, the others are undecided."""
 
     flags: int
     mask: int

@@ -78,7 +78,7 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
             flags.writeable = False
 
     def __reduce__(self) -> tuple[type[Frame], tuple[object, ...]]:
-        """For copies and for the processes of a pool, to which the shared empty mapping cannot go."""
+        """Allows copies and pickling, for which the metadata must be a plain dict."""
         metadata = dict(self.metadata)
         return Frame, (
             *(getattr(self, name) for name in self.__struct_fields__ if name != "metadata"),
@@ -86,7 +86,7 @@ class Frame(msgspec.Struct, frozen=True, eq=False, gc=True):
         )
 
     def __repr__(self) -> str:
-        """In one line, for notebooks and errors: pixels and metadata would fill the screen."""
+        """One line for notebooks and errors, without pixels and metadata."""
         kinds = ", ".join(kind.__name__ for kind in self.metadata)
         return f"<{self.describe()}: {self.caps}{'; ' if kinds else ''}{kinds}>"
 

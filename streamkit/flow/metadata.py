@@ -124,7 +124,7 @@ class Tracks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundReference:
-    """Where the pixels of a frame lie on flat ground.
+    """The positions of a frame's pixels on flat ground.
 
     Attributes:
         to_local: float64[3, 3], pixels to metres east and north of the origin.

@@ -22,8 +22,7 @@ COLUMNS = {
     "age_ns": "i8", "lat": "f8", "lon": "f8", "error_m": "f8",
 }  # fmt: skip
 LINE_LIMIT_BYTES = 4 << 20  # as for a record received over zenoh
-NO_TIME = -(2**63)
-"""`pts_ns` or `capture_ns` of a frame without one, in columns of int64."""
+NO_TIME = -(2**63)  # `pts_ns` or `capture_ns` of a frame without one, in columns of int64
 
 
 class RecordFile:
@@ -50,7 +49,7 @@ class RecordFile:
         return ((run, record) for run, record, _ in self.lines())
 
     def lines(self) -> Iterator[tuple[int, TrackRecord, bytes]]:
-        """As iterating, with the line of each record, which may hold fields unknown to `TrackRecord`."""
+        """Iterates with the line of each record, which may hold fields unknown to `TrackRecord`."""
         number, runs = 0, 0
         newest: dict[str, tuple[int, tuple[int, int]]] = {}  # run, epoch and frame number of each source
         with self.path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""RecordTally: what the frames of a run carried for their track records, and why nothing came of them."""
+"""RecordTally: counts the metadata of a run's frames, and says why their track records have no targets."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class RecordTally:
     def note(
         self, frame: Frame, record: TrackRecord | None = None, ground_altitude_m: float | None = None
     ) -> None:
-        """Notes a frame, and whether a target of its record has ground coordinates."""
+        """Counts a frame, and whether a target of its record has ground coordinates."""
         tracks = frame.get(Tracks)
         self._positions += record is not None and any(target.geo is not None for target in record.tracks)
         if tracks is None and frame.caps.name == TRACKS_CAPS.name:
@@ -48,7 +48,7 @@ class RecordTally:
                 self._unlocated[ground_positions(frame, ground_altitude_m)[1]] += 1
 
     def remark(self) -> str:
-        """That no target was found, where that is no fault as the frames were searched, or ""."""
+        """A remark if frames were searched and no target was found, which is no fault; else ""."""
         if self._targets or not self._with[Tracks] or self.shortfall():
             return ""
         return f"no target in any of {self._frames} frames"
