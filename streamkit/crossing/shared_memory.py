@@ -73,7 +73,7 @@ def map_numbers(descriptor: int, count: int) -> memoryview:
 
 
 class ArrayPlace(NamedTuple):
-    """Where an array lies: number of the slot, and the layout in it."""
+    """The place of an array: number of the slot, and the layout in it."""
 
     slot: int
     dtype: str

@@ -41,7 +41,7 @@ class BranchOutput:
         src.push = self.push
 
     def push(self, frame: Frame) -> None:
-        """Sends a frame; of a failed branch, counts it as dropped, after EOS in place of the first one."""
+        """Sends a frame; a failed branch gets EOS in place of its first, and each counts as dropped."""
         with self._sending:
             if self._src.awaits_first_frame:
                 self._join(frame)

@@ -83,7 +83,7 @@ def _hinted(error: DescriptionError, text: str) -> DescriptionError:
 
 @dataclass(frozen=True, slots=True)
 class Endpoints:
-    """Where links can attach to a node, on its sink and src side; None where no link is possible."""
+    """The ends of links on the sink and src side of a node; None if no link is possible."""
 
     entry: LinkEnd | None
     leave: LinkEnd | None
@@ -138,7 +138,7 @@ class GraphBuilder:
         return DescriptionError("plugin-broken", str(failure), places.get(failure.element), hint)
 
     def _check_order(self) -> None:
-        """Notes elements downstream of one that uses their metadata."""
+        """Adds a warning for each element downstream of one that uses its metadata."""
         for element in self.graph.elements:
             wanted = element.wants_upstream()
             behind = walk(element.downstream(), Element.downstream) if wanted else ()

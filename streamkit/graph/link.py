@@ -96,7 +96,7 @@ def _pair(
 
 
 def _requested(pair: tuple[Choice, Choice]) -> tuple[bool, bool]:
-    """Which pads of a pair are to be requested."""
+    """Whether the src and the sink pad of a pair are to be requested."""
     src, sink = pair
     return not isinstance(src, Pad), not isinstance(sink, Pad)
 

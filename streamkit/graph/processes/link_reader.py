@@ -72,7 +72,7 @@ class LinkReader:
                     raise
 
     def _begin_epoch(self) -> None:
-        """Those of a new writer belong to a new epoch."""
+        """Begins a new epoch for the frames of a new writer."""
         self._epoch_offset = self._highest_epoch + 1
         self._number_offset = self._highest_number + 1 if self._link.renumbers else 0
         self._is_first_of_epoch = True

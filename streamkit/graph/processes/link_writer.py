@@ -57,7 +57,7 @@ class LinkWriter:
                     return  # it is sent, or the pipeline stops
 
     def reconnected(self) -> None:
-        """There is a new reader: sends it EOS if no thread may be left to do it."""
+        """Sends EOS to a new reader, if EOS was sent before: no thread may be left to do it."""
         if self._has_sent_eos:
             with contextlib.suppress(FlowStop):
                 self.send_event(EOS)

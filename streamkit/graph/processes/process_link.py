@@ -68,11 +68,11 @@ class ProcessLink(Element):
         return self.pads["sink" if pad.is_src else "src"].peer_caps()
 
     def query_begin_ns(self) -> int:
-        """That of the source, which only its own process has opened."""
+        """The begin of the source, as its process has sent it."""
         return self.begin_ns if self.reads else super().query_begin_ns()
 
     def latency(self) -> tuple[int, int | None]:
-        """None of its own; it holds frames for an unlimited time."""
+        """Adds no latency, and can hold frames for an unlimited time."""
         return 0, None
 
     # Frames and events.

@@ -111,7 +111,7 @@ def _filter_calls() -> None:
     """Refuses the calls of `REFUSED`, and new processes; threads are allowed."""
 
     def step(code: int, value: int, if_true: int = 0, if_false: int = 0) -> bytes:
-        """An instruction; a comparison skips as many of the next ones as its outcome says."""
+        """Packs an instruction; a comparison skips a number of the next ones, by its outcome."""
         return struct.pack("<HBBI", code, if_true, if_false, value)
 
     refuse = [step(RETURN, ERRNO | EPERM)]
