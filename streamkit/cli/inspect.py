@@ -75,7 +75,7 @@ def _list_all(*, as_json: bool) -> None:
 
 
 def fitted(line: str, indent: int | None = None) -> str:
-    """A line in as many as the terminal's width takes, the further ones indented like it, or by `indent`."""
+    """A line wrapped to the terminal's width; further lines are indented like it, or by `indent`."""
     by = len(line) - len(line.lstrip()) if indent is None else indent
     width = shutil.get_terminal_size().columns
     return textwrap.fill(
@@ -179,7 +179,7 @@ def as_text(facts: dict[str, Any], folded: Container[str] = ()) -> str:
 
 
 def example_command(facts: dict[str, Any]) -> str:
-    """The example as a command line for a shell; in single quotes where the description has double ones."""
+    """The example as a shell command, in single quotes if the description has double quotes."""
     description = " ".join(facts["example"].split())
     quoted = f'"{description}"' if MEANT_BY_SHELLS.isdisjoint(description) else shlex.quote(description)
     return f"streamkit launch {quoted}"

@@ -94,7 +94,7 @@ def _layers(count: int, arrows: Sequence[Arrow]) -> list[int]:
 
 
 def _way(arrow: Arrow, nodes: list[_Node]) -> list[int]:
-    """The nodes that an arrow passes, with new ones in the layers between its ends."""
+    """The nodes on an arrow: its ends, and a new node in each layer between them."""
     start, end = nodes[arrow.start].layer, nodes[arrow.end].layer
     between = range(start + 1, end)
     nodes += [_Node((), layer, 0.0, 0.0) for layer in between]

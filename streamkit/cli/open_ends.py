@@ -27,7 +27,7 @@ def open_ends(graph: Graph) -> Iterator[str]:
 
 
 def _missing_input(element: Element) -> Iterator[str]:
-    """That no frame comes: nothing is linked to the pad `sink`, or no input was requested."""
+    """A note if no frame can come: the pad `sink` is not linked, or no input was requested."""
     sink = element.pads.get("sink")
     if sink is not None and sink.peer is None:
         takes_video = not sink.template.caps.is_any and sink.template.caps.can_intersect(RAW_VIDEO)
