@@ -21,7 +21,7 @@ from streamkit.handoff.bounded_queue import POLL_S
 
 
 class LeakyType(Choice):
-    """Which frame a full queue drops."""
+    """The frame that a full queue drops."""
 
     NONE = "none", 0, "GST_APP_LEAKY_TYPE_NONE"
     UPSTREAM = "upstream", 1, "GST_APP_LEAKY_TYPE_UPSTREAM"

@@ -33,7 +33,7 @@ PARK_S = 2.0  # longest wait of a flush for the frame in flight downstream
 
 
 class Leaky(Choice):
-    """Which frame a full queue drops."""
+    """The frame that a full queue drops."""
 
     NO = "no", 0, "Not Leaky"
     UPSTREAM = "upstream", 1, "Leaky on upstream (new buffers)"

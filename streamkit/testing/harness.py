@@ -180,14 +180,14 @@ class Harness:
 
     @property
     def error(self) -> None:
-        """Nothing: what fails raises in the test."""
+        """None: a failure raises in the test."""
 
     def elements(self) -> Sequence[Element]:
         """The element alone."""
         return (self.element,)
 
     def statistics(self, now_ns: int) -> Sequence[ElementStatistics]:
-        """Nothing: only pipelines count."""
+        """No counters: only pipelines have them."""
         return ()
 
     def pad_added(self, pad: Pad) -> None:
