@@ -14,12 +14,19 @@ from streamkit_zenoh.presence import LivelinessWatch, declare_receiver
 from streamkit_zenoh.publisher_states import PublisherStates
 from streamkit_zenoh.wire.encodings import BadPayload, decode_message
 from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, LossTracker, Stamp, read_attachment
-from streamkit_zenoh.wire.sequence import INTERLEAVED_WARNING, JUMP_WARNING
 from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
 
 QUERY_LIMIT_S = 5.0
 STATUS_LIMIT_BYTES = 64 * 1024
 NO_STAMP = Stamp(0, 0)
+JUMP_WARNING = (
+    "message numbers jump by more than ten million: another sender uses the publisher's name, or the "
+    "link was down for very long; where that matters, let only known senders in (docs/zenoh-security.md)"
+)
+INTERLEAVED_WARNING = (
+    "two publishers use one key: messages of an earlier one come between those of a later one; "
+    "end one of them, or give each a key of its own"
+)
 
 
 class ReceivedMessage(NamedTuple):
@@ -32,7 +39,7 @@ class ReceivedMessage(NamedTuple):
         header: the attachment after the stamp.
         stamp: run and number, 0 without a stamp.
         is_deleted: whether it deletes the key.
-        is_reply: whether it is a publisher's last, of any age, that was asked for.
+        is_reply: whether it is the reply to a query for the publisher's last message, of any age.
     """
 
     key: str
@@ -45,7 +52,7 @@ class ReceivedMessage(NamedTuple):
 
 
 class Counts(msgspec.Struct, frozen=True):
-    """What became of messages.
+    """Messages by what became of them.
 
     Attributes:
         received: received once or more.
@@ -100,7 +107,7 @@ class MessageReceiver:
         ends_with_publisher: bool,
     ) -> None:
         self.queue: BoundedQueue[ReceivedMessage] = BoundedQueue(capacity, max_bytes)
-        self._wait_s = 0.0 if newest else None
+        self._wait_s = 0.0 if newest else None  # for room in a full queue; None has no limit
         self._session = session
         self._expression = expression
         self._limit_bytes = limit_bytes
@@ -155,7 +162,7 @@ class MessageReceiver:
         stamp, header = read_attachment(raw)
         key, size = str(sample.key_expr), len(sample.payload)
         is_too_large = size > self._limit_bytes
-        if not self._note(key, stamp, is_reply=is_reply, is_too_large=is_too_large):
+        if not self._count(key, stamp, is_reply=is_reply, is_too_large=is_too_large):
             return
         message = ReceivedMessage(
             key,
@@ -166,13 +173,12 @@ class MessageReceiver:
             sample.kind == zenoh.SampleKind.DELETE,
             is_reply,
         )
-        dropped = self.queue.put(message, size + len(header), wait_s=self._wait_s)
-        if dropped:
+        if dropped := self.queue.put(message, size + len(header), wait_s=self._wait_s):
             with self._lock:
                 self._counts["overwritten"] += dropped
 
-    def _note(self, key: str, stamp: Stamp | None, *, is_reply: bool, is_too_large: bool) -> bool:
-        """Counts a message; whether to pass it on."""
+    def _count(self, key: str, stamp: Stamp | None, *, is_reply: bool, is_too_large: bool) -> bool:
+        """Counts a message; returns whether to pass it on."""
         with self._lock:
             losses = self._losses
             continuity = losses.replied(key, stamp) if is_reply else losses.received(key, stamp)

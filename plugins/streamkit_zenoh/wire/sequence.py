@@ -7,18 +7,8 @@ more than `JUMP_LIMIT` numbers is reported as a jump instead of being counted as
 
 from typing import NamedTuple
 
-# 46 hours without a link at 60 messages a second.
-JUMP_LIMIT = 10_000_000
-JUMP_WARNING = (
-    "message numbers jump by more than ten million: another sender uses the publisher's name, or the "
-    "link was down for very long; where that matters, let only known senders in (docs/zenoh-security.md)"
-)
-INTERLEAVED_WARNING = (
-    "two publishers use one key: messages of an earlier one come between those of a later one; "
-    "end one of them, or give each a key of its own"
-)
-# A message at most so much older than the first one received is skipped as outdated.
-OLDER_LIMIT = 16
+JUMP_LIMIT = 10_000_000  # 46 hours without a link at 60 messages a second
+OLDER_LIMIT = 16  # a message at most so much older than the first one received is skipped as outdated
 RANGE_LIMIT = 64
 
 
@@ -47,39 +37,39 @@ class NumberSet:
     """
 
     def __init__(self) -> None:
-        self._ranges: list[range] = []  # the one that grew last is the last; none touches another
+        self._ranges: list[range] = []  # disjoint, in the order in which they have last grown
 
     def __len__(self) -> int:
         """How many ranges there are."""
         return len(self._ranges)
 
     def __contains__(self, number: int) -> bool:
-        return any(number in one for one in self._ranges)
+        return any(number in span for span in self._ranges)
 
     def below(self, number: int) -> int | None:
         """The highest number of the set that is lower, or None."""
-        return max((min(one.stop, number) - 1 for one in self._ranges if one.start < number), default=None)
+        return max((min(span.stop, number) - 1 for span in self._ranges if span.start < number), default=None)
 
     def above(self, number: int) -> int | None:
         """The lowest number of the set that is not lower, or None."""
-        return min((max(one.start, number) for one in self._ranges if one.stop > number), default=None)
+        return min((max(span.start, number) for span in self._ranges if span.stop > number), default=None)
 
     def add(self, start: int, stop: int) -> None:
         """Adds the numbers from start to before stop."""
         if start >= stop:
             return
-        touched = [one for one in self._ranges if one.start <= stop and start <= one.stop]
+        touched = [span for span in self._ranges if span.start <= stop and start <= span.stop]
         grown = range(
-            min([start, *(one.start for one in touched)]), max([stop, *(one.stop for one in touched)])
+            min([start, *(span.start for span in touched)]), max([stop, *(span.stop for span in touched)])
         )
-        kept = [one for one in self._ranges if one not in touched]
+        kept = [span for span in self._ranges if span not in touched]
         self._ranges = [*kept, grown][-RANGE_LIMIT:]
 
 
 class ReceivedNumbers:
     """The numbers of one publisher at one key, in bounded memory.
 
-    Each number from the first on is received, lost, or not settled yet.
+    A number is settled once it is known to be received or lost.
 
     Attributes:
         reported_number: the settled number in the publisher's last status.
@@ -88,10 +78,10 @@ class ReceivedNumbers:
     def __init__(self) -> None:
         self.reported_number = 0
         self._received = NumberSet()
-        self._settled = NumberSet()  # received or lost
-        self._latest: int | None = None  # received or settled
-        self._first: int | None = None  # all numbers from here on are accounted for
-        self._start: int | None = None  # from here on, this receiver was sent everything
+        self._settled = NumberSet()
+        self._latest: int | None = None  # settled last
+        self._first: int | None = None  # losses are counted from this number on
+        self._start: int | None = None  # first number that was sent to this receiver, where that is known
         self._reply: int | None = None  # received as the reply to a query
 
     @property
