@@ -1,4 +1,4 @@
-"""BranchOutput: the src pad of a branch that may join, leave, or fail alone while the graph streams.
+"""Branches that may join, leave, or fail alone while the graph streams.
 
 A branch behind a tee whose sinks all have `on-error=drop-branch` fails alone.
 """
@@ -21,8 +21,6 @@ from streamkit.graph.bus import Bus
 from streamkit.graph.graph import Graph
 from streamkit.graph.stream_end import StreamEnd
 
-Survives = Callable[[Pad, Exception], bool]
-
 
 class BranchOutput:
     """Sends the frames of a src pad into the branch behind it, until it is removed or has failed.
@@ -30,11 +28,13 @@ class BranchOutput:
     Args:
         src: the first pad of the branch; its `push` becomes this object's.
         send: pushes a frame into the branch.
-        survives: whether the failure of the branch has been dealt with, so that the other branches continue.
+        drop: drops the branch for its failure; returns False if the pipeline has to fail.
     """
 
-    def __init__(self, src: Pad, send: Callable[[Frame], None], survives: Survives) -> None:
-        self._src, self._send, self._survives = src, send, survives
+    def __init__(
+        self, src: Pad, send: Callable[[Frame], None], drop: Callable[[Pad, Exception], bool]
+    ) -> None:
+        self._src, self._send, self._drop = src, send, drop
         self._entry = src.peer
         self._is_removed = self._has_failed = False
         self._sending = threading.RLock()  # held while a frame or EOS is on its way into the branch
@@ -53,7 +53,7 @@ class BranchOutput:
             try:
                 self._send(frame)
             except (ElementFailure, NotNegotiated) as error:
-                if not self._survives(self._src, error):
+                if not self._drop(self._src, error):
                     raise
             except EndOfStream:  # failed behind a queue, or finished
                 if not is_expendable(self._src):
