@@ -15,11 +15,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-PARTICLES = 120
 FRAME_NS = 40_000_000
 DESCRIPTION = (
     "appsrc name=in max-buffers={frames} ! waveleteigen model={model} learn=false "
-    "! particletrack compare=features auto-start=false window={window} particles={particles} keep=12 "
+    "! particletrack compare=features auto-start=false window={window} particles=120 keep=12 "
     "size-particles=4 angle-particles=4 coast=60 lost-frames=1000 lost-threshold=0 ! appsink name=out"
 )
 
@@ -87,7 +86,7 @@ def follow_target(
 
     left, top = centre - (side - 1) / 2
     window = f"{left:.0f},{top:.0f},{side},{side}"
-    text = DESCRIPTION.format(frames=len(frames), model=model, window=window, particles=PARTICLES)
+    text = DESCRIPTION.format(frames=len(frames), model=model, window=window)
     with Pipeline.parse(text) as pipeline:
         pipeline["in"].caps = raw_video_caps("GRAY8", frames.shape[2], frames.shape[1])
         pipeline.play()
