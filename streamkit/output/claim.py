@@ -1,4 +1,4 @@
-"""A file has one writer at a time: others are refused, in this process and in any other of this machine."""
+"""Locks (flock) by which a file has one writer at a time, in this process and any other of this machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 class Claim:
-    """The right to write a file, or to replace it; it ends with `release`, or with the process."""
+    """The exclusive right to write or replace a file, until `release` or the end of the process."""
 
     def __init__(self) -> None:
         self._descriptor: int | None = None
