@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 
 from streamkit import Pipeline
 from streamkit_fleet.feeds import FeedSpec
 
-WARM_UP_FRAMES = 25  # the first ones fill caches and queues
 WINDOW_FRAMES = 50  # two seconds of a usual camera
+WINDOW_S, MIN_FRAMES = 2.0, 5  # of one with fewer frames
 
 
 class CostMeter:
-    """Measures the cores that a playing pipeline needs to hold a frame rate, 1/s.
+    """Measures the cores that a playing pipeline needs to hold a frame rate.
+
+    Args:
+        pipeline: the pipeline.
+        frame_rate: to hold, 1/s.
+        sharing: number of pipelines in the process, which count as equal parts of its processor time.
 
     Attributes:
-        cores: processor time per frame of the last whole window, times the frame rate; 0 before the first.
+        cores: processor time per frame of the last whole window, times the frame rate; 0 before the second,
+            as the frames of the first one fill caches and queues.
     """
 
-    def __init__(self, pipeline: Pipeline, frame_rate: float) -> None:
-        self._pipeline, self._frame_rate = pipeline, frame_rate
-        self._from: tuple[int, int] | None = None  # frames and processor time (ns) where the window begins
+    def __init__(self, pipeline: Pipeline, frame_rate: float, sharing: int = 1) -> None:
+        self._pipeline, self._frame_rate, self._sharing = pipeline, frame_rate, sharing
+        self._frames, self._began_s, self._cpu_ns = 0, time.monotonic(), 0  # where the window begins
+        self._is_warm = False
         self.cores = 0.0
 
     def update(self) -> None:
@@ -31,13 +39,14 @@ class CostMeter:
         rows = self._pipeline.statistics()
         frames = max((row.frames_in for row in rows), default=0)
         frames -= sum(row.total_dropped for row in rows if row.queue is not None)
-        begin = WARM_UP_FRAMES if self._from is None else self._from[0] + WINDOW_FRAMES
-        if frames < begin:
+        new, now_s = frames - self._frames, time.monotonic()
+        if new < WINDOW_FRAMES and (new < MIN_FRAMES or now_s - self._began_s < WINDOW_S):
             return
         cpu_ns = sum(row.cpu_ns for row in self._pipeline.process_statistics())
-        if self._from is not None:
-            self.cores = (cpu_ns - self._from[1]) / 1e9 / (frames - self._from[0]) * self._frame_rate
-        self._from = frames, cpu_ns
+        if self._is_warm:
+            self.cores = (cpu_ns - self._cpu_ns) / 1e9 / self._sharing / new * self._frame_rate
+        self._is_warm = True
+        self._frames, self._began_s, self._cpu_ns = frames, now_s, cpu_ns
 
 
 def excess(needs: Mapping[str, float], room: float, new: Mapping[str, FeedSpec]) -> dict[str, str]:
@@ -53,7 +62,7 @@ def excess(needs: Mapping[str, float], room: float, new: Mapping[str, FeedSpec])
             break
         total -= needs[name]
         refused[name] = (
-            f"no room: for {feed.frame_rate:g} frames/s it needs {needs[name]:.2f} of {room:g} cores, and "
-            f"the other feeds there {total:.2f}; set its cores to {needs[name]:.2f}, or a lower frame_rate"
+            f"no room: for {feed.frame_rate:g} frames/s it needs {needs[name]:.3g} of {room:g} cores, and "
+            f"the other feeds there {total:.3g}; set its cores to {needs[name]:.3g}, or a lower frame_rate"
         )
     return refused

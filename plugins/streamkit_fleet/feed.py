@@ -154,7 +154,7 @@ class Feed:
         pipeline = Pipeline.parse(self._spec.text, self._spec.variables())
         self._monitor = monitor = Monitor(pipeline, {})
         monitor.pipeline_restarts = self._restarts
-        self._cost = CostMeter(pipeline, self._spec.frame_rate / self._sharing)
+        self._cost = CostMeter(pipeline, self._spec.frame_rate, self._sharing)
         log = FeedLog(pipeline)
         log.kept = self._lines
         self._run = run = Run(

@@ -3,7 +3,7 @@
 import time
 
 from streamkit import Pipeline, Transform
-from streamkit_fleet.admission import WARM_UP_FRAMES, WINDOW_FRAMES, CostMeter, excess
+from streamkit_fleet.admission import WINDOW_FRAMES, CostMeter, excess
 from streamkit_fleet.feeds import FeedSpec
 
 WORK_S = 0.004
@@ -21,9 +21,9 @@ class Worker(Transform):
         return frame
 
 
-def measured(frames: int, frame_rate: float) -> float:
-    """Cores after a run of so many frames."""
-    with Pipeline.parse(f"fakesrc num-buffers={frames} ! worker ! fakesink") as pipeline:
+def measured(source: str, frame_rate: float) -> float:
+    """Cores after a run of all frames of a source."""
+    with Pipeline.parse(f"{source} ! worker ! fakesink") as pipeline:
         meter = CostMeter(pipeline, frame_rate)
         pipeline.play()
         while pipeline.wait(0.01) is None:
@@ -32,11 +32,16 @@ def measured(frames: int, frame_rate: float) -> float:
 
 
 def test_the_cost_is_that_of_a_frame_times_the_rate(register) -> None:
-    """A run too short for a window is not measured."""
+    """A run of less than two windows is not measured."""
     register(worker=Worker)
-    frames = WARM_UP_FRAMES + 2 * WINDOW_FRAMES
-    assert WORK_S * 25 <= measured(frames, 25.0) < WORK_S * 25 * 3
-    assert measured(WARM_UP_FRAMES, 25.0) == 0.0
+    assert WORK_S * 25 <= measured(f"fakesrc num-buffers={3 * WINDOW_FRAMES}", 25.0) < WORK_S * 25 * 3
+    assert measured(f"fakesrc num-buffers={WINDOW_FRAMES}", 25.0) == 0.0
+
+
+def test_rare_frames_are_measured_after_a_few(register) -> None:
+    """A feed of few pictures per second is not waited for until it has a hundred."""
+    register(worker=Worker)
+    assert measured("fakesrc num-buffers=25 is-live=true ! identity sleep-time=200000", 1.0) > WORK_S
 
 
 def test_the_last_and_nicest_of_the_new_feeds_are_refused_until_there_is_room() -> None:

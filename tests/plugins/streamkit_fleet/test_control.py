@@ -201,7 +201,7 @@ def test_a_feed_without_room_is_refused_with_the_numbers(nodes: Nodes) -> None:
     assert control.apply(table) == {"small": "unchanged", "big": "started"}
     wait_for(lambda found: all_ready(found) and len(found) == 2)
     refused = control.admit({"big": big}, patience(20))
-    said = r"no room: for 1e\+06 frames/s it needs \d+\.\d\d of 1 cores, .* there \d\.\d\d; set"
+    said = r"no room: for 1e\+06 frames/s it needs [\d.e+]+ of 1 cores, .* there [\d.e-]+; set"
     assert re.match(said, refused["big"])
     found = wait_for(lambda found: found["big"].state == "refused")
     assert found["big"].reason == refused["big"]
