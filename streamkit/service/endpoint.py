@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from streamkit.errors import ResourceError, needs_extra
@@ -12,7 +14,7 @@ from streamkit.service.monitor import Monitor
 if TYPE_CHECKING:
     from wsgiref.types import StartResponse, WSGIEnvironment
 
-POLL_S = 0.5  # interval at which the server checks whether it is closed
+WAIT_S = 30.0  # for a request, before the server checks again whether it is closed
 PLAIN = ("Content-Type", "text/plain; charset=utf-8")
 
 
@@ -44,9 +46,8 @@ class MetricsEndpoint:
         self._server = _listen(address, _routes(monitor, metrics_app(registry)))
         host, port = self._server.server_address[:2]
         self.address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(POLL_S,), name="streamkit-metrics", daemon=True
-        )
+        self._is_closed = False
+        self._thread = threading.Thread(target=self._serve, name="streamkit-metrics", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> MetricsEndpoint:
@@ -57,9 +58,16 @@ class MetricsEndpoint:
 
     def close(self) -> None:
         """Ends the server."""
-        self._server.shutdown()
+        self._is_closed = True
+        with suppress(OSError):  # a last connection ends the wait for one
+            socket.create_connection(self._server.server_address[:2], timeout=1.0).close()
         self._thread.join()
         self._server.server_close()
+
+    def _serve(self) -> None:
+        self._server.timeout = WAIT_S
+        while not self._is_closed:
+            self._server.handle_request()
 
 
 def _routes(monitor: Monitor, metrics: Callable[..., Iterable[bytes]]) -> Callable[..., Iterable[bytes]]:
@@ -82,7 +90,6 @@ def _routes(monitor: Monitor, metrics: Callable[..., Iterable[bytes]]) -> Callab
 
 def _listen(address: str, app: Callable[..., Iterable[bytes]]) -> Any:
     """A server that listens, with a thread for each request."""
-    import socket
     from socketserver import TCPServer, ThreadingMixIn
     from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
