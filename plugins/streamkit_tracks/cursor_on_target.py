@@ -27,6 +27,8 @@ class InvalidAddress(ValueError):
 def events(record: Mapping[str, Any], kind: str, stale_s: float) -> Iterator[bytes]:
     """One event for each shown target (confirmed or coasting) with ground coordinates.
 
+    An event must have a time: that of publishing where that of capture is unknown.
+
     Args:
         record: a record with the fields of its JSON.
         kind: the event's type in the CoT hierarchy, `a-u-G` for something unknown on the ground.
@@ -34,7 +36,7 @@ def events(record: Mapping[str, Any], kind: str, stale_s: float) -> Iterator[byt
 
     Source: Kristan, Cursor-on-Target Message Router User's Guide, MITRE MP090284 (Event.xsd).
     """
-    time = utc_time(record) or EPOCH
+    time = utc_time(record.get("capture_ns", record.get("published_ns"))) or EPOCH
     began, stale = iso_text(time), iso_text(time + timedelta(seconds=stale_s))
     for track in located(record):
         position = track["geo"]

@@ -142,7 +142,9 @@ class GeoJsonFormat(FeatureFormat):
             position = track["geo"]
             fields = {name: track[name] for name in ("id", "state", "score", "age_ns")}
             fields |= {"source": record["source"], "seq": record["seq"]}
-            if (time := utc_time(record)) is not None:
+            if "pts_ns" in record:
+                fields["pts_ns"] = record["pts_ns"]
+            if (time := utc_time(record.get("capture_ns"))) is not None:
                 fields["time"] = iso_text(time)
             if "error_m" in position:
                 fields["error_m"] = position["error_m"]
@@ -157,7 +159,7 @@ class KmlFormat(FeatureFormat):
 
     @override
     def features(self, record: Record) -> Iterator[str]:
-        time = utc_time(record)
+        time = utc_time(record.get("capture_ns"))
         when = f"<TimeStamp><when>{iso_text(time)}</when></TimeStamp>" if time else ""
         source = escape(xml_text(record["source"]))
         for track in located(record):
@@ -179,12 +181,8 @@ FORMATS: dict[str, type[RecordFormat]] = {
 GEOGRAPHIC = frozenset((FileKind.GEOJSON, FileKind.KML, FileKind.COT))
 
 
-def utc_time(record: Record) -> datetime | None:
-    """Time of capture, else of publishing, to the nearest millisecond.
-
-    None where neither is known, or in no calendar.
-    """
-    time_ns = record.get("capture_ns", record.get("published_ns"))
+def utc_time(time_ns: int | None) -> datetime | None:
+    """A UTC time in ns to the nearest millisecond; None where it is unknown, or in no calendar."""
     try:
         return None if time_ns is None else EPOCH + timedelta(milliseconds=(time_ns + 500_000) // 1_000_000)
     except OverflowError:

@@ -50,7 +50,7 @@ class PoseSink(OutputFileSink):
         self._stale += pose is not None and pose.is_stale
         if pose is None or pose.is_stale or not self._is_due(frame):
             return
-        time = utc_time({"capture_ns": frame.capture.utc_ns} if frame.capture else {})
+        time = utc_time(frame.capture.utc_ns if frame.capture else None)
         self._points.append(PathPoint(pose, time))
         if self.views and (outline := view_outline(pose, _shape(frame), self.ground_altitude)):
             self._views += view_placemark(outline, time, self.interval_s)

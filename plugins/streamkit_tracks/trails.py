@@ -37,6 +37,7 @@ class Trail:
         source: of its records.
         number: its id.
         state: the last one with a place.
+        seconds: times of the places in the stream, s, where known.
     """
 
     source: str
@@ -44,6 +45,7 @@ class Trail:
     state: str = ""
     places: list[tuple[float, float]] = field(default_factory=list)
     times: list[str] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
 
 
 class TrailFormat(FeatureFormat):
@@ -68,13 +70,15 @@ class TrailFormat(FeatureFormat):
     @override
     def features(self, record: Record) -> Iterator[str]:
         """The lines that are complete: of targets that are gone, and long ones; too many, too."""
-        source, time = record["source"], utc_time(record)
+        source, time = record["source"], utc_time(record.get("capture_ns"))
         for track in located(record):
             key = source, track["id"]
             trail = self._trails.setdefault(key, Trail(*key))
             trail.state = track["state"]
             trail.places.append((track["geo"]["lon"], track["geo"]["lat"]))
             trail.times.append(iso_text(time) if time else "")
+            if "pts_ns" in record:
+                trail.seconds.append(record["pts_ns"] / 1e9)
         there = {(source, track["id"]) for track in record["tracks"] if track["state"] != LOST}
         for key, trail in list(self._trails.items()):
             is_over = key[0] == source and (key not in there or len(trail.places) >= LONGEST)
@@ -82,7 +86,9 @@ class TrailFormat(FeatureFormat):
                 yield self.line(trail)
                 del self._trails[key]
                 if key in there:
-                    self._trails[key] = Trail(*key, trail.state, trail.places[-1:], trail.times[-1:])
+                    self._trails[key] = Trail(
+                        *key, trail.state, trail.places[-1:], trail.times[-1:], trail.seconds[-1:]
+                    )
 
     @override
     def end(self) -> bytes:
@@ -90,7 +96,10 @@ class TrailFormat(FeatureFormat):
 
 
 class GeoJsonTrails(TrailFormat):
-    """A feature collection (RFC 7946): a line for each target, with its times as `coordTimes`."""
+    """A feature collection (RFC 7946): a line for each target.
+
+    With its times in the stream, `first_s` and `last_s`, and those of capture, if known, as `coordTimes`.
+    """
 
     layout = GEOJSON
 
@@ -99,9 +108,12 @@ class GeoJsonTrails(TrailFormat):
         geometry: dict[str, Any] = {"type": "LineString", "coordinates": trail.places}
         if len(trail.places) == 1:  # no line has one position
             geometry = {"type": "Point", "coordinates": trail.places[0]}
-        fields = {"id": trail.number, "source": trail.source, "state": trail.state}
-        times = {"coordTimes": trail.times} if all(trail.times) else {}
-        return json.dumps({"type": "Feature", "geometry": geometry, "properties": fields | times})
+        fields: dict[str, Any] = {"id": trail.number, "source": trail.source, "state": trail.state}
+        if trail.seconds:
+            fields |= {"first_s": trail.seconds[0], "last_s": trail.seconds[-1]}
+        if all(trail.times):
+            fields["coordTimes"] = trail.times
+        return json.dumps({"type": "Feature", "geometry": geometry, "properties": fields})
 
 
 class KmlTrails(TrailFormat):

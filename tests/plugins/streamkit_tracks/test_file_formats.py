@@ -3,11 +3,13 @@
 import csv
 import io
 import json
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
+from streamkit_tracks.cursor_on_target import events
 from streamkit_tracks.file_formats import FORMATS, FileKind, iso_text, utc_time
 
 
@@ -34,9 +36,9 @@ RECORDS = [
 ]
 
 
-def _written(kind: FileKind) -> str:
+def _written(kind: FileKind, records: Sequence[dict[str, Any]] = RECORDS) -> str:
     file = FORMATS[kind]()
-    return (file.begin() + b"".join(map(file.record, RECORDS)) + file.end()).decode()
+    return (file.begin() + b"".join(map(file.record, records)) + file.end()).decode()
 
 
 def test_mot_counts_frames_from_one() -> None:
@@ -84,13 +86,24 @@ def test_kml_is_a_document_of_placemarks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("record", "expected"),
-    [({}, None), ({"published_ns": 0}, "1970-01-01T00:00:00.000Z"), ({"capture_ns": 10**25}, None)],
+    ("time_ns", "expected"), [(None, None), (0, "1970-01-01T00:00:00.000Z"), (10**25, None)]
 )
-def test_an_invalid_time_is_left_out(record: dict[str, Any], expected: str | None) -> None:
-    """Time of publishing replaces that of capture; a year beyond the calendar is invalid."""
-    time = utc_time(record)
+def test_an_invalid_time_is_left_out(time_ns: int | None, expected: str | None) -> None:
+    """A year beyond the calendar is invalid."""
+    time = utc_time(time_ns)
     assert (None if time is None else iso_text(time)) == expected
+
+
+def test_a_time_of_processing_is_no_time_of_capture() -> None:
+    """A position of unknown UTC has none; a CoT event, which needs a time, has that of publishing."""
+    record = _record(0, _track(7, **PLACED)) | {"pts_ns": 40_000_000, "published_ns": 5 * 10**9}
+    del record["capture_ns"]
+    feature = json.loads(_written(FileKind.GEOJSON, [record]))["features"][0]
+    assert "time" not in feature["properties"]
+    assert feature["properties"]["pts_ns"] == record["pts_ns"]
+    assert "<when>" not in _written(FileKind.KML, [record])
+    (event,) = events(record, "a-u-G", 5.0)
+    assert b'time="1970-01-01T00:00:05.000Z"' in event
 
 
 @pytest.mark.parametrize(
@@ -99,6 +112,6 @@ def test_an_invalid_time_is_left_out(record: dict[str, Any], expected: str | Non
 )
 def test_times_are_rounded_to_the_nearest_millisecond(time_ns: int, text: str) -> None:
     """Cut off, those of a camera of 30/s would be off by a third of a millisecond on the average."""
-    time = utc_time({"capture_ns": time_ns})
+    time = utc_time(time_ns)
     assert time is not None
     assert iso_text(time) == f"1970-01-01T{text}"

@@ -18,7 +18,13 @@ def record(seq: int, **states: str) -> dict[str, Any]:
         {"id": int(name[1:]), "state": state, "geo": {"lat": 48.5, "lon": 11.5 + seq / 100}}
         for name, state in states.items()
     ]
-    return {"source": "uav <1>\x01", "seq": seq, "capture_ns": seq * 10**9, "tracks": tracks}
+    return {
+        "source": "uav <1>\x01",
+        "seq": seq,
+        "pts_ns": seq * 10**9,
+        "capture_ns": seq * 10**9,
+        "tracks": tracks,
+    }
 
 
 RECORDS = [
@@ -51,7 +57,7 @@ def test_a_target_is_a_line_at_any_time() -> None:
     feature = json.loads(written(GeoJsonTrails(), RECORDS))["features"][0]
     assert feature["geometry"]["type"] == "LineString"
     assert feature["properties"] == {
-        "id": 8, "source": "uav <1>\x01", "state": "coasting",
+        "id": 8, "source": "uav <1>\x01", "state": "coasting", "first_s": 0.0, "last_s": 1.0,
         "coordTimes": ["1970-01-01T00:00:00.000Z", "1970-01-01T00:00:01.000Z"],
     }  # fmt: skip
 
