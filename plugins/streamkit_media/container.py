@@ -19,7 +19,7 @@ from av.video.stream import VideoStream
 
 from streamkit import ResourceError, StreamError, mask_secrets
 from streamkit.errors import did_you_mean
-from streamkit.output.names import is_network, lacks_protocol, local_path
+from streamkit.output.names import FileNames, is_network, lacks_protocol, local_path
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit_media.failures import MEDIA_ERRORS, open_failure
 
@@ -115,6 +115,8 @@ def check_file(location: str) -> None:
                 pass
     except FileNotFoundError:
         remedy = similar_file(path) or f"check the path (relative ones start at {path.cwd()})"
+        if FileNames(location).has_number:
+            remedy = "numbered images are read by multifilesrc, with start-index= of the first"
         if lacks_protocol(location):
             remedy += ", or begin the address of a camera with rtsp://"
         raise ResourceError(f"{location}: a file must be there, none is; {remedy}") from None

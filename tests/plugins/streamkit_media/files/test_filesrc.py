@@ -161,6 +161,7 @@ def test_a_still_frame_is_a_stream_of_one_frame(tmp_path: Path, name: str, codec
     [
         ("", "location= must name a file, it is empty"),
         ("location=/nosuch/flight.mp4", "/nosuch/flight.mp4: a file must be there, none is"),
+        ("location=img/%03d.png", "numbered images are read by multifilesrc"),
         ("location=/", "a file is needed, this is a directory"),
         ("location=x.mp4 start-s=3 stop-s=2", "stop-s= must be after start-s=3, got 2"),
     ],
