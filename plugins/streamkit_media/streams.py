@@ -108,6 +108,11 @@ def nanoseconds(ticks: int, time_base: Fraction) -> int:
     return (2 * numerator + denominator) // (2 * denominator)
 
 
+def ticks(ns: int, time_base: Fraction) -> int:
+    """A time in ns in units of a time base, rounded."""
+    return round(Fraction(ns, SECOND_NS) / time_base)
+
+
 def packet_frame(packet: Packet[Stream], caps: Caps) -> Frame:
     """A packet as a frame; its bytes are shared, not copied."""
     base = packet.time_base

@@ -163,8 +163,9 @@ class Decode(Transform):
             self._report_error(reason, f" at {frame.describe()}")
             return held
         stream.has_given_frame |= bool(decoded)
-        if stream.packets == FIRST_FRAME_PACKETS and not stream.has_given_frame:
-            self._report_missing_frames(stream)
+        if stream.packets == FIRST_FRAME_PACKETS and not (stream.has_given_frame or stream.caps.get("width")):
+            # No error says why, as where a stream was joined too late.
+            self.post_warning(NO_FRAME_YET.format(count=stream.packets, name=stream.caps.name))
         frames = [*held, *self._shown(stream, decoded)]
         return frames[0] if len(frames) == 1 else frames
 
@@ -248,11 +249,6 @@ class Decode(Transform):
         if packet.flags & KEYFRAME:
             return False
         return self.skip is Skip.NON_KEY or not stream.is_needed(packet)
-
-    def _report_missing_frames(self, stream: CodedStream) -> None:
-        """Warns of a stream that gives nothing, where no error says why, as of one joined too late."""
-        if stream.caps.get("width") is None:
-            self.post_warning(NO_FRAME_YET.format(count=stream.packets, name=stream.caps.name))
 
     def _report_error(self, reason: str, where: str = "") -> None:
         """Posts each kind of error of a packet once."""

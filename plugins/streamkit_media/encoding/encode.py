@@ -13,6 +13,7 @@ from streamkit import SECOND_NS, Caps, Frame, FrameFlags, SettingsOf, StreamErro
 from streamkit_media.codecs import MEDIA_TYPES, caps_rate, coded_caps
 from streamkit_media.encoding.encoder import ASSUMED_RATE, ENCODERS, RAW_CAPS, Encoder, EncoderSettings, even
 from streamkit_media.failures import MEDIA_ERRORS, reason_of
+from streamkit_media.streams import ticks
 
 HELD_LIMIT = 512
 MAX_REORDERED = 16  # frames between two that are shown in the order of their packets, as in H.264
@@ -64,8 +65,9 @@ class Encode(Transform):
             if frame.pts is None:
                 frame = frame.replace(pts=self._next_ns, duration=frame.duration or self._frame_ns)
             self._next_ns = (frame.pts or 0) + self._frame_ns
-            ticks = self._last_ticks = max(self._last_ticks + 1, self._encoder.ticks(frame.pts or 0))
-            coded = self._encoder.encode(frame.data, ticks)
+            time = max(self._last_ticks + 1, ticks(frame.pts or 0, self._encoder.time_base))
+            self._last_ticks = time
+            coded = self._encoder.encode(frame.data, time)
         except UnknownCodecError:
             raise StreamError(
                 f"this FFmpeg has no encoder for {self.settings.codec}; choose another codec="
@@ -76,13 +78,13 @@ class Encode(Transform):
                 f"{self.settings.codec} could not encode frames of {size}: {reason_of(error)}; "
                 "another codec= or size may do"
             ) from error
-        self._held[ticks] = frame.replace(data=None)
+        self._held[time] = frame.replace(data=None)
         if len(self._held) > HELD_LIMIT:
             self._held.popitem(last=False)
         for packet in coded:
             self._waiting.append(self._frame(packet, frame))
             self._highest = max(self._highest, packet.pts or 0)
-            if next(iter(self._held), ticks + 1) > self._highest or len(self._waiting) > MAX_REORDERED:
+            if next(iter(self._held), time + 1) > self._highest or len(self._waiting) > MAX_REORDERED:
                 packets += self._waiting
                 self._waiting.clear()
         return packets

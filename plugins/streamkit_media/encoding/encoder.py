@@ -19,7 +19,6 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 
-from streamkit import SECOND_NS
 from streamkit.settings import setting
 from streamkit_media.decoding.frame_arrays import PACKED, Pixels
 
@@ -109,10 +108,6 @@ class Encoder:
     def extradata(self) -> bytes:
         """Codec headers outside the packets; b"" where the packets hold them."""
         return self._context.extradata or b""
-
-    def ticks(self, time_ns: int) -> int:
-        """A time in ns in units of `time_base`."""
-        return round(Fraction(time_ns, SECOND_NS) / self.time_base)
 
     def encode(self, pixels: Pixels, ticks: int) -> list[Packet[Stream]]:
         """The packets that are complete with this frame.

@@ -14,8 +14,8 @@ from streamkit_media.codecs import caps_rate, coded_caps
 from streamkit_media.encoding.encoder import ASSUMED_RATE, RAW_CAPS, Encoder, EncoderSettings, Preset, even
 from streamkit_media.recording.formats import FORMATS
 from streamkit_media.recording.mediaoutput import SEGMENT_NS, MediaOutput
-from streamkit_media.recording.packetwriter import PacketWriter, ticks
-from streamkit_media.streams import nanoseconds
+from streamkit_media.recording.packetwriter import TIME_BASE, PacketWriter
+from streamkit_media.streams import nanoseconds, ticks
 
 FLUSH_LIMIT_S = 1.0
 KEYFRAME_INTERVAL = 250
@@ -85,7 +85,7 @@ class VideoFileSink(MediaOutput):
         if frame.caps is not self._caps:
             self._adapt_to(frame.caps)
         assert self._encoder is not None
-        pts = self._encoder.ticks(self._file_time_ns(frame.pts))
+        pts = ticks(self._file_time_ns(frame.pts), self._encoder.time_base)
         for packet in self._encoder.encode(frame.data, pts):
             self._write_packet(packet)
 
@@ -136,7 +136,7 @@ class VideoFileSink(MediaOutput):
             if self._offset_ns is None or pts + self._offset_ns <= self._last_ns:
                 self._offset_ns = following_ns - pts
             time_ns = pts + self._offset_ns
-            self._writer.check_pause(ticks(time_ns - self._last_ns))
+            self._writer.check_pause(ticks(time_ns - self._last_ns, TIME_BASE))
         self._last_ns = time_ns
         return time_ns
 

@@ -132,7 +132,7 @@ class DatagramInput(TransportInput):
         return Silence(f"{self.where}: no video within {limit}: {self._absence()}; {remedy}")
 
     def _absence(self) -> str:
-        """What has come in place of a transport stream."""
+        """What has arrived instead of a transport stream, in words."""
         if self._datagrams:
             return f"{self._datagrams} datagrams have come to this port, none of them MPEG-TS"
         return "nothing has come to this port"
@@ -163,6 +163,6 @@ class DatagramInput(TransportInput):
             self._receiver.close()
 
     def leave(self) -> None:
-        """Closes the port that no other input takes over."""
+        """Closes the port, for an input whose port no later one takes over."""
         if self._receiver is not None:
             self._receiver.close()

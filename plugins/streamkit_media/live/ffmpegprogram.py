@@ -1,4 +1,4 @@
-"""The program ffmpeg as a child: it has SRT, which the FFmpeg inside PyAV lacks."""
+"""The program ffmpeg as a child process, for SRT, which the FFmpeg inside PyAV lacks."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class FfmpegProgram:
     """
 
     def __init__(self, command: Sequence[str], *, has_input: bool = False) -> None:
-        # To its standard error, of a source since the last bytes of its output.
+        # Its standard error; of a program without input, what has come since the last bytes of its output.
         self._said, self._is_source = b"", not has_input
         # The kernel ends it with the thread that has started it: that one lives until `close`.
         self._starter = ThreadPoolExecutor(1, "ffmpeg")
@@ -135,12 +135,12 @@ class FfmpegProgram:
 
     @property
     def input(self) -> int:
-        """The descriptor of the pipe that it reads."""
+        """The descriptor of its standard input."""
         assert self._child.stdin is not None
         return self._child.stdin.fileno()
 
     def end_input(self) -> None:
-        """Closes the pipe that it reads."""
+        """Closes its standard input."""
         assert self._child.stdin is not None
         self._child.stdin.close()
 
@@ -154,11 +154,11 @@ class FfmpegProgram:
 
     @property
     def code(self) -> int | None:
-        """What it has ended with: 0, an error, or the negative number of a signal; None while it runs."""
+        """Its exit code, or the negative number of the signal that ended it; None while it runs."""
         return self._child.returncode
 
     def errors(self) -> list[str]:
-        """What it has reported since the last bytes that were read, by line."""
+        """The lines that it has reported since its last bytes were read."""
         return self._said.decode(errors="replace").splitlines()
 
     def is_refused(self) -> bool:
@@ -174,7 +174,7 @@ class FfmpegProgram:
         self._child.terminate()
 
     def close(self) -> None:
-        """Ends it, kills it where it does not end in time, and leaves nothing of it."""
+        """Ends it, kills it where it does not end in time, and closes its pipes."""
         self._child.terminate()
         if not self.has_ended(END_LIMIT_S):
             self._child.kill()

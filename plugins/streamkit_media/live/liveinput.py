@@ -104,7 +104,7 @@ class UrlInput(LiveInput):
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         packets = read_packets(container, *streams)
-        if container.format.name == PLAYLIST:  # which says itself where the stream ends
+        if container.format.name == PLAYLIST:  # a playlist says where the stream ends
             yield from paced(packets, self.ended)
             return
         yield from packets

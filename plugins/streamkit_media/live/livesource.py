@@ -37,7 +37,7 @@ ABANDONED_LIMIT = 8
 class LiveSource(Endpoint, Source):
     """Base of live sources: override `make_input`; `templates` are the pads besides `src`.
 
-    The video comes out of `src`, or of `video` by the name that it has in `filesrc`.
+    The pad `src` carries the video, and so does `video`, its name in `filesrc`.
 
     Attributes:
         unread_videos: streams of the videos that are not read, unless one is chosen.
@@ -84,17 +84,17 @@ class LiveSource(Endpoint, Source):
 
     @property
     def carrier(self) -> str:
-        """What carries the next connection, for the message `connecting`."""
+        """The transport of the next connection, for the message `connecting`."""
         raise NotImplementedError
 
     def make_input(self) -> LiveInput:
-        """The next connection, not made yet."""
+        """The input of the next connection, which is not made yet."""
         raise NotImplementedError
 
-    def after_nothing(self, failure: ResourceError) -> ResourceError | None:
-        """The failure of a connection that brought nothing, with what may help.
+    def explain_silence(self, failure: ResourceError) -> ResourceError | None:
+        """The failure of a connection over which no packet came, with a remedy where there is one.
 
-        None goes on at once, with another carrier.
+        None makes the source connect again at once, over another transport.
         """
         return failure
 
@@ -127,7 +127,7 @@ class LiveSource(Endpoint, Source):
             if self.over.is_set():
                 return
             if failure is not None and self._stamps.next_seq == before:
-                failure = self.after_nothing(failure)
+                failure = self.explain_silence(failure)
                 if failure is None:
                     continue
             has_ended = failure is None or (
@@ -158,7 +158,7 @@ class LiveSource(Endpoint, Source):
     # One connection.
 
     def _one_connection(self) -> Iterator[Frame | tuple[str, Frame]]:
-        """Its packets; the first makes it a new epoch."""
+        """The packets of one connection; the first of them begins a new epoch."""
         self._stamps.timeline.begin_connection()
         source = self.make_input()
         source.video_index = self.video_stream
@@ -199,7 +199,7 @@ class LiveSource(Endpoint, Source):
             self.no_more_pads()
 
     def _disconnect(self, limit_s: float) -> None:
-        """Ends the connection; one in a call of FFmpeg ends at its own limit."""
+        """Ends the connection; one whose thread is in a call of FFmpeg ends at FFmpeg's time limit."""
         connection, self._connection = self._connection, None
         if connection is None:
             return

@@ -16,7 +16,7 @@ FOR_WRITING = 2  # FFmpeg's AVIO_FLAG_WRITE
 
 
 class Destination:
-    """What takes a container in place of an `OutputFile`, and cannot be taken back.
+    """Base of what a container is written to in place of an `OutputFile`; nothing written can be undone.
 
     Attributes:
         path: of the file that a receiver opens, or the location.
@@ -42,7 +42,7 @@ class Destination:
 
 
 class PlaylistFile:
-    """A playlist or segment, as far as FFmpeg writes it; it appears when it is closed whole."""
+    """A playlist or segment that FFmpeg writes; it appears once it is complete."""
 
     def __init__(self, path: Path, fail: Callable[[OSError], object]) -> None:
         self._file, self._fail = OutputFile(path, is_whole=True), fail
@@ -94,7 +94,7 @@ class Playlist(Destination):
         }
 
     def open(self, path: str, flags: int, options: object) -> PlaylistFile | BinaryIO:
-        """Opens a file for FFmpeg; after an error one that is never seen, as FFmpeg cannot tell of it."""
+        """Opens a file for FFmpeg; where that fails, an unused buffer: FFmpeg does not pass errors on."""
         try:
             return PlaylistFile(Path(path), self._fail) if flags & FOR_WRITING else Path(path).open("rb")
         except OSError as error:

@@ -108,7 +108,7 @@ class MediaOutput(OutputFileSink):
         return self.formats.get(Path(self.location).suffix.lower(), FORMATS[".ts"])
 
     def open_output(self, segment_ns: int = 0, count: int = 0) -> Output:
-        """The next file, or what stands in its place.
+        """Opens the next file, or the playlist or network destination that stands in its place.
 
         Args:
             segment_ns: length of a playlist's segments; 0 is the usual one.
@@ -122,7 +122,7 @@ class MediaOutput(OutputFileSink):
         return Playlist(self.next_path(), (segment_ns or SEGMENT_NS) / SECOND_NS, count, continues=continues)
 
     def _sender(self) -> Destination:
-        """What sends to the location; it connects with the first bytes."""
+        """The sender to the location; it connects with the first bytes."""
         if self._scheme != SRT:
             return Datagrams(self.location, self._lose)
         url = f"{SRT}{self.location[len(SRT) :]}"  # the program knows small letters only

@@ -12,13 +12,14 @@ from av.error import FFmpegError, InvalidDataError
 from av.packet import Packet
 from av.stream import Stream
 
-from streamkit import SECOND_NS, Caps
+from streamkit import Caps
 from streamkit.output.file import OutputFile
 from streamkit_media.codecs import codec_of, extradata_of, size_of
 from streamkit_media.nalunits import CODECS, LOOK_BYTES, START_CODES, AnnexBConverter, BadPacket
 from streamkit_media.recording.destination import Destination, Playlist
 from streamkit_media.recording.formats import ContainerFormat, check_codec
 from streamkit_media.recording.parametersets import check_parameter_sets
+from streamkit_media.streams import ticks
 
 TIME_BASE = Fraction(1, 90_000)
 FRAGMENT_TICKS = TIME_BASE.denominator  # an older file is replaced once so much can be played
@@ -36,7 +37,7 @@ class PacketWriter:
     """Writes packets to a container.
 
     Args:
-        file: takes it; FFmpeg would leave one of its own open where the head cannot be written.
+        file: gets the container. FFmpeg would leave a file of its own open where the head cannot be written.
         container: FFmpeg's format and its options.
         caps: of the packets.
         rate: frames per second, for packets without a duration; None if unknown.
@@ -120,14 +121,14 @@ class PacketWriter:
             check_parameter_sets(self._codec, data)
         packet = Packet(data)
         packet.is_keyframe = is_keyframe
-        return self._write(packet, self._video, ticks(pts), ticks(dts), ticks(duration or 0))
+        return self._write(packet, self._video, pts, dts, duration or 0)
 
     def write_klv(self, data: bytes, pts: int) -> int:
         """Writes one KLV packet."""
         assert self._klv is not None
         packet = Packet(data)
         packet.is_keyframe = True
-        return self._write(packet, self._klv, ticks(pts), ticks(pts), 0)
+        return self._write(packet, self._klv, pts, pts, 0)
 
     def check_pause(self, pause: int) -> None:
         """Checks that the container can hold a pause between two frames, in units of `TIME_BASE`.
@@ -142,7 +143,10 @@ class PacketWriter:
                 f"frames, this is one of {pause / hours:.1f} h; write .mkv or .ts, or segments"
             )
 
-    def _write(self, packet: Packet[Stream], stream: Stream, pts: int, dts: int, duration: int) -> int:
+    def _write(
+        self, packet: Packet[Stream], stream: Stream, pts_ns: int, dts_ns: int, duration_ns: int
+    ) -> int:
+        pts, dts, duration = (ticks(time_ns, TIME_BASE) for time_ns in (pts_ns, dts_ns, duration_ns))
         try:
             self.check_pause(dts - self._last_dts.get(stream.index, dts))
         except ValueError as error:
@@ -157,7 +161,7 @@ class PacketWriter:
             packet.time_base, packet.dts, packet.pts = TIME_BASE, dts, pts
             packet.duration = min(duration, MAX_TICKS)
         except OverflowError:
-            raise BadPacket(f"its time of {pts / TIME_BASE.denominator:.3g} s is none") from None
+            raise BadPacket(f"its time of {pts / TIME_BASE.denominator:.3g} s is out of range") from None
         self._mux(packet)
         self._begin = pts if self._begin is None else self._begin
         if pts - self._begin >= FRAGMENT_TICKS:
@@ -227,8 +231,3 @@ class PacketWriter:
         if not self._is_closed:
             self._is_closed = True
             self._container.close()
-
-
-def ticks(ns: int) -> int:
-    """A time in units of `TIME_BASE`."""
-    return round(Fraction(ns, SECOND_NS) / TIME_BASE)

@@ -153,7 +153,7 @@ class RtspClientSink(Endpoint, Sink):
         return True
 
     def _times(self, frame: Frame) -> tuple[int, int]:
-        """When the packet is shown and decoded, ns from the connection's beginning; the second ascends."""
+        """Presentation and decoding time, ns from the connection's beginning; decoding times ascend."""
         pts, dts = times_of(frame)
         if dts - self._zero + JUMP_NS < self._last_dts:
             self._zero = dts - self._last_dts - (frame.duration or TICK_NS)
@@ -180,7 +180,7 @@ class RtspClientSink(Endpoint, Sink):
             raise ResourceError(f"the process that pushes could not be started: {error.strerror}") from error
 
     def _change_format(self, caps: Caps) -> None:
-        """A connection has one format: another one takes a connection of its own."""
+        """Ends the connection where the format differs: a connection has one format."""
         assert self._caps is not None
         if is_same_format(caps, self._caps):
             self._caps = caps

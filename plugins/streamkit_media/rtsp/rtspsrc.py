@@ -63,7 +63,7 @@ class RtspSrc(LiveSource):
         return RtspInput(self._url, options, limit_s, low_latency=self.low_latency)
 
     @override
-    def after_nothing(self, failure: ResourceError) -> ResourceError | None:
+    def explain_silence(self, failure: ResourceError) -> ResourceError | None:
         is_refused = isinstance(failure, UnsupportedTransport)
         may_help = self._carrier is SourceTransport.UDP and (is_refused or isinstance(failure, TimedOut))
         if self.transport is SourceTransport.AUTO and may_help:
