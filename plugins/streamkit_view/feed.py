@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
+import zlib
 from collections.abc import Callable
 
 import msgspec
 import zenoh
 
 from streamkit import TRACKS_SCHEMA, TrackRecord
-from streamkit_view.messages import (
-    FRAME,
-    MOSAIC,
-    TRACKS,
-    VIDEO,
-    PageMessage,
-    binary_message,
-    compressed_message,
-)
+from streamkit_view.messages import FRAME, MOSAIC, TRACKS, VIDEO, PageMessage, binary_message
 from streamkit_view.mosaic_tiles import MosaicTiles
 from streamkit_view.playback import PrintedLine
 from streamkit_zenoh.keys import STATUS, publication_root, stream_key
@@ -202,7 +195,8 @@ class Feed:
             record = decode_message(TrackRecord, TRACKS_SCHEMA, received.content_type, payload)
             if not received.is_reply:
                 self._last_frame_s = time.monotonic()
-            return [compressed_message(TRACKS, feed, msgspec.json.encode(record))]
+            text = zlib.compress(msgspec.json.encode(record), 1)  # long: a payload in place of the body
+            return [binary_message(TRACKS, feed, b"null", text)]
         if name == VIDEO:
             packet = decode_json(received.header, VideoHeader)
             run, number = received.stamp

@@ -6,7 +6,6 @@ To the page text is JSON, binary is a JSON header and a payload, as an image or 
 from __future__ import annotations
 
 import struct
-import zlib
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -71,11 +70,6 @@ def binary_message(
     """A message with a payload: length of the header (uint32, little endian), the header, the payload."""
     header = f'{{"type":"{kind}","feed":{feed},"body":{body.decode()}}}'.encode()
     return PageMessage(kind, feed, struct.pack("<I", len(header)) + header + payload, is_keyframe, part)
-
-
-def compressed_message(kind: str, feed: int, body: bytes) -> PageMessage:
-    """A message whose `body` is a long JSON value: the payload is its text, compressed by zlib."""
-    return binary_message(kind, feed, b"null", zlib.compress(body, 1))
 
 
 class InvalidAnswer(ValueError):
