@@ -13,8 +13,10 @@ COUNTS = 3
 class Connection(NamedTuple):
     """A connection to one run of the other process.
 
-    Its counts of frames, `SENT` by the writer, `TAKEN` by what is downstream of the reader, and those of the
-    former that a flush has dropped or will drop (`FLUSHED`), outlive both.
+    Attributes:
+        channel: between the two processes.
+        counts: of frames `SENT` by the writer, `TAKEN` by the elements behind the reader, and `FLUSHED`: of
+            those sent, how many a flush drops. The memory outlives both processes.
     """
 
     channel: Channel

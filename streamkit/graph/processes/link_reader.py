@@ -22,7 +22,7 @@ FLIGHT_LIMIT_S = 2.0  # longest wait of a flush for the frame on its way downstr
 
 
 class LinkReader:
-    """Sends on the frames and events that come in one run, in a thread of its own, until EOS.
+    """Forwards the frames and events of one run, in a thread of its own, until EOS.
 
     If the writing process is started again, the frames that follow belong to a new epoch.
     """
@@ -48,7 +48,7 @@ class LinkReader:
             )
 
     def run(self) -> None:
-        """Sends on what comes, over one connection after another.
+        """Forwards what is received, over one connection after another.
 
         Raises:
             Flushing: the pipeline stops.
@@ -80,7 +80,7 @@ class LinkReader:
         self._pad.send_event(event)
 
     def _forward(self, connection: Connection) -> None:
-        """Sends on what comes through a connection, until EOS."""
+        """Forwards what is received through a connection, until EOS."""
         link = self._link
         decoder = StreamDecoder(link.packages)
         while True:
@@ -93,11 +93,11 @@ class LinkReader:
                     link.before_end()
                     return
                 if item is not None:
-                    self._send_on(item, decoder, connection)
+                    self._forward_item(item, decoder, connection)
                 item = None  # else its slot would be in use until the next one
 
-    def _send_on(self, item: Frame | Event, decoder: StreamDecoder, connection: Connection) -> None:
-        """Sends on a frame or an event; a flush drops it."""
+    def _forward_item(self, item: Frame | Event, decoder: StreamDecoder, connection: Connection) -> None:
+        """Forwards a frame or an event; a flush drops it."""
         try:
             if isinstance(item, Frame):
                 self._push(item, decoder, connection)
@@ -137,7 +137,7 @@ class LinkReader:
         """Waits until no flush is in progress; one that begins from now on waits for the frame.
 
         Raises:
-            Flushing: the pipeline stops; the frame has not been sent on.
+            Flushing: the pipeline stops; the frame has not been forwarded.
         """
         link = self._link
         while not self._pushing_thread:

@@ -42,7 +42,7 @@ class Part:
         child: its process; the newest if it was started again; None before the start and after the end.
         has_ended: whether everything in it has come to its end.
         restarts_s: when its process was started again, within the window of the bin.
-        ending: the thread that waits for what others have to say before.
+        ending: the thread that ends this part, after the messages that others have posted before.
     """
 
     def __init__(self, graph: Graph, home: Bin) -> None:
@@ -71,7 +71,7 @@ class Part:
     def spawn(
         self, reported: Callable[[Part, Report], None], ended: Callable[[Part, ChildProcess], None]
     ) -> ChildProcess:
-        """Starts a child with the properties that the elements have now; see there."""
+        """Starts a child with the current properties; the callbacks are those of `ChildProcess`."""
         encoder = ValueEncoder()
         properties = [
             {

@@ -180,7 +180,7 @@ class Processes:
             self._posted(part, decode_message(report, part.values))
 
     def _posted(self, part: Part, message: Message) -> None:
-        """A child has posted a message; what it says of its part is true of the run only with the others."""
+        """Handles a message of a child: its EOS, errors and `async-done` concern its own part only."""
         if message.kind is MessageKind.EOS:
             part.ending = threading.Thread(target=self._end_part, args=(part,), name=f"{part.home.name}:end")
             part.ending.start()

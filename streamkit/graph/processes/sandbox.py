@@ -1,4 +1,4 @@
-"""Takes from a child process what it does not need, before it touches the stream.
+"""Restricts a child process to what it needs, before it handles the stream.
 
 Source: the kernel's documentation of Landlock and of seccomp filters (userspace-api/landlock.rst,
 userspace-api/seccomp_filter.rst).
