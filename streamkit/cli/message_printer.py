@@ -79,7 +79,7 @@ class MessagePrinter:
         if not self.quiet:
             self._display.print_line(f"interrupt: {text}")
 
-    def print_error(self, text: str, error: Exception | None = None) -> None:
+    def print_error(self, text: str, error: Exception | None) -> None:
         """Prints an error; of an unexpected exception also the place."""
         if isinstance(error, ElementFailure) and error.place:
             if self._verbose:
