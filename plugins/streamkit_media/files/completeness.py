@@ -21,7 +21,7 @@ class Completeness:
     """Compares the video that comes out of a file with its declared duration."""
 
     def __init__(
-        self, container: InputContainer, video: VideoStream, start_s: float = 0.0, stop_s: float | None = None
+        self, container: InputContainer, video: VideoStream, start_s: float, stop_s: float | None
     ) -> None:
         self._start_s = start_s
         self._stream_index, self._base = video.index, float(video.time_base or 0)

@@ -40,7 +40,7 @@ class DatagramInput(TransportInput):
         is_first: whether no connection was made before: it warns when nothing comes, a later one is reported
             as a retry.
         before: the input that has ended, perhaps because the sender has begun another stream: its port and
-            what has come of that stream are taken over.
+            what has come of that stream are taken over; None for the first.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class DatagramInput(TransportInput):
         *,
         is_first: bool,
         low_latency: bool,
-        before: DatagramInput | None = None,
+        before: DatagramInput | None,
     ) -> None:
         super().__init__(location, timeout_s, low_latency=low_latency)
         self._counts, self._warn = counts, warn
