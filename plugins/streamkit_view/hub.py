@@ -25,7 +25,7 @@ class Hub:
         history: the last minutes of each feed.
     """
 
-    def __init__(self, feeds: int, first_appeared: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, feeds: int, first_appeared: Callable[[], None]) -> None:
         self.history = [History(HISTORY_BYTES // max(1, feeds)) for _ in range(feeds)]
         self._pages: set[Viewer] = set()
         self._first_appeared = first_appeared

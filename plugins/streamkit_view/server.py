@@ -50,7 +50,7 @@ class ViewServer:
         states: Callable[[], list[PageMessage]],
         ask: Ask,
         access: Access,
-        basemap: Basemap | None = None,
+        basemap: Basemap | None,
     ) -> None:
         self._hub = hub
         self._states = states

@@ -35,8 +35,8 @@ def run_server(
     access: Access,
     connect: str | None,
     config: str | None,
-    playback: PlayedPipeline | None = None,
-    basemap: Basemap | None = None,
+    playback: PlayedPipeline | None,
+    basemap: Basemap | None,
     *,
     on_created: Callable[[ViewServer], object],
 ) -> None:
