@@ -46,9 +46,12 @@ def camera_view(model: str, aspect: float = 16 / 9) -> float | None:
     return None if known is None else _horizontal(math.tan(math.radians(known[0]) / 2), known[1], aspect)
 
 
-def focal_view(focal_35mm: float, aspect: float = 16 / 9) -> float:
-    """Horizontal field of view, rad, by the focal length for 35 mm film, mm, of a 4:3 sensor's diagonal."""
-    return _horizontal(math.hypot(36.0, 24.0) / (2 * focal_35mm), _WIDE, aspect)
+def focal_view(focal_35mm: float) -> float:
+    """Horizontal field of view of a 16:9 frame, rad, by the focal length for 35 mm film, mm.
+
+    It is meant for the diagonal of a 4:3 sensor.
+    """
+    return _horizontal(math.hypot(36.0, 24.0) / (2 * focal_35mm), _WIDE, 16 / 9)
 
 
 def _horizontal(half_diagonal: float, sensor: float, aspect: float) -> float:

@@ -102,7 +102,7 @@ class AircraftClock:
         self._begin_stamp: datetime | None = None  # local time at the video's beginning, once known
         self._next_ns: int | None = None
 
-    def begin_ns(self, text: str, own_ns: int | None = None) -> int | None:
+    def begin_ns(self, text: str, own_ns: int | None) -> int | None:
         """When a subtitle is shown first, ns.
 
         Args:
