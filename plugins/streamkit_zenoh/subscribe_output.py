@@ -94,7 +94,7 @@ class Printer:
 class TablePrinter(Printer):
     """A table with a row per target: the newest record's, live, or with `each` that of every record."""
 
-    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool, each: bool = False) -> None:
+    def __init__(self, subscriber: TrackSubscriber, gaps: bool, age: bool, each: bool) -> None:
         from rich.live import Live
 
         super().__init__(subscriber, as_text, gaps, age)

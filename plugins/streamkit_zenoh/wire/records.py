@@ -5,7 +5,7 @@ from functools import lru_cache
 from streamkit import TRACKS_CAPS, Caps, Frame, TrackRecord, registration_of, tracks_of
 
 
-def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: int = 0) -> Frame:
+def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: int) -> Frame:
     """A frame that carries a record: its JSON, its times, and Tracks and Registration as metadata.
 
     Unknown velocities and covariances are NaN, and so is the homography to the previous frame, which records
