@@ -89,7 +89,7 @@ def _ground(generator: np.random.Generator) -> NDArray[np.uint8]:
     return np.clip(texture, 0, 255).astype(np.uint8)
 
 
-def tracking_errors(splits: Sequence[DatabaseSplit], follow: Follow, runs: int = RUNS[-1]) -> list[float]:
+def tracking_errors(splits: Sequence[DatabaseSplit], follow: Follow, runs: int) -> list[float]:
     """Mean centre error of each run over its 24 frames, px.
 
     Run r uses target r and split r, modulo their numbers: the space is learnt from that target's training
