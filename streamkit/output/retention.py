@@ -75,10 +75,10 @@ class Retention:
         if not limits.is_limited:
             return 0
         found = path.stat()
-        size, arrivals = found.st_size, ""
+        size, companion_name = found.st_size, ""
         if companion is not None and companion.is_file():
-            size, arrivals = size + companion.stat().st_size, companion.name
-        files.append(WrittenFile(path.name, found.st_ino, size, now_s, arrivals))
+            size, companion_name = size + companion.stat().st_size, companion.name
+        files.append(WrittenFile(path.name, found.st_ino, size, now_s, companion_name))
         self._total += size
         deleted = 0
         while len(files) > 1 and (
