@@ -94,9 +94,14 @@ class Pipeline:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: object) -> None:
-        self.stop()
-        if error[0] is None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.stop()
+        except StateError as stuck:
+            if error is None:
+                raise
+            error.add_note(str(stuck))  # what came first is raised: a failure, or Ctrl-C
+        if error is None:
             self.bus.log_unread_error()
 
     @property
@@ -260,15 +265,12 @@ class Pipeline:
             ElementFailure: an element failed.
             StateError: no EOS within `timeout_s`.
         """
-        try:
+        with self:
             self.play()
-            message = self.wait(timeout_s)
-        finally:
-            self.stop()
-        if message is None:
-            raise StateError(f"the pipeline has not ended within {timeout_s} s")
-        if message.error is not None:
-            raise message.error
+            if (message := self.wait(timeout_s)) is None:
+                raise StateError(f"the pipeline has not ended within {timeout_s:g} s")
+            if message.error is not None:
+                raise message.error
 
     def statistics(self) -> list[ElementStatistics]:
         """Counters of every element since streaming began."""
@@ -334,10 +336,9 @@ class Pipeline:
         element.timing = self.timing
         element.host = self._playback
         element.poster = self.bus.post
-        if not self.graph.is_local(element):
-            return
-        start_element(element, self._started, self._limits())
-        element.is_playing = self.state in (State.PAUSED, State.PLAYING)
+        if self.graph.is_local(element):
+            start_element(element, self._started, self._limits())
+            element.is_playing = self.state in (State.PAUSED, State.PLAYING)
 
     def _end_streaming(self, elements: list[Element]) -> list[str]:
         wake_elements(elements, self.bus.post)
