@@ -38,31 +38,30 @@ def add_tentative(table: TargetTable, observation: Observation, free: IndexArray
 
 
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:
-    """Confirms tentative targets, in order of the ids.
+    """Confirms tentative targets, in order of the ids; of the others it notes the rule that they do not meet.
 
     Those of regions of motion have to move over the ground, to show an object, and to be likely to last:
     where leaves or tall structures are found for some frames at a time, so few detections are no evidence.
     """
     rows, settings = table.rows, table.settings
-    hits_needed = min(settings.birth_hits, settings.birth_window)
     candidates = np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0))
     if not len(candidates):
         return
-    lasts = table.survival.probabilities() > LIKELY
+    lasting = table.survival.probabilities()
     found = rows["detection"][candidates]
     positions, seen = observation.centroids[found], sightings(observation, found)
     for index, position, sighting in zip(candidates.tolist(), positions, seen, strict=True):
         model = table.models[index]
         model.trail = extended(model.trail, position)
         model.sightings = extended(model.sightings, sighting)
-        if np.nansum(rows["hits"][index]) < hits_needed or table.settled >= settings.max_targets:
+        obstacle = find_obstacle(table, index)
+        if not obstacle and not observation.are_objects:
+            likelihood = lasting.item(min(rows["detections"].item(index), settings.lasting_hits))
+            obstacle = find_doubt(model, settings, likelihood)
+        if obstacle:
+            table.causes[rows["id"].item(index)] = f"waits, {obstacle}"
             continue
         if not observation.are_objects:
-            if not shows_object(model, settings):
-                continue
-            if not lasts[min(rows["detections"].item(index), settings.lasting_hits)]:
-                table.causes[rows["id"].item(index)] = "waits: most that were detected as often ended soon"
-                continue
             right, down = span(model.trail)
             one = rows[index : index + 1]
             headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])
@@ -80,16 +79,38 @@ def sightings(observation: Observation, detections: IndexArray) -> FloatArray:
     return np.column_stack([np.nan_to_num(scores, nan=1.0), np.log(areas)])
 
 
-def shows_object(model: TargetModel, settings: TrackerSettings) -> bool:
-    """Whether regions of motion have moved over the ground, and the last ones are clear and of one size.
+def find_obstacle(table: TargetTable, index: int) -> str:
+    """Why the detected target in a row is not confirmed, whatever it is: rule, colon, numbers; or empty."""
+    settings, hits = table.settings, np.nansum(table.rows["hits"][index])
+    needed = min(settings.birth_hits, settings.birth_window)
+    if hits < needed:
+        return f"detected too seldom: {hits:g} of the last {settings.birth_window} frames, needs {needed}"
+    if table.settled >= settings.max_targets:
+        return f"there is no room: max-targets={settings.max_targets}"
+    return ""
 
-    Structures that shift against the ground, as relief does under a camera that moves, leave regions that are
-    faint, or that break up and grow together.
+
+def find_doubt(model: TargetModel, settings: TrackerSettings, likelihood: float) -> str:
+    """Why regions of motion are no target yet: rule, colon, numbers; empty if they are.
+
+    They have to move over the ground, and the last ones to be clear and of one size. Structures that shift
+    against the ground, as relief does under a camera that moves, leave regions that are faint, or that break
+    up and grow together. `likelihood` is that of reaching `lasting_hits`.
     """
-    if math.hypot(*span(model.trail)) < settings.min_travel or straightness(model.trail) < MIN_STRAIGHTNESS:
-        return False
+    travel, straight = math.hypot(*span(model.trail)), straightness(model.trail)
     scores, areas = model.sightings[-SIGHTINGS:].T
-    return bool(scores.mean() >= settings.birth_score and areas.std() <= MAX_SIZE_STD)
+    score, size_std = scores.mean(), areas.std()
+    if travel < settings.min_travel:
+        return f"hardly moved: {travel:.1f} px, min-travel={settings.min_travel:g}"
+    if straight < MIN_STRAIGHTNESS:
+        return f"moves to and fro: straightness {straight:.2f}, needs {MIN_STRAIGHTNESS:g}"
+    if score < settings.birth_score:
+        return f"faint: mean score {score:.2f}, birth-score={settings.birth_score:g}"
+    if size_std > MAX_SIZE_STD:
+        return f"its size changes: deviation {size_std:.2f} of the log area, at most {MAX_SIZE_STD:g}"
+    if likelihood <= LIKELY:
+        return f"may end soon: {likelihood:.0%} last for lasting-hits={settings.lasting_hits}"
+    return ""
 
 
 def start_appearance(

@@ -115,7 +115,7 @@ class TargetTable:
     Attributes:
         rows: structured array of `TARGET`, one for each.
         models: their objects, in the same order.
-        causes: by id, why targets began, were confirmed or ended in this frame.
+        causes: by id, why targets began, were confirmed, wait or ended in this frame.
         closeness: for how many frames pairs of ids have been on one object.
         score_sums: float64[2], sums of the scores of objects and of their squares over some 50 frames.
         are_objects: whether the last detections were whole objects, and not regions of motion.

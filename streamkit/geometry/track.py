@@ -38,7 +38,8 @@ class Provenance:
         shared: whether the detection of another track covers this one, too.
         similarity: of the patch to the track's template, 0 to 1; None if not computed.
         learnt: whether the template was updated from this frame.
-        cause: why the track was initiated, confirmed or deleted in this frame; else empty.
+        cause: why the track was initiated, confirmed or deleted in this frame, or the rule that keeps it
+            tentative; else empty.
     """
 
     predicted: tuple[float, float] | None = None

@@ -94,13 +94,18 @@ def life(moments: Sequence[Moment]) -> Life:
 def turns(moments: Sequence[Moment], state: str | None = None) -> tuple[Moment, ...]:
     """The moments in which something was decided, or the state changed from that of the one before.
 
-    `state` is that before the first moment; None where there was none.
+    Of moments in a row in which one rule kept the state, only the last one. `state` is that before the first
+    moment; None where there was none.
     """
-    found = []
+    found: list[Moment] = []
+    rule = ""
     for moment in moments:
-        target = moment.target
-        decided = target.provenance is not None and bool(target.provenance.cause)
-        if decided or target.state != state:
+        target, earlier = moment.target, rule
+        cause = "" if target.provenance is None else target.provenance.cause or ""
+        rule = cause.partition(":")[0]
+        if target.state == state and rule and rule == earlier:
+            found[-1] = moment
+        elif rule or target.state != state:
             found.append(moment)
         state = target.state
     return tuple(found)

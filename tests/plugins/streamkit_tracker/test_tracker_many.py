@@ -381,22 +381,26 @@ def test_people_keep_their_ids_and_sizes_in_a_region_that_shows_both():
     np.testing.assert_allclose([report.turned_box[0] for report in reports], [72 + 158, 272 - 158], atol=1)
 
 
+def one_region(index: int, speed: float, score: float, growth: float, **observed: bool) -> Observation:
+    """What comes with frame `index`: a region that moves, px a frame; every second box is larger."""
+    x, scale = 40.0 + speed * index, growth if index % 2 else 1.0
+    return Observation(
+        0.04,
+        centroids=np.array([[x, 50.0]]),
+        boxes=np.array([[x, 50, x, 50]]) + scale * np.array([-12.0, -6.0, 12.0, 6.0]),
+        scores=np.array([score]),
+        **observed,
+    )
+
+
 def first_confirmations(
     settings: TrackerSettings, speed: float, score: float, growth: float, **observed: bool
 ) -> list[int]:
-    """Frames of 30 with a new confirmed target, of a region that moves; every second box is larger."""
+    """Frames of 30 with a new confirmed target."""
     tracker, image = MultiTargetTracker(settings), np.full((300, 500), 90, np.uint8)
     found = {}
     for index in range(30):
-        x, scale = 40.0 + speed * index, growth if index % 2 else 1.0
-        seen = Observation(
-            0.04,
-            centroids=np.array([[x, 50.0]]),
-            boxes=np.array([[x, 50, x, 50]]) + scale * np.array([-12.0, -6.0, 12.0, 6.0]),
-            scores=np.array([score]),
-            **observed,
-        )
-        for report in confirmed(tracker.step(image, seen)):
+        for report in confirmed(tracker.step(image, one_region(index, speed, score, growth, **observed))):
             found.setdefault(report.id, index)
     return list(found.values())
 
@@ -430,6 +434,34 @@ def test_a_region_that_breaks_up_and_grows_together_confirms_no_target(
     """Its area keeps within a factor of its mean, unlike that of structures that shift; objects are given."""
     found = first_confirmations(TrackerSettings(), 2.0, 1.0, growth, are_objects=are_objects)
     assert bool(found) == is_confirmed
+
+
+@pytest.mark.parametrize(
+    ("score", "growth", "settings", "cause"),
+    [
+        (0.25, 1.0, {}, "waits, faint: mean score 0.25, birth-score=0.33"),
+        (1.0, 1.8, {}, "waits, its size changes: deviation 0.58 of the log area, at most 0.4"),
+        (1.0, 1.0, {"min_travel": 90.0}, "waits, hardly moved: 12.0 px, min-travel=90"),
+        (
+            1.0,
+            1.0,
+            {"birth_hits": 9, "birth_window": 9},
+            "waits, detected too seldom: 8 of the last 9 frames",
+        ),
+        (1.0, 1.0, {"max_targets": 1}, "waits, there is no room: max-targets=1"),
+    ],
+)
+def test_a_waiting_target_names_the_rule_and_its_numbers(
+    score: float, growth: float, settings: dict[str, float], cause: str
+):
+    """For `streamkit explain`, in every frame in which it is detected and not confirmed."""
+    tracker = MultiTargetTracker(TrackerSettings(**settings))
+    image = np.random.default_rng(1).integers(0, 255, (300, 500), np.uint8)
+    if "max_targets" in settings:
+        tracker.start_target(image, np.array([300.0, 200.0, 30.0, 30.0, 0.0]), Observation(0.04))
+    for index in range(8):
+        reports = tracker.step(image, one_region(index, 2.0, score, growth))
+    assert reports[-1].provenance.cause.startswith(cause)
 
 
 def flicker(frames: int, car_from: int, **observed: bool) -> Iterator[Observation]:

@@ -75,6 +75,27 @@ def test_a_moment_is_explained(tmp_path: Path) -> None:
         assert part in result.stdout
 
 
+def test_a_rule_that_keeps_a_region_waiting_is_listed_once(tmp_path: Path) -> None:
+    """With its last numbers, however many frames it takes."""
+    path, causes = tmp_path / "t.jsonl", [f"waits, faint: mean score 0.{index}" for index in range(10, 20)]
+    causes = ["began on a detection", *causes, "waits, hardly moved: 1.0 px", "confirmed"]
+    states = ["tentative"] * 12 + ["confirmed"]
+    rows = [
+        record(seq, target(7, state, provenance={"cause": cause}))
+        for seq, (state, cause) in enumerate(zip(states, causes, strict=True))
+    ]
+    path.write_text("".join(rows))
+    listed = [
+        line.split(": ", 1)[1] for line in run(path, "7").stdout.splitlines() if line.startswith("  frame ")
+    ]
+    assert listed == [
+        "tentative: began on a detection",
+        "tentative: waits, faint: mean score 0.19",
+        "tentative: waits, hardly moved: 1.0 px",
+        "confirmed",
+    ]
+
+
 @pytest.mark.parametrize(
     ("moment", "reason"), [("7#11", "its detection is enough in this frame"), ("7#14", "it was not searched")]
 )
