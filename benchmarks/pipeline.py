@@ -3,11 +3,14 @@
 From a file, as fast as it goes; and live over RTSP at 25/s with the ready pipelines, as they are.
 Beside it the script that one would write: cv2.VideoCapture, MOG2, and CSRT (MIL where OpenCV has no CSRT).
 
-    python benchmarks/pipeline.py [--video FILE] [--seconds 60] [--repeats 5] [--contrib PYTHON]
+    python benchmarks/pipeline.py [--video FILE] [--size 1920 1080] [--seconds 60] [--repeats 5]
+                                  [--live] [--contrib PYTHON]
     python benchmarks/pipeline.py --placement [--video FILE] [--repeats 5]
 
 With --placement only: the whole chain in one thread, decoder and libraries without threads of their own, and
 the same description with `--processes auto`, in turn. Goal on two cores: 1.35 times the frames a second.
+
+With --live only the live runs, for example with --size 3840 2160.
 
 Without --video a synthetic flight is made. The video is played forward and backward in turn, so that a short
 one can be flown for a minute without a cut. A subscriber in a process of its own receives the records. The
@@ -28,7 +31,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -43,10 +46,15 @@ from streamkit.handoff.library_threads import ONE_A_CORE, ONE_THREAD
 HERE = Path(__file__).resolve().parent
 STREAMKIT = str(Path(sys.executable).with_name("streamkit"))
 PIPELINES = HERE.parent / "pipelines"
-LIVE_PIPELINES = {"live, tracks alone": "rtsp-to-tracks.pipe", "live, with mosaic": "rtsp-to-zenoh.pipe"}
+AUTO = ("--processes", "auto")
+LIVE_PIPELINES = {
+    "live, tracks alone": ("rtsp-to-tracks.pipe", ()),
+    "live, with mosaic": ("rtsp-to-zenoh.pipe", ()),
+    "live, processes auto": ("rtsp-to-tracks.pipe", AUTO),
+}
 RATE = 25
 FORWARD_FRAMES = 150
-SETTLE_S = 3.0
+SETTLE_S, TRIAL_S = 3.0, 12.0
 KEY = f"bench/{os.getpid()}"
 IN_ONE_THREAD = (
     "filesrc location={video} ! decode ! stitch ! framediff ! waveleteigen ! particletrack ! {sink}"
@@ -62,25 +70,25 @@ IN_TWO_PROCESSES = (
 Statistics = dict[str, Any]
 
 
-def there_and_back(video: Path | None, folder: Path) -> Path:
-    """A 1080p H.264 file that goes forward and backward through a video, without B-frames."""
+def there_and_back(video: Path | None, folder: Path, width: int, height: int) -> Path:
+    """An H.264 file of a size that goes forward and backward through a video, without B-frames."""
     if video is None:
         video = folder / "flight.mp4"
-        size = f"video/x-raw, width=1920, height=1080, framerate={RATE}/1"
+        size = f"video/x-raw, width={width}, height={height}, framerate={RATE}/1"
         text = f"dronetestsrc num-buffers={FORWARD_FRAMES} seed=1 cars=20 ! {size} ! videofilesink"
         Pipeline.parse(f"{text} location={video}").run(timeout_s=600)
     pictures = []
     with av.open(str(video)) as source:
         for picture in source.decode(video=0):
-            pictures.append(picture.reformat(format="yuv420p"))
+            pictures.append(picture.reformat(width, height, "yuv420p"))
             if len(pictures) == FORWARD_FRAMES:
                 break
     made = folder / "there_and_back.mp4"
     with av.open(str(made), "w") as target:
         options = {"preset": "veryfast", "tune": "zerolatency", "g": str(RATE)}
         stream = target.add_stream("libx264", rate=RATE, options=options)
-        stream.width, stream.height, stream.pix_fmt = pictures[0].width, pictures[0].height, "yuv420p"
-        stream.bit_rate = 8_000_000
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        stream.bit_rate = 4 * width * height  # 8 Mbit/s for 1080p
         for number, picture in enumerate([*pictures, *pictures[-2:0:-1]]):
             picture.pts, picture.time_base = number, Fraction(1, RATE)
             target.mux(stream.encode(picture))
@@ -222,13 +230,14 @@ def compare_placement(video: Path, repeats: int) -> None:
     print(f"median of {repeats}: {statistics.median(placed / one for one, placed in pairs):.2f} times")
 
 
-def live(name: str, pipeline: Path, video: Path, seconds: float) -> None:
-    """Over RTSP at 25/s, a ready pipeline."""
+def live(name: str, words: Sequence[str], video: Path, seconds: float) -> None:
+    """Over RTSP at 25/s, a ready pipeline: words of its command line."""
     with process(__file__, "serve", str(video)) as server:
         assert server.stdout is not None
         url = server.stdout.readline().strip()
         settings = [f"--set=location={url}", f"--set=key={KEY}"]
-        run, records, cpu_s = launch(["-f", str(pipeline), *settings], seconds + SETTLE_S)
+        trial_s = TRIAL_S if "--processes" in words else 0.0
+        run, records, cpu_s = launch([*words, *settings], seconds + SETTLE_S + trial_s)
     first = records[0][0] + round(SETTLE_S * RATE) if records else 0
     settled = [record for record in records if record[0] >= first]
     ages = sorted(record[1] for record in settled if record[1] is not None)
@@ -273,23 +282,27 @@ def peers(video: Path, python: str, seconds: float) -> None:
 def main() -> None:
     """Prints a table."""
     arguments = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    arguments.add_argument("--video", type=Path, help="1080p video; a synthetic flight otherwise")
+    arguments.add_argument("--video", type=Path, help="a synthetic flight otherwise")
+    arguments.add_argument("--size", type=int, nargs=2, default=(1920, 1080), help="width and height, px")
     arguments.add_argument("--seconds", type=float, default=60.0, help="length of the live run")
     arguments.add_argument("--repeats", type=int, default=5, help="runs from the file")
     arguments.add_argument("--contrib", default=sys.executable, help="Python with opencv-contrib, for CSRT")
     arguments.add_argument("--placement", action="store_true", help="one thread and --processes auto only")
+    arguments.add_argument("--live", action="store_true", help="the live runs only")
     options = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        video = there_and_back(options.video, Path(folder))
+        video = there_and_back(options.video, Path(folder), *options.size)
         if options.placement:
             compare_placement(video, options.repeats)
             return
-        from_file("file, one thread", IN_ONE_THREAD, video, options.repeats)
-        from_file("file, with queues", WITH_QUEUES, video, options.repeats)
-        from_file("file, two processes", IN_TWO_PROCESSES, video, options.repeats)
-        for name, pipeline in LIVE_PIPELINES.items():
-            live(name, PIPELINES / pipeline, video, options.seconds)
-        peers(video, options.contrib, options.seconds)
+        if not options.live:
+            from_file("file, one thread", IN_ONE_THREAD, video, options.repeats)
+            from_file("file, with queues", WITH_QUEUES, video, options.repeats)
+            from_file("file, two processes", IN_TWO_PROCESSES, video, options.repeats)
+        for name, (pipeline, words) in LIVE_PIPELINES.items():
+            live(name, [*words, "-f", str(PIPELINES / pipeline)], video, options.seconds)
+        if not options.live:
+            peers(video, options.contrib, options.seconds)
 
 
 if __name__ == "__main__":
