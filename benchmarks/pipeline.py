@@ -24,12 +24,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import signal
 import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -54,7 +56,7 @@ LIVE_PIPELINES = {
 }
 RATE = 25
 FORWARD_FRAMES = 150
-SETTLE_S, TRIAL_S = 3.0, 12.0
+SETTLE_S, START_LIMIT_S, RUN_LIMIT_S = 3.0, 120.0, 600.0
 KEY = f"bench/{os.getpid()}"
 IN_ONE_THREAD = (
     "filesrc location={video} ! decode ! stitch ! framediff ! waveleteigen ! particletrack ! {sink}"
@@ -145,7 +147,7 @@ def process(*words: str, python: str = sys.executable) -> Iterator[subprocess.Po
 def launch(
     words: list[str], seconds: float | None, variables: Mapping[str, str] = {}
 ) -> tuple[Statistics, list[list[Any]], float]:
-    """Runs `streamkit launch` with a subscriber; ends it after `seconds`, or at the end of the stream.
+    """Runs `streamkit launch` with a subscriber, to its end or for `seconds` from the first record.
 
     `variables` are added to its environment.
 
@@ -155,12 +157,21 @@ def launch(
     with process(__file__, "listen", KEY) as subscriber, tempfile.TemporaryFile("w+") as output:
         command = [STREAMKIT, "launch", "-e", "--stats=json", *words]
         child = subprocess.Popen(command, stdout=output, env={**os.environ, **variables})
-        if seconds is not None:
-            time.sleep(seconds)
+        limit = threading.Timer((seconds or RUN_LIMIT_S) + START_LIMIT_S, subscriber.kill)
+        limit.start()
+        lines, ends_s = [], math.inf
+        for line in subscriber.stdout or ():  # until the publisher ends
+            lines.append(line)
+            if len(lines) == 1 and seconds is not None:
+                ends_s = time.monotonic() + seconds
+            if time.monotonic() > ends_s:
+                child.send_signal(signal.SIGINT)
+                ends_s = math.inf
+        limit.cancel()
+        if not lines:
             child.send_signal(signal.SIGINT)
         _, status, usage = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
-        lines = subscriber.communicate(timeout=30)[0].splitlines()
         output.seek(0)
         text = output.read()
     if child.returncode:
@@ -236,8 +247,7 @@ def live(name: str, words: Sequence[str], video: Path, seconds: float) -> None:
         assert server.stdout is not None
         url = server.stdout.readline().strip()
         settings = [f"--set=location={url}", f"--set=key={KEY}"]
-        trial_s = TRIAL_S if "--processes" in words else 0.0
-        run, records, cpu_s = launch([*words, *settings], seconds + SETTLE_S + trial_s)
+        run, records, cpu_s = launch([*words, *settings], seconds + SETTLE_S)
     first = records[0][0] + round(SETTLE_S * RATE) if records else 0
     settled = [record for record in records if record[0] >= first]
     ages = sorted(record[1] for record in settled if record[1] is not None)
