@@ -72,7 +72,7 @@ IN_TWO_PROCESSES = (
 Statistics = dict[str, Any]
 
 
-def there_and_back(video: Path | None, folder: Path, width: int, height: int) -> Path:
+def there_and_back(video: Path | None, folder: Path, width: int = 1920, height: int = 1080) -> Path:
     """An H.264 file of a size that goes forward and backward through a video, without B-frames."""
     if video is None:
         video = folder / "flight.mp4"
