@@ -35,6 +35,7 @@ CONVERTIBLE = (
     f"video/x-raw, format={{ {', '.join(FORMATS)} }}, width=[ 1, 32767 ], height=[ 1, 32767 ], "
     "framerate=[ 0/1, 2147483647/1 ]"
 )
+OF_ANY_SIZE = f"video/x-raw, format={{ GRAY8, {', '.join(CHANNELS)} }}"
 CONVERTERS = {
     "videoconvert": ("format",),  # inserted where links are made; a format may also come with a frame
     "videoscale": ("width", "height"),
@@ -111,8 +112,12 @@ def conversion_remedy(offered: Caps, accepted: Caps) -> str:
     convertible = Caps(CONVERTIBLE)
     if not all(is_raw_video(caps) and caps.can_intersect(convertible) for caps in (offered, accepted)):
         return ""
+    sizes = (offered.get("width"), offered.get("height"))
+    is_odd = any(isinstance(size, int) and size % 2 for size in sizes)
     for element, fields in CONVERTERS.items():
         if offered.without_fields(*fields).can_intersect(accepted.without_fields(*fields)):
+            if element == "videoconvert" and is_odd and not accepted.can_intersect(Caps(OF_ANY_SIZE)):
+                return "frames of I420 and NV12 have even sizes; ask for GRAY8 or BGR"
             return f"put {element} between"
     return ""
 

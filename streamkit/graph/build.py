@@ -6,6 +6,7 @@ The order is that of gst-launch, so that the first of several errors is the one 
 from __future__ import annotations
 
 import glob
+import os
 import re
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
@@ -76,6 +77,8 @@ def _hinted(error: DescriptionError, text: str) -> DescriptionError:
         hint = f'{written} has no value; write one, or ""'
     elif rest.startswith("/"):
         hint = "a caps filter stands alone, between two elements"
+        if os.path.isfile(name := written.split()[0]):
+            hint = f"filesrc location={name} reads the file"
     else:
         return error
     return DescriptionError(error.code, error.message, error.place, hint)

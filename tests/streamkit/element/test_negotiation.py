@@ -69,3 +69,21 @@ def test_video_of_another_format_size_or_rate_gets_a_remedy(accepted: str, remed
     with pytest.raises(NotNegotiated) as caught:
         src.check_accepted(fixed)
     assert str(caught.value).partition("down.sink takes ")[2] == f"{Caps(accepted)}{remedy}"
+
+
+@pytest.mark.parametrize(
+    ("accepted", "remedy"),
+    [
+        (
+            "video/x-raw, format={ I420, NV12 }",
+            "frames of I420 and NV12 have even sizes; ask for GRAY8 or BGR",
+        ),
+        ("video/x-raw, format={ I420, RGB }", "put videoconvert between"),
+        ("video/x-raw, format=BGR, width=4", "put videoscale between"),
+    ],
+)
+def test_no_converter_is_recommended_for_a_size_that_a_format_lacks(accepted: str, remedy: str) -> None:
+    """Its own error would be the next one."""
+    src, _ = pads("video/x-raw", accepted)
+    with pytest.raises(NotNegotiated, match=f"; {remedy}$"):
+        src.check_accepted(Caps("video/x-raw, format=BGR, width=5, height=4, framerate=25/1"))

@@ -318,6 +318,17 @@ def test_caps_where_an_element_must_stand_are_noticed(text: str) -> None:
         build(text, {})
 
 
+def test_a_file_in_a_folder_is_no_caps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who leaves out filesrc hears of it."""
+    (tmp_path / "clips").mkdir()
+    (tmp_path / "clips" / "a.mp4").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        DescriptionError, match=r'^no element "clips"; filesrc location=clips/a.mp4 reads the file$'
+    ):
+        build("clips/a.mp4 ! decode ! fakesink", {})
+
+
 def test_caps_at_the_end_of_a_bin_have_a_remedy() -> None:
     """The bracket is taken for a part of the caps."""
     with pytest.raises(DescriptionError, match=r"; at the end of a bin, write capsfilter caps=\.\.\.$"):
