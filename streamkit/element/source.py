@@ -22,7 +22,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
-from streamkit.flow.video import check_layout
+from streamkit.flow.video import check_layout, display_size, is_raw_video
 
 
 class Source(Element):
@@ -44,12 +44,20 @@ class Source(Element):
     def begin_run(self) -> None:
         super().begin_run()
         self._segment = Segment()
+        self._chosen = ANY
         self._renegotiates = False
         self.over.clear()
         self._epochs: dict[str, int] = {}
         self._numbers: dict[str, int] = {}
         self._segment_epoch: int | None = None
         self.position_ns: int | None = None
+
+    @property
+    @override
+    def src_caps(self) -> Caps:
+        """Current caps of the pad `src`; before the first frame those chosen by `negotiate`, else ANY."""
+        caps = super().src_caps
+        return self._chosen if caps.is_any else caps
 
     # Overridden by authors.
 
@@ -103,11 +111,15 @@ class Source(Element):
         if pad is None:  # the stream brings the pads, and their caps
             return
         caps = self.negotiate(pad.allowed_caps(ANY))
-        if caps is not None and not caps.is_any:
-            pad.check_accepted(caps)
-            pad.send_event(CapsEvent(caps))
-        elif caps is not None:
+        if caps is None:
+            return
+        if caps.is_any:
             pad.caps = caps
+            return
+        pad.check_accepted(caps)
+        self._chosen = caps
+        if not is_raw_video(caps) or display_size(caps) is not None:
+            pad.send_event(CapsEvent(caps))  # else the first frame sends its own, which have the size
 
     def _push_all(self) -> None:
         if not self._await_next():  # a live source starts only when the pipeline plays

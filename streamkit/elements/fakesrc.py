@@ -15,7 +15,7 @@ from streamkit.element.property_text import INT, UINT, Choice
 from streamkit.element.source import Source
 from streamkit.elements.frame_report import Callbacks, report_frame
 from streamkit.errors import NotNegotiated
-from streamkit.flow.caps import ANY, Caps
+from streamkit.flow.caps import Caps
 from streamkit.flow.clock import SECOND_NS
 from streamkit.flow.frame import Frame
 
@@ -106,7 +106,7 @@ class FakeSrc(Source):
     @override
     def frames(self) -> Iterator[Frame]:
         pad = self.src_pad
-        caps = pad.caps or ANY
+        caps = self.src_caps
         numbers = range(self.num_buffers) if self.num_buffers >= 0 else itertools.count()
         make_data = self._data_maker()
         sent = 0

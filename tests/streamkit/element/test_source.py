@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Property, Source
+from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Property, Source, Transform
 from streamkit.errors import ResourceError
 
 RAW = Caps("video/x-raw, format=GRAY8, width=4, height=2, framerate=25/1")
@@ -131,6 +131,34 @@ def test_negotiate_gets_the_caps_that_downstream_accepts(register: Register) -> 
     (frame,) = run_to_end("choosy ! video/x-raw, format={ BGR, GRAY8, RGB }, width=2 ! appsink name=out")
     assert asked == ["video/x-raw, format=(string){ BGR, GRAY8 }, width=(int)2"]
     assert str(frame.caps) == "video/x-raw, format=(string)BGR, width=(int)2"
+
+
+def test_downstream_is_configured_once_the_size_is_known(register: Register) -> None:
+    """A camera that declares its format alone is no trouble for an element that needs the size."""
+    configured: list[str] = []
+
+    class Grey(Counter):
+        """Frames of a size that is not declared."""
+
+        src = "video/x-raw, format=GRAY8"
+
+        def frames(self) -> Iterator[Frame]:
+            yield Frame(np.zeros((2, 4), np.uint8), RAW)
+
+    class Sized(Transform):
+        """Needs the size."""
+
+        sink = src = "video/x-raw, format=GRAY8"
+
+        def configure(self, sink_caps: Caps, src_caps: Caps) -> None:
+            configured.append(f"{sink_caps['width']} x {src_caps['height']}")
+
+        def transform(self, frame: Frame) -> Frame:
+            return frame
+
+    register(grey=Grey, sized=Sized)
+    assert len(run_to_end("grey ! sized ! appsink name=out")) == 1
+    assert configured == ["4 x 2"]
 
 
 def test_caps_known_from_the_data_only_are_checked(register: Register) -> None:
