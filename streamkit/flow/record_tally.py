@@ -9,6 +9,7 @@ from streamkit.flow.ground import ground_positions
 from streamkit.flow.metadata import Detections, Tracks
 from streamkit.flow.record import TRACKS_CAPS
 from streamkit.geometry.pose import Pose
+from streamkit.geometry.track import SHOWN_STATES
 
 if TYPE_CHECKING:
     from streamkit.flow.frame import Frame
@@ -26,7 +27,7 @@ class RecordTally:
         self._needs_positions = needs_positions
         self._frames = self._records = 0
         self._with: Counter[type] = Counter()
-        self._targets = self._positions = 0
+        self._targets = self._shown = self._positions = 0
         self._unlocated: Counter[str] = Counter()
 
     def note(
@@ -44,13 +45,16 @@ class RecordTally:
         if tracks is not None:
             self._with[Tracks] += 1
             self._targets += bool(tracks.tracks)
+            self._shown += any(track.state in SHOWN_STATES for track in tracks.tracks)
             if self._needs_positions and tracks.tracks and not self._positions:
                 self._unlocated[ground_positions(frame, ground_altitude_m)[1]] += 1
 
     def remark(self) -> str:
-        """A remark if frames were searched and no target was found, which is no fault; else ""."""
-        if self._targets or not self._with[Tracks] or self.shortfall():
+        """A remark if frames were searched and no target was confirmed, which is no fault; else ""."""
+        if self._shown or not self._with[Tracks] or self.shortfall():
             return ""
+        if self._targets:
+            return f"no target was confirmed; {self._targets} of {self._frames} frames have tentative ones"
         return f"no target in any of {self._frames} frames"
 
     def shortfall(self) -> str:

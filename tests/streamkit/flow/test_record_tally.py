@@ -1,5 +1,7 @@
 """RecordTally: why no record of a run has a target or a position."""
 
+import dataclasses
+
 import msgspec
 import numpy as np
 import pytest
@@ -60,6 +62,8 @@ def test_an_empty_scene_is_remarked() -> None:
     tally = RecordTally()
     tally.note(EMPTY.attach(Tracks()).attach(NOTHING_FOUND))
     assert tally.remark() == "no target in any of 1 frames"
+    tally.note(EMPTY.attach(Tracks((dataclasses.replace(TARGET, state=TrackState.TENTATIVE),))))
+    assert tally.remark() == "no target was confirmed; 1 of 2 frames have tentative ones"
     tally.note(SEEN)
     assert tally.remark() == ""
     tally = RecordTally()
