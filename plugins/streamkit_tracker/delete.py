@@ -137,6 +137,7 @@ def pass_time(table: TargetTable, step_s: float, detector_ran: bool) -> None:
     targets["detections"] += detected
     targets["age_s"] += step_s
     targets["waited_s"] += step_s
+    targets["unsure_s"] += step_s
     passed_s = np.where(detectable, targets["waited_s"], 0.0)
     targets["waited_s"][detectable] = 0.0
     targets["frames_undetected"] = np.where(detected, 0, targets["frames_undetected"] + detectable)

@@ -27,6 +27,8 @@ REPORTED = (
 MAX_DOUBT, OBJECT_DOUBT = 0.5, 0.1
 DRAWN_STD = 0.1  # px, of a match with a target that keeps its appearance
 CREEP = 0.35  # sides per unit of usual distance: drift of a template on a target that changes shape
+# Sides per second since a target drawn by hand was last sure: what is followed instead leads away from it.
+UNSURE_RATE = 2.0
 
 
 def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
@@ -53,6 +55,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
     # of the point in the target that its template sits on: no match corrects it
     sides = np.sqrt(rows["window"][:, 2] * rows["window"][:, 3])
     creep = np.array([model.evidence.usual_distance for model in models]) * CREEP
+    creep += UNSURE_RATE * rows["unsure_s"]
     stds = np.where(rows["drawn"], DRAWN_STD + creep * sides, centroid_std(sides))
     covariances = np.where(tentative, 0.0, stds**2)[:, None, None] * IDENTITY
     # the window of a target drawn by hand is where it was recognised, else where it is predicted

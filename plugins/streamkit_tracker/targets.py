@@ -63,6 +63,7 @@ TARGET = np.dtype(
         ("similarity", np.float64),  # of the best window to the template, 0 to 1; NaN where not compared
         ("recognised", np.bool_),
         ("sure", np.bool_),  # drawn by hand: its last responses were sharp
+        ("unsure_s", np.float64),  # likewise: time since they were
         ("learnt", np.bool_),  # the template has learnt this frame
         ("filter_share", np.float64),  # how far the correlation filter learns this frame, 0 to 1
         ("measured", np.bool_),

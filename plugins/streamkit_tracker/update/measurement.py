@@ -206,6 +206,8 @@ def follow_drawn(table: TargetTable, sampler: WindowSampler) -> None:
         drawn.learn(sampler, window if is_seen else None, float(target["filter_share"]))
         found = drawn.redetect(sampler, window, is_seen=is_seen)
         target["sure"] = drawn.is_sure
+        if drawn.is_sure:
+            target["unsure_s"] = 0.0
         if found is not None:
             target["window"], target["mean"][:2], target["mean"][2:] = found, found[:2], 0.0
             target["recognised"] = True

@@ -55,6 +55,18 @@ def test_it_is_confirmed_again_far_from_where_it_was_lost(scenes: ModuleType):
         assert np.mean(right) > 0.9
 
 
+def test_the_longer_it_is_not_sure_the_farther_it_may_be(scenes: ModuleType):
+    """The filter goes on at a position that it believes; the target may have gone elsewhere."""
+    reports = [report for report in reports_of(scenes, None, 0)[BEFORE:] if report is not None]
+    confirmed, coasting = (
+        [np.sqrt(report.covariance.trace() / 2) for report in reports if report.state is state]
+        for state in (TrackState.CONFIRMED, TrackState.COASTING)
+    )
+    side = math.sqrt(36 * 30)
+    assert max(confirmed, default=0.0) < 0.5 * side
+    assert coasting[-1] > 2 * side
+
+
 def test_another_object_is_not_taken_for_it(scenes: ModuleType):
     """One of its size with another look."""
     for seed in range(2):

@@ -442,12 +442,7 @@ def test_a_region_that_breaks_up_and_grows_together_confirms_no_target(
         (0.25, 1.0, {}, "waits, faint: mean score 0.25, birth-score=0.33"),
         (1.0, 1.8, {}, "waits, its size changes: deviation 0.58 of the log area, at most 0.4"),
         (1.0, 1.0, {"min_travel": 90.0}, "waits, hardly moved: 12.0 px, min-travel=90"),
-        (
-            1.0,
-            1.0,
-            {"birth_hits": 9, "birth_window": 9},
-            "waits, detected too seldom: 8 of the last 9 frames",
-        ),
+        (1.0, 1.0, {"birth_hits": 9, "birth_window": 9}, "waits, detected too seldom: 8 of the last 9"),
         (1.0, 1.0, {"max_targets": 1}, "waits, there is no room: max-targets=1"),
     ],
 )
