@@ -5,9 +5,9 @@
 
 Each clip of data/sot_video goes through `stitch ! framediff ! particletrack`. The truth has one target, which
 is not always the only one: `ids` are those of targets that are shown (confirmed or coasting), `rows` how many
-are in a frame, `found` the share of frames in which one overlaps the true target by 0.3. `--norfair` names a
-Python with norfair, which gets the same detections. `--backwards` plays each clip from its last frame to its
-first one, on which nothing was chosen.
+are in a frame, `found` the share of frames in which one overlaps the true target by 0.3; in the row `regions`
+a region of motion does. `--norfair` names a Python with norfair, which gets the same detections.
+`--backwards` plays each clip from its last frame to its first one, on which nothing was chosen.
 """
 
 import argparse
@@ -32,11 +32,15 @@ def row(name: str, method: str, tracks: list[Labelled], truth: FloatArray) -> tu
     """Prints and returns the figures of one method."""
     ids = {number for tracked in tracks for number in tracked.ids.tolist()}
     rows = sum(len(tracked.ids) for tracked in tracks) / len(tracks)
-    seen = [(box, tracked) for box, tracked in zip(truth, tracks, strict=False) if np.isfinite(box).all()]
-    found = [(overlaps(box[None], tracked.boxes) > FOUND_OVERLAP).any() for box, tracked in seen]
-    figures = len(ids), rows, float(np.mean(found))
+    figures = len(ids), rows, share_found([tracked.boxes for tracked in tracks], truth)
     print("| {} | {} | {} | {:.2f} | {:.3f} |".format(name, method, *figures), flush=True)
     return figures
+
+
+def share_found(boxes: list[FloatArray], truth: FloatArray) -> float:
+    """Share of the frames with a truth in which one of the boxes left, top, width, height overlaps it."""
+    seen = [(box, found) for box, found in zip(truth, boxes, strict=False) if np.isfinite(box).all()]
+    return float(np.mean([(overlaps(box[None], found) > FOUND_OVERLAP).any() for box, found in seen]))
 
 
 def clip(path: Path, lasting_hits: int) -> Sequence:
@@ -94,6 +98,8 @@ def main() -> None:
         methods = {"particletrack": sequence.tracks}
         if options.norfair:
             methods["norfair"] = norfair(options.norfair, sequence)
+        boxes = [np.hstack([found[:, :2], found[:, 2:] - found[:, :2]]) for found in sequence.detections]
+        print(f"| {name} | regions | | | {share_found(boxes, truth):.3f} |")
         for method, tracks in methods.items():
             figures.setdefault(method, []).append(row(name, method, tracks, truth))
     for method, rows in figures.items():
