@@ -62,6 +62,8 @@ def has_set(line: ByteLine) -> bool:
 def find_set(line: ByteLine, columns: Indices) -> int:
     """The columns of a line of a mask that are set, of which there are few; returns their number."""
     count = 0
+    if not has_set(line):
+        return count
     for start in range(0, line.size, BLOCK):
         stop = min(start + BLOCK, line.size)
         if has_set(line[start:stop]):

@@ -105,15 +105,14 @@ def find_quiet_ground(
         _mark_unseen(values, before, SET, changes)
         count_down(counters, changes)
         find_quiet(counters, quiet_frames, quiet[row - top, first - left : last - left])
-        if _has_new(ground.valid[row, part], counters):
-            for column in range(first, last):
-                if ground.valid[row, column] == UNKNOWN and ground.waiting[row, column] < MAX_WAIT:
-                    deviation = FIRST_DEVIATION + EDGE_SHARE * np.float32(
-                        _range_around(earlier, row, column, seen)
-                    )
-                    ground.background[row, column] = earlier[row, column]
-                    ground.deviation[row, column] = np.uint8(np.rint(DEVIATION_STEPS * deviation))
-                    ground.valid[row, column] = PROVISIONAL
+        _find_new(ground.valid[row, part], counters, changes)
+        for column in columns[: find_set(changes, columns)]:
+            here = first + column
+            edge = np.float32(_range_around(earlier, row, here, seen))
+            deviation = FIRST_DEVIATION + EDGE_SHARE * edge
+            ground.background[row, here] = before[column]
+            ground.deviation[row, here] = np.uint8(np.rint(DEVIATION_STEPS * deviation))
+            ground.valid[row, here] = PROVISIONAL
     return quiet
 
 
@@ -138,13 +137,11 @@ def _mark_unseen(image: ByteLine, earlier: ByteLine, mark: np.uint8, changed: By
 
 
 @compiled
-def _has_new(valid: ByteLine, waiting: ByteLine) -> bool:
-    """Whether a line has unknown ground that did not change."""
-    united = np.uint8(0)
-    for index in range(valid.size):
+def _find_new(valid: ByteLine, waiting: ByteLine, new: ByteLine) -> None:
+    """Unknown ground of a line that did not change."""
+    for index in range(new.size):
         is_new = (valid[index] == np.uint8(UNKNOWN)) & (waiting[index] < np.uint8(MAX_WAIT))
-        united |= np.uint8(is_new)
-    return bool(united > 0)
+        new[index] = SET if is_new else np.uint8(0)
 
 
 @kernel(CANVAS_FRAME, GROUND, types.float64, types.float64, types.int64)

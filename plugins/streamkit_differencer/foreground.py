@@ -98,9 +98,11 @@ def full_size(mask: ByteImage | None, width: int, height: int) -> ByteImage:
     if mask is None:
         return np.zeros((height, width), np.uint8)
     scale = round(width / mask.shape[1])
-    # Interleaved with itself in a sixth of the time of cv2.resize.
-    wide = cv2.merge([mask] * scale).reshape(len(mask), -1)
-    larger = np.repeat(wide, scale, axis=0)
+    # A pixel repeated along its row is one larger number.
+    wide, repeats = np.dtype(f"u{scale}"), int.from_bytes(b"\1" * scale)
+    larger = np.empty((len(mask), scale, mask.shape[1]), wide)
+    np.multiply(mask[:, None], wide.type(repeats), out=larger)
+    larger = larger.reshape(len(mask) * scale, -1).view(np.uint8)
     # Downsampling cut off a remainder at the right and bottom.
     rest = max(0, height - larger.shape[0]), max(0, width - larger.shape[1])
     if any(rest):

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import ByteImage, ByteLine, Flags, FloatArray, LabelImage
+from streamkit_differencer.filters.components import label_blocks
 from streamkit_kernels import FLOAT64, INT32, UINT8_1D, UINT8_STRIDED, compiled, kernel
 
 IntegerArray = NDArray[np.int64]
@@ -66,7 +66,7 @@ def find_parallax(
         states = explained_blocks(*images, mask, blocks, radius, shift)
         is_whole, is_part = count_votes(blocks, states, count, *shape)
         if (is_part & ~is_whole).any():
-            is_part &= _pieces(blocks, ~is_part, shape)[blocks[:, 2]] <= 1
+            is_part &= _pieces(blocks, ~is_part, mask.shape[1])[blocks[:, 2]] <= 1
         found |= is_whole | is_part
     return found
 
@@ -106,14 +106,13 @@ def count_votes(
     return is_whole, is_part
 
 
-def _pieces(blocks: LabelImage, stays: Flags, shape: tuple[int, int]) -> IntegerArray:
+def _pieces(blocks: LabelImage, stays: Flags, width: int) -> IntegerArray:
     """The number of connected pieces into which each component falls, int64[components]."""
-    image, places = np.zeros(shape, np.uint8), (blocks[:, 0] // 2, blocks[:, 1] // 2)
-    image[places] = stays
-    count, labels = cv2.connectedComponents(image, connectivity=8)
-    owners = np.zeros(count, np.int64)
-    owners[labels[places]] = blocks[:, 2]
-    return np.bincount(owners[1:], minlength=blocks[:, 2].max() + 1)
+    kept = blocks[stays]
+    pieces = kept.copy()
+    owners = np.empty(label_blocks(pieces, width), np.int64)
+    owners[pieces[:, 2]] = kept[:, 2]
+    return np.bincount(owners, minlength=blocks[:, 2].max() + 1)
 
 
 @kernel(*[UINT8_STRIDED] * 6, INT32, types.int64, FLOAT64)
