@@ -8,7 +8,6 @@ import numpy as np
 from numba import types
 
 from streamkit_differencer.arrays import (
-    Bounds,
     ByteImage,
     ByteLine,
     FloatLine,
@@ -48,7 +47,7 @@ class Comparison(NamedTuple):
         thresholds: T_F of each pixel: a multiple of its deviation, within limits; `UNCOMPARED` where the
             frame shows nothing or the background is unknown.
         quiet: mask of the pixels that did not change within `quiet_frames`.
-        mask: foreground.
+        mask: foreground, values of a finished mask once it is learnt.
         follows_exposure: whether the background was adapted to a change of brightness.
     """
 
@@ -88,28 +87,32 @@ def find_quiet_ground(
     top, bottom, left, right = frame.bounds
     most, gain = np.uint8(min(threshold, 255.0)), np.float32(gradient_gain)
     quiet, changed = np.zeros((bottom - top, right - left), np.uint8), np.empty(right - left, np.uint8)
-    columns = np.empty(right - left, np.int64)
+    columns, ranges = np.empty(right - left, np.int64), np.empty(right - left, np.uint8)
+    extremes = np.empty((2, right - left + 2), np.uint8)
     for row in range(top, bottom):
         first, last = frame.spans[row - top]
-        part, seen = slice(first, last), (top, bottom, first, last)
+        part, around = slice(first, last), earlier[max(row - 1, top) : min(row + 2, bottom), first:last]
         counters, values, before = ground.waiting[row, part], frame.image[row, part], earlier[row, part]
         changes = changed[: last - first]
         find_changes(values, before, most, changes)
         if gain > 0.0:
             _mark_unseen(values, before, np.uint8(0), changes)
-            for column in columns[: find_set(changes, columns)]:
+            count = find_set(changes, columns)
+            if count > 0:
+                _find_ranges(around[0], before, around[-1], extremes, ranges)
+            for column in columns[:count]:
                 difference = np.float32(abs(np.int64(values[column]) - np.int64(before[column])))
-                edge = np.float32(_range_around(earlier, row, first + column, seen))
-                if np.rint(difference - gain * edge) <= np.float32(threshold):
+                if np.rint(difference - gain * np.float32(ranges[column])) <= np.float32(threshold):
                     changes[column] = 0
         _mark_unseen(values, before, SET, changes)
         count_down(counters, changes)
         find_quiet(counters, quiet_frames, quiet[row - top, first - left : last - left])
         _find_new(ground.valid[row, part], counters, changes)
-        for column in columns[: find_set(changes, columns)]:
-            here = first + column
-            edge = np.float32(_range_around(earlier, row, here, seen))
-            deviation = FIRST_DEVIATION + EDGE_SHARE * edge
+        count = find_set(changes, columns)
+        if count > 0:
+            _find_ranges(around[0], before, around[-1], extremes, ranges)
+        for column in columns[:count]:
+            here, deviation = first + column, FIRST_DEVIATION + EDGE_SHARE * np.float32(ranges[column])
             ground.background[row, here] = before[column]
             ground.deviation[row, here] = np.uint8(np.rint(DEVIATION_STEPS * deviation))
             ground.valid[row, here] = PROVISIONAL
@@ -117,16 +120,30 @@ def find_quiet_ground(
 
 
 @compiled
-def _range_around(image: ByteImage, row: int, column: int, bounds: Bounds) -> int:
-    """The range of what is seen among a pixel and its neighbours within the bounds."""
-    top, bottom, left, right = bounds
-    lowest, highest = 255, 0
-    for y in range(max(row - 1, top), min(row + 2, bottom)):
-        for x in range(max(column - 1, left), min(column + 2, right)):
-            value = int(np.int64(image[y, x]))
-            if value != UNSEEN:
-                lowest, highest = min(lowest, value), max(highest, value)
-    return max(highest - lowest, 0)
+def _find_ranges(
+    above: ByteLine, line: ByteLine, below: ByteLine, extremes: ByteImage, ranges: ByteLine
+) -> None:
+    """The range of what is seen among each pixel of a line and its neighbours in the three lines.
+
+    Args:
+        above: uint8[w], as the next two; the first and the last line repeat the line itself.
+        line: the line.
+        below: the same.
+        extremes: uint8[2, w + 2 or more], is overwritten.
+        ranges: uint8[w or more], becomes the ranges.
+    """
+    lowest, highest, unit = extremes[0], extremes[1], np.uint8(1)
+    for index in range(line.size):
+        # What is unseen, 0, wraps to the largest number.
+        low = min(np.uint8(above[index] - unit), np.uint8(line[index] - unit))
+        lowest[index + 1] = min(low, np.uint8(below[index] - unit))
+        highest[index + 1] = max(above[index], line[index], below[index])
+    lowest[0] = lowest[line.size + 1] = 255
+    highest[0] = highest[line.size + 1] = UNSEEN
+    for index in range(line.size):
+        low = min(lowest[index], lowest[index + 1], lowest[index + 2])
+        high = max(highest[index], highest[index + 1], highest[index + 2])
+        ranges[index] = np.uint8(high - np.uint8(low + unit))
 
 
 @compiled

@@ -19,7 +19,7 @@ from streamkit_differencer.cuts import Cut, CutDetector
 from streamkit_differencer.filters.components import components_of
 from streamkit_differencer.filters.shadow import shadow_mask
 from streamkit_differencer.filters.view_motion import ViewMotionEstimator
-from streamkit_differencer.foreground import MOVING, SHADOW, STOPPED, cleaned
+from streamkit_differencer.foreground import SHADOW, cleaned
 from streamkit_differencer.ground import UNSEEN, CanvasFrame
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.objects import Objects, find_objects, mark_moving, most_confident
@@ -239,9 +239,9 @@ class Differencer:
 
     def _mask(self, frame: PlacedFrame, found: Comparison) -> ByteImage:
         """The foreground in the frame's own grid, cleaned, with shadows, within the region of interest."""
-        mask = cast("ByteImage", cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)))
+        mask = found.mask
         if self.settings.background.shadow:
-            mask[shadow_mask(frame.on_canvas.covered, found.background, found.mask) > 0] = SHADOW
+            mask[shadow_mask(frame.on_canvas.covered, found.background, mask) > 0] = SHADOW
         if frame.on_canvas.is_resampled:
             mask = fetch(mask, frame.to_region, *frame.working.shape)
         settings = self.settings.objects

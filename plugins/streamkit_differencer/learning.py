@@ -22,6 +22,7 @@ from numba import types
 from streamkit_differencer.arrays import ByteLine, CountLine, FloatLine, Indices, find_set
 from streamkit_differencer.comparison import COMPARISON, Comparison
 from streamkit_differencer.equations import SET, find_changes, update_background
+from streamkit_differencer.foreground import STOPPED
 from streamkit_differencer.ground import (
     CANVAS_FRAME,
     GROUND,
@@ -81,7 +82,8 @@ def learn(frame: CanvasFrame, found: Comparison, ground: Ground, rates: Rates, l
 
     Args:
         frame: f(t).
-        found: the frame compared with the ground; values that differ by no more than T_F are the same.
+        found: the frame compared with the ground; values that differ by no more than T_F are the same. What
+            is quiet of its foreground becomes `STOPPED`.
         ground: updated in place, all but its counter D; quiet pixels become known.
         rates: weights of the frame.
         limits: when a value is background.
@@ -197,6 +199,8 @@ def _choose(
                 background[here], other[here] = value, ground
                 known, count = age, min(known, most)
             is_refused = is_foreground and not wins
+        if is_foreground and is_quiet:
+            mask[here] = STOPPED
         if is_quiet and valid[here] != KNOWN and not is_refused:
             background[here], valid[here] = value, KNOWN
             known = max(known, quiet_frames)

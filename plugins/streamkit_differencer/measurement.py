@@ -6,12 +6,35 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage
+from streamkit_differencer.arrays import ByteImage, FloatArray, LabelImage, find_set, has_set
 from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING
 from streamkit_kernels import INT32, UINT8, compiled, kernel
 
 # Columns of the table of objects.
 PIXELS, SUM_X, SUM_Y, LEFT, TOP, RIGHT, BOTTOM, CHANGED, COLUMNS = range(9)
+
+
+@kernel(UINT8)
+def votes(mask: ByteImage) -> ByteImage:
+    """The number of set pixels in each two by two, uint8[h / 2, w / 2]; beyond the border none is set."""
+    counts = np.zeros(((mask.shape[0] + 1) // 2, (mask.shape[1] + 1) // 2), np.uint8)
+    columns = np.empty(mask.shape[1], np.int64)
+    for row in range(len(mask)):
+        for column in columns[: find_set(mask[row], columns)]:
+            counts[row // 2, column // 2] += np.uint8(1)
+    return counts
+
+
+@kernel(UINT8, INT32)
+def with_neighbours(cells: ByteImage, labels: LabelImage) -> LabelImage:
+    """The labels, where a cell has none with the largest one around it."""
+    result, columns = labels.copy(), np.empty(labels.shape[1], np.int64)
+    for row in range(len(labels)):
+        for column in columns[: find_set(cells[row], columns)]:
+            if labels[row, column] == 0:
+                near = labels[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+                result[row, column] = near.max()
+    return result
 
 
 @kernel(UINT8, UINT8, INT32, *[types.int64] * 5)
@@ -43,11 +66,13 @@ def measure_objects(
         objects that are too small.
     """
     sizes, result = np.zeros(count + 1, np.int64), np.zeros((count, COLUMNS), np.float64)
+    columns = np.empty(labels.shape[1], np.int64)
     for row in range(labels.shape[0]):
-        for column in range(labels.shape[1]):
-            if cells[row, column] > 0:
-                sizes[labels[row, column]] += 1
+        for column in columns[: find_set(cells[row], columns)]:
+            sizes[labels[row, column]] += 1
     for cell_row in range(labels.shape[0]):
+        if not _has_foreground(foreground, (first_row + cell_row) * step, step):
+            continue
         for cell_column in range(labels.shape[1]):
             label = labels[cell_row, cell_column]
             if label == 0:
@@ -62,6 +87,15 @@ def measure_objects(
                     else:
                         foreground[row, column] = 0
     return result
+
+
+@compiled
+def _has_foreground(foreground: ByteImage, first_row: int, count: int) -> bool:
+    """Whether some rows have a pixel that is not 0."""
+    for row in range(first_row, min(first_row + count, foreground.shape[0])):
+        if has_set(foreground[row]):
+            return True
+    return False
 
 
 @compiled

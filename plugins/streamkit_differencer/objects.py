@@ -26,6 +26,8 @@ from streamkit_differencer.measurement import (
     SUM_X,
     SUM_Y,
     measure_objects,
+    votes,
+    with_neighbours,
 )
 from streamkit_differencer.settings import ObjectSettings
 
@@ -123,13 +125,7 @@ def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]
         Both with the gaps filled.
     """
     whole = cast("ByteImage", cv2.morphologyEx(cells, cv2.MORPH_CLOSE, _SQUARE))
-    added = np.flatnonzero((whole != cells) & (labels == 0))
-    if not added.size:
-        return whole, labels
-    near = cv2.dilate(labels.astype(np.float32), _SQUARE)
-    filled = labels.copy()
-    filled.ravel()[added] = near.ravel()[added]
-    return whole, filled
+    return whole, with_neighbours(whole, labels)
 
 
 def most_confident(objects: Objects, count: int) -> Objects:
@@ -154,12 +150,7 @@ def cells_of(foreground: ByteImage, scale: int) -> ByteImage:
     """
     cells = above(foreground, MAX_BACKGROUND)
     while scale < CELL_SIZE:
-        height, width = cells.shape
-        even = cv2.copyMakeBorder(cells, 0, height % 2, 0, width % 2, cv2.BORDER_CONSTANT, value=0)
-        means = cv2.resize(even, (even.shape[1] // 2, even.shape[0] // 2), interpolation=cv2.INTER_AREA)
-        # The mean of two set pixels of four is 128.
-        cells = above(cast("ByteImage", means), 127)
-        scale *= 2
+        cells, scale = above(votes(cells), 1), 2 * scale
     return cells
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from streamkit_differencer.arrays import (
     SPANS,
+    Bounds,
     ByteImage,
     ByteLine,
     CountLine,
@@ -26,6 +27,8 @@ from streamkit_kernels import FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 # Places are rounded to this part of a pixel; 32 bits hold a value times its square.
 STEP_BITS = 11
 STEPS = 2**STEP_BITS
+# Masks are fetched by squares of so many pixels.
+TILE = 32
 WholeLine = NDArray[np.int32]
 
 
@@ -86,23 +89,45 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
         width: of the result.
     """
     result, values = np.zeros((height, width), np.uint8), mask.reshape(-1)
-    columns = np.arange(width).astype(np.float32)
-    places = np.empty(width, np.int32)
+    columns, places = np.arange(width).astype(np.float32), np.empty(TILE, np.int32)
     across, down = np.empty_like(places), np.empty_like(places)
-    # Foreground in the lines above each: most are empty.
-    filled = np.zeros(len(mask) + 1, np.int64)
-    for line in range(len(mask)):
-        filled[line + 1] = filled[line] + int(has_set(mask[line]))
-    for row in range(height):
-        first, last = mapped_point(to_mask, 0.0, row)[1], mapped_point(to_mask, width - 1.0, row)[1]
-        upper = min(max(int(min(first, last) - 1.0), 0), len(mask) - 1)
-        lower = min(max(int(max(first, last) + 1.0), 0), len(mask) - 1)
-        if filled[lower + 1] == filled[upper]:
-            continue
-        _find_places(to_mask, np.float64(row), columns, mask.shape, 1, across, down)
-        _number(across, down, mask.shape[1], 0, places)
-        _fetch(values, places, result[row])
+    filled = _filled_tiles(mask)
+    for top in range(0, height, TILE):
+        for left in range(0, width, TILE):
+            bottom, right = min(top + TILE, height), min(left + TILE, width)
+            if not _shows_filled(filled, to_mask, (top, bottom, left, right), mask.shape):
+                continue
+            x, y, numbers = across[: right - left], down[: right - left], places[: right - left]
+            for row in range(top, bottom):
+                _find_places(to_mask, np.float64(row), columns[left:right], mask.shape, 1, x, y)
+                _number(x, y, mask.shape[1], 0, numbers)
+                _fetch(values, numbers, result[row, left:right])
     return result
+
+
+@compiled
+def _filled_tiles(mask: ByteImage) -> ByteImage:
+    """The tiles of a mask in which a pixel is set: most are empty."""
+    filled = np.zeros((mask.shape[0] // TILE + 1, mask.shape[1] // TILE + 1), np.uint8)
+    for row in range(mask.shape[0]):
+        if has_set(mask[row]):
+            for tile in range(filled.shape[1]):
+                filled[row // TILE, tile] |= np.uint8(has_set(mask[row, tile * TILE : (tile + 1) * TILE]))
+    return filled
+
+
+@compiled
+def _shows_filled(filled: ByteImage, to_mask: FloatArray, bounds: Bounds, shape: tuple[int, int]) -> bool:
+    """Whether a part of an image shows one of these tiles of a mask of this height and width."""
+    top, bottom, left, right = bounds
+    low_x, low_y, high_x, high_y = np.inf, np.inf, 0.0, 0.0
+    for row in (top, bottom - 1):
+        for column in (left, right - 1):
+            x, y = mapped_into(to_mask, column, row, shape)
+            low_x, low_y, high_x, high_y = min(low_x, x), min(low_y, y), max(high_x, x), max(high_y, y)
+    # A pixel more: the nearest one may lie in the next tile.
+    rows = slice(max(int(low_y) - 1, 0) // TILE, (int(high_y) + 1) // TILE + 1)
+    return bool(filled[rows, max(int(low_x) - 1, 0) // TILE : (int(high_x) + 1) // TILE + 1].any())
 
 
 @compiled

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from streamkit.geometry.homography import translation
-from streamkit_differencer.foreground import MOVING, STOPPED
 from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL, CanvasFrame
 from streamkit_differencer.model import BackgroundModel
 from streamkit_differencer.noise import EDGE_SHARE, FIRST_DEVIATION, RESTLESS_RATE
@@ -41,7 +40,7 @@ def show(model, image, seen=SEEN, region=WHOLE):
     canvas[region] = np.minimum(image, seen)
     spans = np.full((rows.stop - rows.start, 2), (columns.start, columns.stop))
     found = model.update(CanvasFrame(canvas, bounds, spans, is_resampled=True))
-    return cv2.subtract(found.mask, found.quiet & np.uint8(MOVING - STOPPED)), found.follows_exposure
+    return found.mask, found.follows_exposure
 
 
 def learnt(settings=SETTINGS, image=None, frames=FIRST_VALID + 2):
