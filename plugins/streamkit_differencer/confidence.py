@@ -8,15 +8,16 @@ import numpy as np
 
 from streamkit.geometry.homography import project
 from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
+from streamkit_differencer.warping import mapped_into
+from streamkit_kernels import FLOAT64, UINT8_STRIDED, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
 LONG_ENOUGH_FRAMES = 4
 # Factor of an object of age 0.
 FIRST_SHARE = 0.5
-# Points of an object that are sampled, as shares of its sides, row by row.
-GRID = (np.arange(5) + 0.5) / 5
-POINTS = np.array([[x, y] for y in GRID for x in GRID])
+# Points along each side of an object's box that are sampled.
+GRID = 5
 
 
 @dataclass(slots=True)
@@ -45,6 +46,7 @@ def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
     return np.hstack([outlines.min(axis=1), outlines.max(axis=1)])
 
 
+@kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 3)
 def contrasts(
     boxes: FloatArray,
     to_image: FloatArray,
@@ -55,7 +57,7 @@ def contrasts(
     """Contrast of an image to the background in boxes, in multiples of the threshold.
 
     Args:
-        boxes: float64[n, 4], x0 y0 x1 y1; 25 points of each are sampled.
+        boxes: float64[n, 4], x0 y0 x1 y1; `GRID` by `GRID` points of each are sampled.
         to_image: float64[3, 3], from the boxes' pixels to those of the images.
         image: uint8[h, w].
         background: uint8[h, w].
@@ -64,15 +66,22 @@ def contrasts(
     Returns:
         float64[n], the mean over the points of an object that exceed their threshold; 0 if none does.
     """
-    low, sides = boxes[:, None, :2], (boxes[:, 2:] - boxes[:, :2])[:, None]
-    points = project(to_image, (low + sides * POINTS).reshape(-1, 2))
-    columns, rows = np.rint(np.clip(points, 0.0, np.subtract(image.shape[::-1], 1))).astype(int).T
-    difference = np.abs(image[rows, columns].astype(float) - background[rows, columns])
-    excess = (difference / np.maximum(thresholds[rows, columns], 1)).reshape(-1, len(POINTS))
-    counts = excess > 1.0
-    # Added one by one: the order of `sum` differs between machines.
-    totals = (excess * counts).cumsum(axis=1)[:, -1]
-    return np.asarray(totals / np.maximum(counts.sum(axis=1), 1))
+    found = np.zeros(len(boxes))
+    for number in range(len(boxes)):
+        left, top, right, bottom = boxes[number]
+        count = 0
+        for point in range(GRID * GRID):
+            x = left + (right - left) * ((point % GRID + 0.5) / GRID)
+            y = top + (bottom - top) * ((point // GRID + 0.5) / GRID)
+            x, y = mapped_into(to_image, x, y, image.shape)
+            row, column = int(np.rint(y)), int(np.rint(x))
+            difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
+            excess = difference / max(np.int64(thresholds[row, column]), 1)
+            if excess > 1.0:
+                found[number] += excess
+                count += 1
+        found[number] /= max(count, 1)
+    return found
 
 
 def confidence(contrast: FloatArray, ages: FloatArray, registration: float) -> FloatArray:

@@ -97,8 +97,7 @@ class BackgroundModel:
         top, _, left, _ = frame.bounds
         places = np.asarray(blocks[:, 1::-1] + (left, top), np.float64)
         shifts = view.shifts(places)
-        radius = max(self.settings.tolerance, 1)
-        shifted = find_parallax(frames, found.mask, blocks, count, radius, shifts)
+        shifted = find_parallax(frames, found.mask, blocks, count, shifts)
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, image, ground.background[region])
 

@@ -42,7 +42,6 @@ def find_parallax(
     mask: ByteImage,
     blocks: LabelImage,
     count: int,
-    radius: int,
     shifts: Sequence[FloatArray],
 ) -> Flags:
     """The blocks of foreground that one of the shifts explains: whole components, and parts of others.
@@ -55,7 +54,6 @@ def find_parallax(
         mask: uint8[h, w], foreground.
         blocks: int32[n, 3], its components, see `components_of`.
         count: number of components.
-        radius: registration error to tolerate, px.
         shifts: see `explained_blocks`, of each block.
 
     Returns:
@@ -63,7 +61,7 @@ def find_parallax(
     """
     found, shape = np.zeros(len(blocks), np.bool_), (mask.shape[0] // 2, mask.shape[1] // 2)
     for shift in shifts:
-        states = explained_blocks(*images, mask, blocks, radius, shift)
+        states = explained_blocks(*images, mask, blocks, shift)
         is_whole, is_part = count_votes(blocks, states, count, *shape)
         if (is_part & ~is_whole).any():
             is_part &= _pieces(blocks, ~is_part, mask.shape[1])[blocks[:, 2]] <= 1
@@ -115,7 +113,7 @@ def _pieces(blocks: LabelImage, stays: Flags, width: int) -> IntegerArray:
     return np.bincount(owners, minlength=blocks[:, 2].max() + 1)
 
 
-@kernel(*[UINT8_STRIDED] * 6, INT32, types.int64, FLOAT64)
+@kernel(*[UINT8_STRIDED] * 6, INT32, FLOAT64)
 def explained_blocks(
     image: ByteImage,
     background: ByteImage,
@@ -124,7 +122,6 @@ def explained_blocks(
     thresholds: ByteImage,
     mask: ByteImage,
     blocks: LabelImage,
-    radius: int,
     shifts: FloatArray,
 ) -> ByteImage:
     """Whether the shift explains blocks of foreground, both by the background and by the earlier frame.
@@ -139,7 +136,6 @@ def explained_blocks(
         thresholds: uint8[h, w], T_F of each pixel, grey levels.
         mask: uint8[h, w], foreground.
         blocks: int32[n, 3], see `components_of`.
-        radius: registration error to tolerate, px.
         shifts: float64[n, 2], px, of each block the vector to where it may have shifted from in the last tau
             frames.
 
@@ -163,10 +159,10 @@ def explained_blocks(
         if not length >= MIN_SHIFT_PX:  # or no number
             continue
         path = LAG * shift_x, LAG * shift_y
-        if _explains(background, valid, radius, row, column, path, low, high):
+        if _explains(background, valid, row, column, path, low, high):
             beyond = 1.0 + EARLY_PX / length
             path = beyond * shift_x, beyond * shift_y
-            if _explains(earlier, earlier, 1, row, column, path, low, high):
+            if _explains(earlier, earlier, row, column, path, low, high):
                 states[index] = IS_EXPLAINED
     return states
 
@@ -175,27 +171,27 @@ def explained_blocks(
 def _explains(
     image: ByteImage,
     known: ByteImage,
-    radius: int,
     row: int,
     column: int,
     path: tuple[float, float],
     low: np.int64,
     high: np.int64,
 ) -> bool:
-    """Whether the range of values along a known path, within the radius, overlaps `low` to `high`."""
-    bottom, right = image.shape
+    """Whether the range of values along a known path and next to it overlaps `low` to `high`."""
+    bottom, right = image.shape[0] - 1, image.shape[1] - 1
     steps = int(np.rint(max(abs(path[0]), abs(path[1]))))
     lowest, highest = np.int64(255), np.int64(0)
     for step in range(steps + 1):
         part = step / max(steps, 1)
-        y = min(max(row + int(np.rint(part * path[1])), 0), bottom - 1)
-        x = min(max(column + int(np.rint(part * path[0])), 0), right - 1)
+        y = min(max(row + int(np.rint(part * path[1])), 0), bottom)
+        x = min(max(column + int(np.rint(part * path[0])), 0), right)
         if known[y, x] == 0:
             continue
-        for y_near in range(max(y - radius, 0), min(y + radius + 1, bottom)):
-            for x_near in range(max(x - radius, 0), min(x + radius + 1, right)):
-                value = np.int64(image[y_near, x_near])
-                lowest, highest = min(lowest, value), max(highest, value)
+        # A loop over the columns, too, takes twice as long.
+        for line in (max(y - 1, 0), y, min(y + 1, bottom)):
+            before, value = np.int64(image[line, max(x - 1, 0)]), np.int64(image[line, x])
+            after = np.int64(image[line, min(x + 1, right)])
+            lowest, highest = min(lowest, before, value, after), max(highest, before, value, after)
         if lowest <= high and highest >= low:
             return True
     return False

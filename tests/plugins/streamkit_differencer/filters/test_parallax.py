@@ -35,7 +35,7 @@ def slides_in(now, before, learnt, known=EVERYWHERE):
     blocks, count = components_of(mask)
     images = (now, learnt, known, before, thresholds)
     shifts = np.full((len(blocks), 2), (2.0, 0.0))
-    return mask, blocks, find_parallax(images, mask, blocks, count, 1, [shifts])
+    return mask, blocks, find_parallax(images, mask, blocks, count, [shifts])
 
 
 def judged(now, before, learnt, known=EVERYWHERE):
