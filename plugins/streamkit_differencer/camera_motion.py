@@ -36,7 +36,7 @@ QUICK_STILL_PX, ENOUGH_SHARE = 0.2, 0.5
 # A step of a camera that rested may be that of traffic, a small one is of noise: it must explain this many
 # times what rest explains.
 LARGE_STEP_PX, MIN_GAIN, LARGE_STEP_GAIN = 1.8, 1.05, 1.25
-# Smallest share that a place must explain: edges of another scene that happen to lie alike explain a seventh.
+# Smallest share that a position must explain: edges of another scene that lie alike explain a seventh.
 MIN_EXPLAINED = 0.18
 # A zoom is taken only where it explains this many times as much as turn and shift, and so is a homography:
 # foam and birds that spread over the view zoom like a camera.
@@ -100,9 +100,9 @@ class CameraMotion:
         return self._miss(levels)
 
     def _follow(self, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
-        """Accepts the place of a frame."""
+        """Accepts the position of a frame."""
         self._missed = self._panned = 0
-        # Frames of a camera that shakes are never at the same place.
+        # Frames of a camera that shakes are never at the same position.
         self._rests = placed is self._placed or placed is self._keyframe_to_plane
         if not self._rests:
             for level, patches in enumerate(self._keyframe):
@@ -149,15 +149,15 @@ class CameraMotion:
         self._keyframe, self._keyframe_to_plane = [Patches.of(level) for level in levels], placed
 
     def _fit(self, levels: list[ByteImage]) -> FloatArray | None:
-        """The frame's place; None if it explains too little of the keyframe."""
+        """The frame's position; None if it explains too little of the keyframe."""
         image, patches = levels[0], self._keyframe[0]
         known = [
-            (place, *patches.explained(image, self._to_level(0, place)))
-            for place in (self._keyframe_to_plane, self._placed)
+            (position, *patches.explained(image, self._to_level(0, position)))
+            for position in (self._keyframe_to_plane, self._placed)
         ]
         at_rest, share, weight = max(known, key=lambda fit: fit[2])
         settled = STILL_PX if self._rests else SETTLED_PX
-        first = self._place_of(patches.aligned(image, self._to_level(0, at_rest), SIMILARITY, 1))
+        first = self._position_of(patches.aligned(image, self._to_level(0, at_rest), SIMILARITY, 1))
         is_near = corner_distance(first, at_rest, image.shape) <= min(settled, QUICK_STILL_PX)
         if is_near and share >= ENOUGH_SHARE:
             return at_rest
@@ -171,38 +171,38 @@ class CameraMotion:
         return at_rest if share >= MIN_EXPLAINED else None
 
     def _aligned(self, levels: list[ByteImage]) -> tuple[FloatArray, float, float]:
-        """The best place near those of the keyframe and of the last frame, and what it explains.
+        """The best position near those of the keyframe and of the last frame, and what it explains.
 
-        Coarse levels reach farther, finer ones tell more: the best of the coarsest level and the places that
-        were known compete in the next one.
+        Coarse levels reach farther, finer ones tell more: the best of the coarsest level and the positions
+        that were known compete in the next one.
         """
         coarsest = len(levels) - 1
         starts = [self._keyframe_to_plane, self._placed]
-        places = starts
+        positions = starts
         for level in range(coarsest, -1, -1):
             patches, image = self._keyframe[level], levels[level]
             fits = [
-                patches.aligned(image, self._to_level(level, place), TURN_AND_SHIFT, STEPS)
-                for place in places
+                patches.aligned(image, self._to_level(level, position), TURN_AND_SHIFT, STEPS)
+                for position in positions
             ]
             best = max(fits, key=lambda fit: patches.explained(image, fit)[1])
-            placed = self._place_of(best, level)
-            places = [placed, *starts] if level == coarsest else [placed]
+            placed = self._position_of(best, level)
+            positions = [placed, *starts] if level == coarsest else [placed]
         explained = patches.explained(image, best)
         for basis in (SIMILARITY, HOMOGRAPHY):
             free = patches.aligned(image, best, basis, STEPS)
             more = patches.explained(image, free)
             if more[1] > FREEDOM_GAIN * explained[1]:
                 best, explained = free, more
-        return self._place_of(best), *explained
+        return self._position_of(best), *explained
 
     def _to_level(self, level: int, placed: FloatArray) -> FloatArray:
-        """The keyframe's pixels to those of a frame at a place, on a level of the pyramids."""
+        """The keyframe's pixels to those of a frame at a position, on a level of the pyramids."""
         grid = working_to_frame(2**level)
         return np.linalg.inv(grid) @ np.linalg.inv(placed) @ self._keyframe_to_plane @ grid
 
-    def _place_of(self, to_image: FloatArray, level: int = 0) -> FloatArray:
-        """The place of a frame to which the keyframe's pixels are mapped, on a level of the pyramids."""
+    def _position_of(self, to_image: FloatArray, level: int = 0) -> FloatArray:
+        """The position of a frame to which the keyframe's pixels are mapped, on a level of the pyramids."""
         grid = working_to_frame(2**level)
         placed = self._keyframe_to_plane @ grid @ np.linalg.inv(to_image) @ np.linalg.inv(grid)
         return np.asarray(placed / placed[2, 2], np.float64)

@@ -95,8 +95,8 @@ class BackgroundModel:
         earlier = self._history[0][region]
         frames = image, found.background, ground.valid[region], earlier, found.thresholds
         top, _, left, _ = frame.bounds
-        places = np.asarray(blocks[:, 1::-1] + (left, top), np.float64)
-        shifts = view.shifts(places)
+        points = np.asarray(blocks[:, 1::-1] + (left, top), np.float64)
+        shifts = view.shifts(points)
         shifted = find_parallax(frames, found.mask, blocks, count, shifts)
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, image, ground.background[region])

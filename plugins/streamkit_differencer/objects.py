@@ -94,8 +94,8 @@ def find_objects(
     inside = cells[first_row : top + height + margin, first_column : left + width + margin]
     labels, count = clustered(inside, settings.merge_criterion, gap)
     inside, labels = closed(inside, labels)
-    place = first_row, first_column, CELL_SIZE // scale
-    table = measure_objects(foreground, inside, labels, count, *place, settings.min_area)
+    grid = first_row, first_column, CELL_SIZE // scale
+    table = measure_objects(foreground, inside, labels, count, *grid, settings.min_area)
     table = table[table[:, PIXELS] > 0.0]
     table = table[(table[:, CHANGED] / table[:, PIXELS] >= settings.min_change) | settings.stopped]
     largest_first = np.argsort(-table[:, PIXELS], kind="stable")

@@ -107,9 +107,9 @@ def measured_at_full_resolution(
         width, height = right - left, bottom - top
         if not chosen[number] or min(width, height) <= 0 or max(width, height) > MAX_PX:
             continue
-        place = left, top, width, height
-        mean = _find_contrasts(image, background, to_background, mask, scale, place, columns, contrasts)
-        _outline(contrasts, place, EDGE_SHARE * mean, found[number])
+        box = left, top, width, height
+        mean = _find_contrasts(image, background, to_background, mask, scale, box, columns, contrasts)
+        _outline(contrasts, box, EDGE_SHARE * mean, found[number])
     return found
 
 
@@ -138,8 +138,8 @@ def clear_foreground(
     top, bottom, left, right = bounds
     width, height = right - left, bottom - top
     contrasts, columns = np.empty(width * height, np.int16), np.empty(width, np.uint32)
-    place = left, top, width, height
-    mean = _find_contrasts(image, background, to_background, mask, scale, place, columns, contrasts)
+    box = left, top, width, height
+    mean = _find_contrasts(image, background, to_background, mask, scale, box, columns, contrasts)
     result = np.zeros((height, width), np.uint8)
     for row in range(height):
         line = mask[min((top + row) // scale, mask.shape[0] - 1)]
@@ -156,15 +156,15 @@ def _find_contrasts(
     to_background: FloatArray,
     mask: ByteImage,
     scale: int,
-    place: tuple[int, int, int, int],
+    box: tuple[int, int, int, int],
     columns: NDArray[np.uint32],
     contrasts: NDArray[np.int16],
 ) -> float:
     """The contrast of each pixel of a box, -1 outside the foreground; returns the mean of the others.
 
-    `place` is the box's first column and row, its width and height; `columns` becomes those in the mask.
+    `box` is the box's first column and row, its width and height; `columns` becomes those in the mask.
     """
-    left, top, width, height = place
+    left, top, width, height = box
     inside, total = 0, 0
     for column in range(width):
         # A division for each pixel takes as long as all else.
@@ -199,12 +199,12 @@ def background_at(background: ByteImage, to_background: FloatArray, row: int, co
 @compiled
 def _outline(
     contrasts: NDArray[np.int16],
-    place: tuple[int, int, int, int],
+    box: tuple[int, int, int, int],
     edge: float,
     found: NDArray[np.float64],
 ) -> None:
     """Box, centroid and area of the pixels that exceed an edge."""
-    first_x, first_y, width, height = place
+    first_x, first_y, width, height = box
     area, sum_x, sum_y = 0, 0, 0
     left, top, right, bottom = first_x + width, first_y + height, first_x, first_y
     for row in range(first_y, first_y + height):

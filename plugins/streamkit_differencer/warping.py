@@ -24,7 +24,7 @@ from streamkit_differencer.arrays import (
 from streamkit_differencer.ground import BLACK
 from streamkit_kernels import FLOAT64, UINT8, UINT8_STRIDED, compiled, kernel
 
-# Places are rounded to this part of a pixel; 32 bits hold a value times its square.
+# Positions are rounded to this part of a pixel; 32 bits hold a value times its square.
 STEP_BITS = 11
 STEPS = 2**STEP_BITS
 # Masks are fetched by squares of so many pixels.
@@ -48,16 +48,16 @@ def draw(image: ByteImage, to_image: FloatArray, spans: Spans, canvas: ByteImage
     for row in range(height + 1):
         _pair(image[min(row, height - 1)], pairs[row])
     values, columns = pairs.reshape(-1), np.arange(canvas.shape[1]).astype(np.float32)
-    places = np.empty(columns.size, np.int32)
-    across, down = np.empty_like(places), np.empty_like(places)
+    indices = np.empty(columns.size, np.int32)
+    across, down = np.empty_like(indices), np.empty_like(indices)
     upper, lower = np.empty(columns.size, np.uint16), np.empty(columns.size, np.uint16)
     for row in range(canvas.shape[0]):
         left, right = spans[row]
         part, found = slice(left, right), slice(0, right - left)
         x, y = across[found], down[found]
-        _find_places(to_image, np.float64(row), columns[part], (height, width), STEPS, x, y)
-        _number(x, y, width, STEP_BITS, places[found])
-        _fetch_pairs(values, places[found], width, upper[found], lower[found])
+        _find_positions(to_image, np.float64(row), columns[part], (height, width), STEPS, x, y)
+        _number(x, y, width, STEP_BITS, indices[found])
+        _fetch_pairs(values, indices[found], width, upper[found], lower[found])
         _mix(upper[found], lower[found], x, y, canvas[row, part])
 
 
@@ -89,19 +89,19 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
         width: of the result.
     """
     result, values = np.zeros((height, width), np.uint8), mask.reshape(-1)
-    columns, places = np.arange(width).astype(np.float32), np.empty(TILE, np.int32)
-    across, down = np.empty_like(places), np.empty_like(places)
+    columns, indices = np.arange(width).astype(np.float32), np.empty(TILE, np.int32)
+    across, down = np.empty_like(indices), np.empty_like(indices)
     filled = _filled_tiles(mask)
     for top in range(0, height, TILE):
         for left in range(0, width, TILE):
             bottom, right = min(top + TILE, height), min(left + TILE, width)
             if not _shows_filled(filled, to_mask, (top, bottom, left, right), mask.shape):
                 continue
-            x, y, numbers = across[: right - left], down[: right - left], places[: right - left]
+            x, y, pixels = across[: right - left], down[: right - left], indices[: right - left]
             for row in range(top, bottom):
-                _find_places(to_mask, np.float64(row), columns[left:right], mask.shape, 1, x, y)
-                _number(x, y, mask.shape[1], 0, numbers)
-                _fetch(values, numbers, result[row, left:right])
+                _find_positions(to_mask, np.float64(row), columns[left:right], mask.shape, 1, x, y)
+                _number(x, y, mask.shape[1], 0, pixels)
+                _fetch(values, pixels, result[row, left:right])
     return result
 
 
@@ -150,7 +150,7 @@ def mapped_into(matrix: FloatArray, x: float, y: float, shape: tuple[int, int]) 
 
 
 @compiled
-def _find_places(
+def _find_positions(
     matrix: FloatArray,
     row: float,
     columns: FloatLine,
@@ -186,28 +186,28 @@ def _pair(line: ByteLine, pairs: CountLine) -> None:
 
 
 @compiled
-def _number(across: WholeLine, down: WholeLine, width: int, bits: int, places: WholeLine) -> None:
-    """The pixels to the upper left of places, numbered line by line."""
+def _number(across: WholeLine, down: WholeLine, width: int, bits: int, indices: WholeLine) -> None:
+    """The pixels to the upper left of positions, numbered line by line."""
     line, shift = np.int32(width), np.int32(bits)
-    for index in range(places.size):
+    for index in range(indices.size):
         row, column = np.int32(down[index] >> shift), np.int32(across[index] >> shift)
-        places[index] = np.int32(np.int32(row * line) + column)
+        indices[index] = np.int32(np.int32(row * line) + column)
 
 
 @compiled
-def _fetch(values: ByteLine, places: WholeLine, line: ByteLine) -> None:
-    for index in range(places.size):
-        line[index] = values[np.uintp(places[index])]
+def _fetch(values: ByteLine, indices: WholeLine, line: ByteLine) -> None:
+    for index in range(indices.size):
+        line[index] = values[np.uintp(indices[index])]
 
 
 @compiled
 def _fetch_pairs(
-    values: CountLine, places: WholeLine, width: int, upper: CountLine, lower: CountLine
+    values: CountLine, indices: WholeLine, width: int, upper: CountLine, lower: CountLine
 ) -> None:
     below = np.uintp(width)
-    for index in range(places.size):
-        place = np.uintp(places[index])
-        upper[index], lower[index] = values[place], values[np.uintp(place + below)]
+    for index in range(indices.size):
+        pixel = np.uintp(indices[index])
+        upper[index], lower[index] = values[pixel], values[np.uintp(pixel + below)]
 
 
 @compiled

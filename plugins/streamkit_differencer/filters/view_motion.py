@@ -70,14 +70,14 @@ class ViewMotion:
     working_to_canvas: FloatArray
     height: float
 
-    def shifts(self, places: FloatArray) -> list[FloatArray]:
-        """Vectors from places of the canvas to where what shows there may have been tau frames before.
+    def shifts(self, points: FloatArray) -> list[FloatArray]:
+        """Vectors from points of the canvas to where what shows there may have been tau frames before.
 
         By parallax, and along the motion of the view: it blurs along it, and is misplaced along it more than
         across.
 
         Args:
-            places: float64[n, 2], px of the canvas.
+            points: float64[n, 2], px of the canvas.
 
         Returns:
             float64[n, 2] each, px of the canvas.
@@ -86,38 +86,38 @@ class ViewMotion:
         if self.translation is not None:
             to_canvas, camera = self.working_to_canvas, self.translation
             view = to_canvas, inverse(to_canvas), camera.epipole, camera.nearness
-            found.append(parallax(places, *view, self.height))
+            found.append(parallax(points, *view, self.height))
         if self.is_flight:
-            found.append(np.full_like(places, self.height * self.step))
+            found.append(np.full_like(points, self.height * self.step))
         return found
 
 
 @kernel(FLOAT64, FLOAT64, FLOAT64, FLOAT64_1D, FLOAT64_1D, types.float64)
 def parallax(
-    places: FloatArray,
+    points: FloatArray,
     to_canvas: FloatArray,
     to_frame: FloatArray,
     epipole: FloatArray,
     nearness: FloatArray,
     height: float,
 ) -> FloatArray:
-    """Vectors from places of the canvas to where tops of tall objects that show there were, float64[n, 2] px.
+    """Vectors from points of the canvas to where tops of tall objects that show there were, float64[n, 2] px.
 
     Args:
-        places: float64[n, 2], px of the canvas.
+        points: float64[n, 2], px of the canvas.
         to_canvas: float64[3, 3], the later frame's pixels to the canvas.
         to_frame: float64[3, 3], its inverse.
         epipole: float64[3], see `CameraTranslation`, as `nearness`.
         nearness: float64[3].
         height: h / (H - h) of objects of height h under a camera at height H.
     """
-    shifts = np.empty_like(places)
-    for index in range(len(places)):
-        x, y = mapped_point(to_frame, places[index, 0], places[index, 1])
+    shifts = np.empty_like(points)
+    for index in range(len(points)):
+        x, y = mapped_point(to_frame, points[index, 0], points[index, 1])
         near = height * max(nearness[0] * x + nearness[1] * y + nearness[2], 0.0)
         x, y = x + near * (epipole[2] * x - epipole[0]), y + near * (epipole[2] * y - epipole[1])
         x, y = mapped_point(to_canvas, x, y)
-        x, y = x - places[index, 0], y - places[index, 1]
+        x, y = x - points[index, 0], y - points[index, 1]
         share = MAX_SHIFT_PX / max(np.hypot(x, y), MAX_SHIFT_PX)
         shifts[index, 0], shifts[index, 1] = x * share, y * share
     return shifts

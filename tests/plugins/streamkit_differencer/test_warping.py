@@ -45,7 +45,7 @@ def test_nothing_is_read_beyond_the_border_of_a_frame():
 
 
 def test_a_mask_is_fetched_by_nearest_neighbours():
-    """As OpenCV does it, but for places halfway between two pixels."""
+    """As OpenCV does it, but for positions halfway between two pixels."""
     mask = np.where(np.random.default_rng(1).random((80, 110)) < 0.3, 255, 0).astype(np.uint8)
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     wanted = cv2.warpPerspective(mask, TURN, SHAPE[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE)

@@ -112,8 +112,8 @@ def test_the_canvas_may_move_under_the_frames():
     moved.move(change)
     second = moved.update(change @ flight.to_first(3), SHAPE, 3, 0.5)
     np.testing.assert_allclose(second.step, first.step, atol=1e-9)
-    places = np.array([[100.0, 200.0]])
-    for one, other in zip(first.shifts(places), second.shifts(project(change, places)), strict=True):
+    points = np.array([[100.0, 200.0]])
+    for one, other in zip(first.shifts(points), second.shifts(project(change, points)), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6)
     moved.restart()
     assert not moved.update(flight.to_first(4), SHAPE, 3, 0.5).is_flight
