@@ -76,7 +76,7 @@ def contrasts(
             x, y = mapped_into(to_image, x, y, image.shape)
             row, column = int(np.rint(y)), int(np.rint(x))
             difference = abs(np.int64(image[row, column]) - np.int64(background[row, column]))
-            excess = difference / max(np.int64(thresholds[row, column]), 1)
+            excess = difference / max(int(np.int64(thresholds[row, column])), 1)
             if excess > 1.0:
                 found[number] += excess
                 count += 1
