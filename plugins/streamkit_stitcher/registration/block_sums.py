@@ -10,7 +10,9 @@ from streamkit_kernels import FLOAT32, FLOAT64, FLOAT64_1D, compiled, kernel
 
 SingleArray = npt.NDArray[np.float32]
 BLOCK: Final = 8
-_AREA: Final = BLOCK * BLOCK
+# Every second pixel of a block is compared, as on the black squares of a chessboard: neighbours are alike.
+PIXELS: Final = np.flatnonzero(np.indices((BLOCK, BLOCK)).sum(axis=0) % 2 == 0)
+_AREA: Final = len(PIXELS)
 # Difference of a block, as a part of both powers, at which it has a quarter of its weight, and at which it
 # counts as a quarter of agreement; 1 is unrelated.
 _UNLIKE: Final = 0.15
@@ -34,9 +36,9 @@ def compare_blocks(
         image: float32[h, w], texture of the frame; at least a block in size, unless n is 0.
         motion: float64[3, 3], px of the keyframe to those of the frame.
         origins: float64[n, 2], x and y of the first pixel of each block.
-        texture: float32[n, 64], of the keyframe, one row for each block.
-        across: float32[n, 64], its gradient in x.
-        down: float32[n, 64], its gradient in y.
+        texture: float32[n, 32], of the keyframe at `PIXELS`, one row for each block.
+        across: float32[n, 32], its gradient in x.
+        down: float32[n, 32], its gradient in y.
         power: float64[n], mean square of `texture`.
 
     Returns:
@@ -100,12 +102,13 @@ def _locate(
     zx, zy, zo = matrix[2, 0], matrix[2, 1], matrix[2, 2]
     last_column, last_row, columns = np.int32(width - 2), np.int32(height - 2), np.int32(width)
     for pixel in range(_AREA):
-        x, y = left + np.float32(pixel % BLOCK), top + np.float32(pixel // BLOCK)
+        row = pixel * 2 // BLOCK
+        x, y = left + np.float32(pixel * 2 % BLOCK + row % 2), top + np.float32(row)
         nearness = np.float32(1.0) / (zx * x + zy * y + zo)
         across, down = (xx * x + xy * y + xo) * nearness, (yx * x + yy * y + yo) * nearness
-        column, row = min(np.int32(across), last_column), min(np.int32(down), last_row)
-        first[pixel] = row * columns + column
-        right[pixel], low[pixel] = across - np.float32(column), down - np.float32(row)
+        column, line = min(np.int32(across), last_column), min(np.int32(down), last_row)
+        first[pixel] = line * columns + column
+        right[pixel], low[pixel] = across - np.float32(column), down - np.float32(line)
 
 
 @compiled

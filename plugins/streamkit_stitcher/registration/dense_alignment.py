@@ -1,6 +1,6 @@
 """Dense alignment: all of a keyframe votes by area, so that large movers do not outvote weak texture."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -207,19 +207,18 @@ def _best(
         for prediction in predictions
     ]
     prior = motion_prior(finest, predictions[int(np.argmax(scores))], covariance, tilt)
-    *_, best = _refined(levels, textures, prior)
+    best = _refined(levels, textures, prior)
     shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
     is_other = corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE
     if is_near and is_other:
-        rivals = _refined(levels, textures, motion_prior(finest, shift, _RIVAL_COVARIANCE, tilt))
-        rough = next(rivals)
-        # Finer levels take most of the time: only where the coarsest one prefers the shift.
-        known = levels[0].compare(textures[0], to_reduced(best.motion, coarsest))
-        if levels[0].evidence(rough.compared, known) > 0:
-            *_, moved = rough, *rivals
-            if finest.evidence(moved.compared, best.compared) > _EVIDENT:
-                best = moved
+        known, moved = (
+            levels[0].compare(textures[0], to_reduced(matrix, coarsest)) for matrix in (best.motion, shift)
+        )
+        # To refine it takes most of the time: only where the coarsest level prefers the shift as it is.
+        if levels[0].evidence(moved, known) > 0:
+            rival = _refined(levels, textures, motion_prior(finest, shift, _RIVAL_COVARIANCE, tilt))
+            best = rival if finest.evidence(rival.compared, best.compared) > _EVIDENT else best
     return best
 
 
@@ -242,16 +241,14 @@ def _beyond_chance(
     return max(0.0, float((compared.agreement - chance) / (1 - chance)))
 
 
-def _refined(
-    levels: Sequence[DenseLevel], textures: Sequence[SingleArray], prior: MotionPrior
-) -> Iterator[_Fit]:
-    """`DenseLevel.refine` from coarse to fine, in px of each level."""
+def _refined(levels: Sequence[DenseLevel], textures: Sequence[SingleArray], prior: MotionPrior) -> _Fit:
+    """`DenseLevel.refine` from coarse to fine."""
     motion = to_reduced(prior.start, 2 ** len(levels))
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
         size = 2 ** (len(levels) - 1 - number)
         begin, covariance = to_reduced(prior.start, size), prior.covariance / size**2
         motion, posterior, compared = level.refine(image, from_reduced(motion, 2), begin, covariance)
-        yield _Fit(prior, motion, posterior, compared)
+    return _Fit(prior, motion, posterior, compared)
 
 
 def _is_rest(

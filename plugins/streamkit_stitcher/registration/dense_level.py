@@ -16,7 +16,7 @@ from streamkit.geometry.homography import (
     normalised,
     translation,
 )
-from streamkit_stitcher.registration.block_sums import BLOCK, SingleArray, compare_blocks
+from streamkit_stitcher.registration.block_sums import BLOCK, PIXELS, SingleArray, compare_blocks
 from streamkit_stitcher.registration.correlation import ShiftSearch
 from streamkit_stitcher.registration.gauss_newton import slopes, step_matrix, step_parameters, worst_deviation
 from streamkit_stitcher.registration.patches import halved
@@ -49,14 +49,21 @@ STEP_RATIOS: Final[FloatArray] = np.array([1.0, 1.0, 0.3, 0.3, 0.1, 0.1, 0.07, 0
 
 def texture(grey: GreyArray) -> SingleArray:
     """Contrast relative to its neighbourhood, float32[h, w]: faint texture counts as much as strong edges."""
-    # In two buffers: new ones of this size would take more time than what is computed in them.
+    # In place: new images of this size would take more time than what is computed in them.
     detail = grey.astype(np.float32)
-    power = cv2.GaussianBlur(detail, (0, 0), _NEIGHBOURHOOD)
-    np.subtract(detail, power, out=detail)
-    cv2.GaussianBlur(np.multiply(detail, detail, out=power), (0, 0), _NEIGHBOURHOOD, dst=power)
+    np.subtract(detail, _neighbourhood(detail), out=detail)
+    power = _neighbourhood(detail * detail)
     np.sqrt(np.add(power, _NOISE**2, out=power), out=power)
     np.divide(detail, power, out=detail)
     return np.asarray(cv2.GaussianBlur(detail, (0, 0), _SMOOTHING, dst=power), np.float32)
+
+
+def _neighbourhood(image: SingleArray) -> SingleArray:
+    """The weighted mean around each pixel, blurred at half size, in a quarter of the time."""
+    height, width = image.shape
+    half = cv2.resize(image, ((width + 1) // 2, (height + 1) // 2), interpolation=cv2.INTER_AREA)
+    cv2.GaussianBlur(half, (0, 0), _NEIGHBOURHOOD / 2, dst=half)
+    return np.asarray(cv2.resize(half, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 def textures_of(grey: GreyArray) -> tuple[SingleArray, ...]:
@@ -79,8 +86,8 @@ def _grid(image: SingleArray) -> SingleArray:
 
 
 def _cut(image: SingleArray, rows: BlockNumbers, columns: BlockNumbers) -> SingleArray:
-    """Some blocks of an image, float32[n, 64], each row by row."""
-    return np.ascontiguousarray(_grid(image)[rows, :, columns].reshape(-1, BLOCK * BLOCK))
+    """The `PIXELS` of some blocks of an image, float32[n, 32]."""
+    return np.ascontiguousarray(_grid(image)[rows, :, columns].reshape(-1, BLOCK * BLOCK)[:, PIXELS])
 
 
 def _shares(count: int) -> FloatArray:

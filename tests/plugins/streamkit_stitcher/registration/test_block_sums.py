@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_stitcher.registration.block_sums import BLOCK, compare_blocks
+from streamkit_stitcher.registration.block_sums import BLOCK, PIXELS, compare_blocks
 
 SHAPE = (40, 64)
 MOTION = np.array([[1.02, 0.01, -0.8], [-0.02, 0.98, 1.3], [2e-4, -1e-4, 1.0]])
@@ -24,8 +24,8 @@ def origins():
 
 
 def cut(image, origins):
-    """The blocks of an image, float32[n, 64]."""
-    blocks = [image[int(y) : int(y) + BLOCK, int(x) : int(x) + BLOCK].ravel() for x, y in origins]
+    """What is compared of the blocks of an image, float32[n, 32]."""
+    blocks = [image[int(y) : int(y) + BLOCK, int(x) : int(x) + BLOCK].ravel()[PIXELS] for x, y in origins]
     return np.ascontiguousarray(blocks)
 
 
