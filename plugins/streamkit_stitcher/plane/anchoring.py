@@ -54,6 +54,7 @@ class KeyframeAnchor:
     Attributes:
         keyframes: the keyframes of all planes.
         features: features of the last frame, where it was relocalised.
+        is_video: whether the frames are those of a video.
     """
 
     def __init__(self, settings: PlaneSettings, level: int, plane: int = 0) -> None:
@@ -65,6 +66,7 @@ class KeyframeAnchor:
         self._patches = PatchMatcher()
         self._dense = DenseMatcher()
         self.features: FrameFeatures | None = None
+        self.is_video = False
         self._unmatched = self._doubtful_frames = 0
         self._is_prediction_reliable = True
 
@@ -76,7 +78,7 @@ class KeyframeAnchor:
         corner_std: float = 0.0,
     ) -> None:
         """Makes a frame the current keyframe; the ties to earlier keyframes may name any observer."""
-        self.keyframes.add(images, to_reference, self._level, ties, corner_std, self.features)
+        self.keyframes.add(images, to_reference, self._level, ties, corner_std, self.features, self.is_video)
         self._unmatched = self._doubtful_frames = 0
         self._is_prediction_reliable = True
 
@@ -149,9 +151,7 @@ class KeyframeAnchor:
             return placed(active, near)
         return self._revisit(images, predicted) or predicted
 
-    def recognise(
-        self, images: Sequence[GreyArray], is_previous_known: bool, is_video: bool
-    ) -> Placement | None:
+    def recognise(self, images: Sequence[GreyArray], is_previous_known: bool) -> Placement | None:
         """Places a frame of unknown motion by features of the newest keyframes, then of the likeliest.
 
         The matching keyframe becomes current, and its plane, too. A frame of a video continues another plane
@@ -160,9 +160,8 @@ class KeyframeAnchor:
         Args:
             images: the frame and its halvings.
             is_previous_known: whether the previous frame had a place.
-            is_video: whether the frames are those of a video.
         """
-        features = self.features = describe(images[scene_level(images[0].shape)])
+        features = self.features = self._describe(images)
         active = self.keyframes.active
         stored = [active, *(one for one in self.keyframes.stored[::-1] if one.index != active.index)]
         # What matches a doubtful keyframe has a doubtful place.
@@ -176,7 +175,7 @@ class KeyframeAnchor:
                     continue
                 is_elsewhere = keyframe.plane != self.keyframes.plane
                 found = self._place_recognised(images, keyframe, match, is_previous_known or is_elsewhere)
-                if not (is_elsewhere and is_video and found.std > OK_STD):
+                if not (is_elsewhere and self.is_video and found.std > OK_STD):
                     self.keyframes.activate(keyframe)
                     return found
                 other = replace(found, match=None, is_recognised=False, is_elsewhere=True)
@@ -227,6 +226,10 @@ class KeyframeAnchor:
             return found
         return self._promote(images, found)
 
+    def _describe(self, images: Sequence[GreyArray]) -> FrameFeatures:
+        level = scene_level(images[0].shape, self.is_video)
+        return describe(images[level], 2**level)
+
     def _std_to_active(self, std: float) -> float:
         """A predicted error, px, without that of the current keyframe itself."""
         return math.sqrt(max(0.0, std**2 - self.keyframes.active.corner_std**2))
@@ -261,21 +264,25 @@ class KeyframeAnchor:
         return None
 
     def _return(self, images: Sequence[GreyArray], found: Placement) -> Placement | None:
-        """Leaves a doubtful keyframe for one of the plane whose area or features match, now and then.
+        """Leaves a doubtful keyframe for one of the plane whose area matches, or features, now and then.
 
         What hid the scene may be gone, while frames continue on a keyframe that was taken from a prediction.
         """
         self._doubtful_frames += 1
-        if self._doubtful_frames % _RETURN_PERIOD:
+        periods, phase = divmod(self._doubtful_frames, _RETURN_PERIOD)
+        if not periods or phase > 1:
             return None
         plane, small = self.keyframes.plane, images[self._level]
         certain = [one for one in self.keyframes.stored if one.plane == plane and one.corner_std <= OK_STD]
-        for keyframe in certain[: -_REVISIT_TRIES - 1 : -1]:
-            to_key = normalised(inverse(keyframe.to_reference) @ found.to_reference)
-            place = placed(keyframe, self._dense.match_from(keyframe, small, to_key, found.std))
-            if place.std < found.std and place.match is not None and place.match.share >= SURE_SHARE:
-                return self._moved_to(keyframe, place, found)
-        features = describe(images[scene_level(images[0].shape)])
+        if not phase:
+            for keyframe in certain[: -_REVISIT_TRIES - 1 : -1]:
+                to_key = normalised(inverse(keyframe.to_reference) @ found.to_reference)
+                place = placed(keyframe, self._dense.match_from(keyframe, small, to_key, found.std))
+                if place.std < found.std and place.match is not None and place.match.share >= SURE_SHARE:
+                    return self._moved_to(keyframe, place, found)
+            return None
+        # In the next frame, as each takes as long as two frames.
+        features = self._describe(images)
         for keyframe in likeliest(features, certain, _RELOCALISED):
             match = match_by_features(features, keyframe)
             if match is not None:

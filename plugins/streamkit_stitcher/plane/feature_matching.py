@@ -1,12 +1,12 @@
 """Registration of frames to keyframes without a prediction, by features."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from streamkit.geometry.homography import corners, from_reduced, is_plausible, overlap
-from streamkit_stitcher.plane.keyframe_content import scene_level
+from streamkit.geometry.homography import corners, is_plausible, overlap
 from streamkit_stitcher.plane.keyframes import ANY_STEP, ANY_TILT, Keyframe, KeyframeMatch, predicted_error
 from streamkit_stitcher.registration.descriptors import FrameFeatures, match_features
 from streamkit_stitcher.registration.gauss_newton import deviation_at
@@ -18,7 +18,7 @@ _STRONGEST: Final = 600
 _MIN_MATCHES: Final = 8
 _MIN_INLIERS: Final = 20
 _MIN_RATIO: Final = 0.25
-# Wide enough for trees and roofs, which are off the plane; px of the size for feature matching.
+# Wide enough for trees and roofs, which are off the plane; px of the image with the features.
 _THRESHOLD: Final = 4.0
 _MIN_OVERLAP: Final = 0.08
 # Photographs from half or twice the height.
@@ -39,25 +39,22 @@ def match_by_features(frame: FrameFeatures, keyframe: Keyframe) -> KeyframeMatch
     """Registers a frame of the same size to a keyframe; None where it does not match."""
     known = keyframe.features
     own, other = match_features(frame, known)
-    if len(own) < _MIN_INLIERS:
-        return None
-    fit = fit_wide_baseline(frame.points[own], known.points[other], _THRESHOLD)
-    if fit is None or fit.count < max(_MIN_INLIERS, _MIN_RATIO * len(own)):
+    fewest = max(_MIN_INLIERS, _MIN_RATIO * len(own))
+    threshold = _THRESHOLD * max(frame.factor, known.factor)
+    fit = fit_wide_baseline(frame.points[own], known.points[other], threshold, fewest)
+    if fit is None:
         return None
     own, other = own[fit.inliers], other[fit.inliers]
-    factor = 2 ** scene_level(keyframe.shape)
-    matrix, rmse, offset = from_reduced(fit.matrix, factor), fit.rmse * factor, (factor - 1) / 2
     if not (
-        overlap(matrix, keyframe.shape) > _MIN_OVERLAP
-        and is_plausible(matrix, keyframe.shape, ANY_STEP, ANY_TILT, _MAX_AREA_SCALE)
+        overlap(fit.matrix, keyframe.shape) > _MIN_OVERLAP
+        and is_plausible(fit.matrix, keyframe.shape, ANY_STEP, ANY_TILT, _MAX_AREA_SCALE)
     ):
         return None
-    source = frame.points[own] * factor + offset
-    deviation = deviation_at(corners(keyframe.shape), matrix, source, rmse)
+    deviation = deviation_at(corners(keyframe.shape), fit.matrix, frame.points[own], fit.rmse)
     return KeyframeMatch(
-        MotionFit(matrix, fit.model, np.ones(fit.count, dtype=np.bool_), rmse),
-        source,
-        known.points[other] * factor + offset,
+        MotionFit(fit.matrix, fit.model, np.ones(fit.count, dtype=np.bool_), fit.rmse),
+        frame.points[own],
+        known.points[other],
         other + _FIRST_FEATURE,
         deviation,
         predicted_error(deviation),
@@ -66,4 +63,5 @@ def match_by_features(frame: FrameFeatures, keyframe: Keyframe) -> KeyframeMatch
 
 def _strongest(description: FrameFeatures) -> FrameFeatures:
     """The features of the highest contrast, which other views show most likely."""
-    return FrameFeatures(description.points[:_STRONGEST], description.descriptors[:_STRONGEST])
+    part = slice(_STRONGEST)
+    return replace(description, points=description.points[part], descriptors=description.descriptors[part])

@@ -14,7 +14,10 @@ from streamkit_stitcher.registration.patches import cut_patches, pyramid, spread
 
 # Levels of a pyramid that matching needs of every frame.
 LEVELS: Final = 4
-_SCENE_WIDTH: Final = 1000
+# Features are the ties of photographs, whose patches do not match, and have to be precise. Frames of a video
+# have to be found in time; patches then place them.
+_SURVEY_WIDTH: Final = 1000
+_VIDEO_WIDTH: Final = 500
 _SMALL: Final = 480
 _PATCHES_WIDTH: Final = 960
 _GRID: Final = (25, 16)
@@ -32,6 +35,7 @@ class KeyframeContent:
         coarse_centres: float64[n, 2], their centres, px of that level.
         small: uint8[h, w], the frame at working size.
         scene: uint8[h, w], the frame at the size for feature matching.
+        scene_factor: the reduction of `scene`.
         described: its features, if they were computed before.
     """
 
@@ -42,22 +46,23 @@ class KeyframeContent:
     coarse_centres: FloatArray
     small: GreyArray
     scene: GreyArray
+    scene_factor: int
     described: FrameFeatures | None
 
     @cached_property
     def features(self) -> FrameFeatures:
         """The features of `scene`."""
-        return self.described or describe(self.scene)
+        return self.described or describe(self.scene, self.scene_factor)
 
 
 def keyframe_content(
-    images: Sequence[GreyArray], level: int, described: FrameFeatures | None = None
+    images: Sequence[GreyArray], level: int, described: FrameFeatures | None = None, is_video: bool = False
 ) -> KeyframeContent:
     """Cuts patches around the best corners of an even grid of the image `level`, at working size.
 
     The images are kept, and must not change.
     """
-    fine, scene = patch_level(images[0].shape), scene_level(images[0].shape)
+    fine, scene = patch_level(images[0].shape), scene_level(images[0].shape, is_video)
     images = pyramid(images, 1 + max(level, fine + 1, scene))
     points = np.rint(even_corners(images[level], *_GRID) * 2**level + (2**level - 1) / 2)
     points = points[spread_order(len(points))]
@@ -67,7 +72,8 @@ def keyframe_content(
         centres = np.rint((points - (2**number - 1) / 2) / 2**number)
         return cut_patches(images[min(number, len(images) - 1)], centres), centres
 
-    return KeyframeContent(fine, *cut(fine), *cut(fine + 1), images[level], images[scene], described)
+    patches = *cut(fine), *cut(fine + 1)
+    return KeyframeContent(fine, *patches, images[level], images[scene], 2**scene, described)
 
 
 def patch_level(shape: Sequence[int]) -> int:
@@ -81,9 +87,9 @@ def patch_level(shape: Sequence[int]) -> int:
     return level
 
 
-def scene_level(shape: Sequence[int]) -> int:
+def scene_level(shape: Sequence[int], is_video: bool) -> int:
     """How often a frame of (height, width) is halved for feature matching."""
-    level = 0
-    while shape[1] >> level > _SCENE_WIDTH:
+    level, most = 0, _VIDEO_WIDTH if is_video else _SURVEY_WIDTH
+    while shape[1] >> level > most:
         level += 1
     return level

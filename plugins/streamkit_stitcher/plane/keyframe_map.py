@@ -71,7 +71,7 @@ class KeyframeMap:
         self._newest: tuple[GreyArray, ...] = ()  # the newest keyframe and its halvings
         self._loop_closed = self._is_survey = False
         self._pending: Future[_Adjusted] | None = None
-        # All results are asked for, so that no failure goes unseen.
+        # The stream asks for all results that it needs, so that no failure goes unseen.
         self._adjuster, self._executor = (
             BackgroundExecutor(name, failed=lambda _: None) for name in ("adjuster", "keyframes")
         )
@@ -136,16 +136,19 @@ class KeyframeMap:
         ties: Sequence[Tie],
         corner_std: float = 0.0,
         features: FrameFeatures | None = None,
+        is_video: bool = False,
     ) -> Keyframe:
         """Makes a frame a keyframe of the current plane, and the active one; ties may name any observer.
 
-        `features` are those of the frame, if they were computed before.
+        `features` are those of the frame, if they were computed before; those of a video are found faster.
         """
         self._shape = shape = images[0].shape[0], images[0].shape[1]
         # A copy: the buffer behind the frame may be reused, those of its halvings are not.
         self._newest = (images[0].copy(), *images[1:])
         # Waiting for results, not polling, gives the same homographies however the threads run.
-        content = self._executor.submit(partial(keyframe_content, self._newest, level, features))
+        content = self._executor.submit(partial(keyframe_content, self._newest, level, features, is_video))
+        # A search may need those of many keyframes at once.
+        self._executor.submit(lambda: content.result().features)
         index, self._count = self._count, self._count + 1
         keyframe = Keyframe(
             index,

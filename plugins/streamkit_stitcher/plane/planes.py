@@ -99,7 +99,6 @@ class Planes:
         images: Sequence[GreyArray],
         to_reference: FloatArray,
         level: int,
-        is_survey: bool,
     ) -> FloatArray:
         """Changes the reference where a new keyframe makes that due, and begins an adjustment.
 
@@ -123,7 +122,7 @@ class Planes:
             self._move(change)
             self._follow_number(anchor, change)
             to_reference = normalised(change @ to_reference)
-        keyframes.begin_adjustment(anchor.features is not None, reference is not None, is_survey)
+        keyframes.begin_adjustment(anchor.features is not None, reference is not None, not anchor.is_video)
         return to_reference
 
     def _new_number(self) -> int:

@@ -75,7 +75,7 @@ class FrameRegistrar:
         """Drops all state but the keyframes; frames of `shape` follow."""
         self._shape = shape
         self._level = working_level(shape, self._settings.registration_width)
-        self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape))
+        self._levels = 1 + max(LEVELS - 1, self._level, scene_level(shape, is_video=True))
         self._last: WorkingImage | None = None
         self._place = Localisation(shape)
         self._footage.restart()
@@ -221,8 +221,8 @@ class FrameRegistrar:
 
         A frame that lies far from the one before it, whose place was known, is a photograph.
         """
-        is_previous_known = self._place.is_known
-        found = anchor.recognise(images, is_previous_known, self._footage.is_video)
+        is_previous_known, anchor.is_video = self._place.is_known, self._footage.is_video
+        found = anchor.recognise(images, is_previous_known)
         if found is None or found.is_elsewhere:
             return found
         if anchor.keyframes.plane != self._planes.number:
@@ -239,14 +239,14 @@ class FrameRegistrar:
         """Publishes a placed frame, and makes it a keyframe where that is due."""
         is_over = 0 < self._settings.keyframe_interval <= self._since_key
         step = normalised(inverse(self._planes.before) @ found.to_reference)
-        fields = field_error(images[0], step)
+        fields, anchor.is_video = field_error(images[0], step), self._footage.is_video
         found = anchor.keep(images, replace(found, is_due=found.is_due or is_over, field_error=fields))
         if found.change is not None:
             self._planes.adopt(anchor, found.change)
         to_reference, is_measured = found.to_reference, found.match is not None
         if found.is_keyframe:
-            self._since_key, is_survey = 0, not self._footage.is_video
-            to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level, is_survey)
+            self._since_key = 0
+            to_reference = self._planes.add_keyframe(anchor, images, to_reference, self._level)
         self._last, self._planes.last_to_plane = image, to_reference
         before = self._planes.before
         to_previous = normalised(inverse(before) @ to_reference)

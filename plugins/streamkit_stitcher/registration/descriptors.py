@@ -19,16 +19,22 @@ class FrameFeatures:
     """The features of a frame.
 
     Attributes:
-        points: float64[n, 2], px of the image.
+        points: float64[n, 2], px of the full-size frame.
         descriptors: float16[n, 128], of unit length.
+        factor: the reduction of the image in which they were found.
     """
 
     points: FloatArray
     descriptors: npt.NDArray[np.float16]
+    factor: int = 1
 
 
-def describe(grey: GreyArray) -> FrameFeatures:
-    """Detects the SIFT features of uint8[h, w], those of the highest contrast first; none on a flat image.
+def describe(grey: GreyArray, factor: int = 1) -> FrameFeatures:
+    """Detects the SIFT features of a frame, those of the highest contrast first; none on a flat image.
+
+    Args:
+        grey: uint8[h, w], the frame reduced by `factor` on both sides.
+        factor: the reduction.
 
     Source: Lowe, Distinctive image features from scale-invariant keypoints, IJCV 2004; Arandjelovic and
     Zisserman, Three things everyone should know, CVPR 2012 (RootSIFT).
@@ -38,11 +44,12 @@ def describe(grey: GreyArray) -> FrameFeatures:
     detector = cv2.SIFT.create(nfeatures=_FEATURES, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     keypoints, found = detector.detectAndCompute(grey, None)
     if not keypoints or found is None:
-        return FrameFeatures(np.empty((0, 2)), np.empty((0, 128), dtype=np.float16))
+        return FrameFeatures(np.empty((0, 2)), np.empty((0, 128), dtype=np.float16), factor)
     order = np.argsort([-keypoint.response for keypoint in keypoints], kind="stable")
     points = np.asarray(cv2.KeyPoint.convert(keypoints), dtype=np.float64).reshape(-1, 2)[order]
+    points = points * factor + (factor - 1) / 2
     descriptors = np.sqrt(found / np.maximum(found.sum(axis=1, keepdims=True), 1e-7))[order]
-    return FrameFeatures(points, descriptors.astype(np.float16))
+    return FrameFeatures(points, descriptors.astype(np.float16), factor)
 
 
 def match_features(

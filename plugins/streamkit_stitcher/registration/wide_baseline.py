@@ -1,8 +1,9 @@
 """Homographies from matches with few inliers, such as those of features."""
 
 import math
+from collections.abc import Sequence
 from itertools import product
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -25,24 +26,35 @@ _MIN_SHARE: Final = 0.01
 _NEAR: Final = 16.0
 
 
-def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) -> MotionFit | None:
+def fit_wide_baseline(
+    source: FloatArray, target: FloatArray, threshold: float, fewest: float = 4
+) -> MotionFit | None:
     """Fits the homography with the maximum likelihood over inliers and outliers.
 
     OpenCV's estimators propose homographies at several thresholds; the best supported are refined by
-    expectation maximisation. None for fewer than 4 pairs or degenerate ones.
+    expectation maximisation. None for degenerate pairs, and where fewer than `fewest` agree.
 
     Args:
         source: points.
         target: points.
         threshold: largest residual of an inlier and largest deviation of the inliers.
+        fewest: inliers that are needed, at least 4.
     """
-    if len(source) < 4:
+    if len(source) < fewest:
+        return None
+
+    def proposed(method: int, scale: float) -> Sequence[Any]:
+        return cv2.findHomography(
+            source, target, method, scale * threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
+        )
+
+    # Inliers are those of the largest threshold, too. RANSAC takes a hundred times as long where few agree.
+    _, most_inliers = proposed(cv2.USAC_ACCURATE, _SCALES[-1])
+    if most_inliers is None or np.count_nonzero(most_inliers) < fewest:
         return None
     proposals = []
     for method, scale in product(_METHODS, _SCALES):
-        matrix, _ = cv2.findHomography(
-            source, target, method, scale * threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
-        )
+        matrix, _ = proposed(method, scale)
         fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
         if fit is not None:
             proposals.append(fit.matrix)
@@ -53,7 +65,7 @@ def fit_wide_baseline(source: FloatArray, target: FloatArray, threshold: float) 
         fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
         if fit is not None and likelihood > most:
             best, most = fit, likelihood
-    return best
+    return best if best is not None and best.count >= fewest else None
 
 
 def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:

@@ -266,7 +266,7 @@ def matched_in_a_corner(ground):
 def test_a_frame_matched_in_a_corner_is_registered_only_if_consecutive(matched_in_a_corner, consecutive):
     """The corner leaves the rest unknown: of a video it is not measured, of photographs in a row not sure."""
     anchor, frame = matched_in_a_corner
-    found = anchor.recognise(frame, consecutive, is_video=False)
+    found = anchor.recognise(frame, consecutive)
     assert found.is_recognised
     assert (found.match is not None) is consecutive
     placed = anchor.keep(frame, replace(found, motion=HOMOGRAPHY))
@@ -280,8 +280,8 @@ def test_a_video_does_not_continue_another_plane_by_a_match_in_a_corner(
 ):
     """More ties may join the two planes; photographs are adjusted together in the end."""
     anchor, frame = matched_in_a_corner
-    anchor.keyframes.plane = 1
+    anchor.keyframes.plane, anchor.is_video = 1, is_video
     anchor.add(other(ground), IDENTITY)
-    found = anchor.recognise(frame, False, is_video)
+    found = anchor.recognise(frame, False)
     assert (found.is_elsewhere, found.is_recognised) == (is_video, not is_video)
     assert anchor.keyframes.plane == (1 if is_video else 0)
