@@ -28,17 +28,18 @@ class Localisation:
 
     Args:
         shape: (height, width) of the frames, px.
+        std: predicted error of the first frame, px.
 
     Attributes:
         std: predicted error of the previous frame at the worst corner, px.
         is_adrift: whether the place is unknown, so that no keyframe may be made of a frame.
     """
 
-    def __init__(self, shape: tuple[int, int]) -> None:
+    def __init__(self, shape: tuple[int, int], std: float = 0.0) -> None:
         self._shape, self._max_drift = shape, MAX_DRIFT * shape[1]
         self._motion = MotionPredictor(shape)
         self._lost = self._unmeasured = self._vain = self._since_search = 0
-        self.std = 0.0
+        self.std = std
         self.is_adrift = False
 
     @property

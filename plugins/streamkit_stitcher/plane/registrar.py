@@ -36,6 +36,9 @@ from streamkit_stitcher.registration.patches import pyramid
 
 _STILL_SHIFT: Final = 0.2
 _ADOPT_AFTER: Final = 10
+# Predicted error of a frame that starts a plane as nothing else was known, px: leaves that fill it and the
+# next one move along by 2 to 5 px.
+_UNSURE_STD: Final = 2.0
 
 
 class FrameRegistrar:
@@ -186,7 +189,7 @@ class FrameRegistrar:
         is_cut = motion.is_cut and self._footage.is_abrupt(image)
         if place.lose() or is_cut or is_photograph or is_elsewhere:
             self.restart()
-            return self._start_plane(images, image)
+            return self._start_plane(images, image, 0.0 if is_cut or is_photograph else _UNSURE_STD)
         return self._predict()
 
     def _begin_shape(self, shape: tuple[int, int]) -> None:
@@ -195,12 +198,14 @@ class FrameRegistrar:
         self._planes.retire()
         self._reset(shape)
 
-    def _start_plane(self, images: Sequence[GreyArray], image: WorkingImage) -> FrameRegistration:
-        """Starts a plane with its first usable frame."""
+    def _start_plane(
+        self, images: Sequence[GreyArray], image: WorkingImage, std: float = 0.0
+    ) -> FrameRegistration:
+        """Starts a plane with its first usable frame, which is known to show the scene to `std` px."""
         if image.is_blank:
             return self._predict()
         self._planes.start(images, self._level)
-        self._last, self._place = image, Localisation(self._shape)
+        self._last, self._place = image, Localisation(self._shape, std)
         status = RegistrationStatus.OK if self._planes.number == 0 else RegistrationStatus.CUT
         return self._publish(IDENTITY, IDENTITY, status, Placement(IDENTITY, 0.0, is_keyframe=True), True)
 
