@@ -69,7 +69,8 @@ class EndingSrc(Source):
             shift = n * 2 % 2000
             track = Track(7, TrackState.CONFIRMED, 80.0, 60.0, 8.0, 4.0, 0.0, (1.0, 2.0), np.eye(2), 0.5, 7)
             found = Detections(np.array([[9.5, 4.5]]), np.array([[0., 0., 19., 9.]]), np.ones(1), np.ones(1))
-            frame = Frame(GROUND[40:280, shift:shift + 320].copy(), caps, pts=n * 50_000_000, seq=n)
+            frame = Frame(GROUND[40:280, shift:shift + 320].copy(), caps, pts=n * 50_000_000, seq=n,
+                          capture=Capture(time.time_ns(), "arrival"))
             yield (frame.attach(Tracks((track,))).attach(found).attach(POSE)
                    .attach(Features(np.ones((1, 16), np.float32))))
             os.pwrite(file, b"%010d" % (n + 1), 0)
