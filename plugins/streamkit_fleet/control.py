@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import ray
 from ray.exceptions import RayError
@@ -17,18 +17,29 @@ from streamkit_fleet.feed_actor import FeedActor
 from streamkit_fleet.feeds import FeedProcess, FeedSpec, by_process
 
 PREFIXES = ("feed:", "process:")
-ANSWER_LIMIT_S = 1.5
+ANSWER_LIMIT_S, APPLY_LIMIT_S = 1.5, 10.0
 POLL_S = 0.2
 TAG_SHARE = 0.001  # of a custom resource: it only says where a feed may run
 
 
-def running() -> dict[str, Any]:
-    """The actors of all processes, by their names."""
+class RunningProcess(NamedTuple):
+    """The actor of a process, and the digest of its feeds.
+
+    Both are in the actor's name, "process:NAME@DIGEST": a process that does not answer is known, too.
+    """
+
+    actor: Any
+    digest: str
+
+
+def running() -> dict[str, RunningProcess]:
+    """All processes, by their names."""
     found = {}
     for name in list_named_actors():
         if name.startswith(PREFIXES):
+            process, _, digest = name.rpartition("@")
             try:
-                found[name] = ray.get_actor(name)
+                found[process] = RunningProcess(ray.get_actor(name), digest)
             except ValueError:  # it has ended since
                 continue
     return found
@@ -42,7 +53,7 @@ def start(process: FeedProcess, avoid: str = "") -> None:
     memory = {"memory": memory_mb << 20} if memory_mb else {}
     actor: Any = ray.remote(FeedActor)
     actor.options(
-        name=process.name,
+        name=f"{process.name}@{process.digest}",
         lifetime="detached",
         max_restarts=process.max_restarts,
         num_cpus=sum(feed.cores for feed in feeds),
@@ -55,7 +66,7 @@ def start(process: FeedProcess, avoid: str = "") -> None:
 
 def statuses(limit_s: float = ANSWER_LIMIT_S) -> list[FeedStatus]:
     """How each feed is, in order of their names; a process that does not answer in time is restarting."""
-    asked = {process: actor.statuses.remote() for process, actor in running().items()}
+    asked = {process: one.actor.statuses.remote() for process, one in running().items()}
     answered = set(
         ray.wait(list(asked.values()), num_returns=len(asked), timeout=limit_s)[0] if asked else ()
     )
@@ -87,21 +98,22 @@ def _statuses_until(is_done: Callable[[list[FeedStatus]], bool], limit_s: float)
 
 
 def apply(feeds: Mapping[str, FeedSpec]) -> dict[str, str]:
-    """Makes what runs equal to a table; processes whose feeds did not change go on undisturbed.
+    """Makes what runs equal to a table; processes whose feeds did not change go on, even one that is silent.
 
     Returns:
         What was done by feed: started, stopped, replaced, unchanged.
     """
-    wanted, rows = by_process(feeds), statuses(limit_s=10.0)
-    digests = {name: process.digest for name, process in wanted.items()}
-    same = {row.process for row in rows if row.digest == digests.get(row.process)}
+    wanted, there, rows = by_process(feeds), running(), statuses(APPLY_LIMIT_S)
+    same = {name for name in wanted.keys() & there.keys() if there[name].digest == wanted[name].digest}
     same -= {row.process for row in rows if row.state == "refused"}
-    known = {row.name for row in rows}
+    silent = {row.process for row in rows if not row.pid}
+    known = {row.name for row in rows if row.process not in silent & wanted.keys()}
     done = dict.fromkeys(known - feeds.keys(), "stopped")
     for process, found in wanted.items():
+        before = "replaced" if process in silent else "started"
         for name in found.feeds:
-            done[name] = "unchanged" if process in same else "replaced" if name in known else "started"
-    stop({row.process for row in rows} - same)
+            done[name] = "unchanged" if process in same else "replaced" if name in known else before
+    stop(there.keys() - same)
     for process in wanted.keys() - same:
         start(wanted[process])
     return done
@@ -135,14 +147,14 @@ def admit(new: Mapping[str, FeedSpec], limit_s: float) -> dict[str, str]:
         here = {name: feed for name, feed in new.items() if name in needs}
         refused |= excess(needs, node["Resources"].get("CPU", 0.0), here)
     at = {ready[name].process for name in refused}
-    _wait([actor.refuse.remote(refused) for process, actor in running().items() if process in at])
+    _wait([one.actor.refuse.remote(refused) for process, one in running().items() if process in at])
     return refused
 
 
 def stop(processes: Iterable[str]) -> None:
     """Ends the streams of processes, so that files are completed, then the processes."""
-    actors = running()
-    ending = [actors[process] for process in processes if process in actors]
+    there = running()
+    ending = [there[process].actor for process in processes if process in there]
     _wait([actor.stop.remote() for actor in ending])
     for actor in ending:
         ray.kill(actor, no_restart=True)
@@ -186,8 +198,8 @@ def logs(name: str) -> list[str]:
     if name not in rows:
         raise ResourceError(f"no feed {name!r} runs; there are {', '.join(rows) or 'none'}")
     try:
-        actor: Any = ray.get_actor(rows[name].process)
+        actor = running()[rows[name].process].actor
         lines: list[str] = ray.get(actor.logs.remote(name), timeout=10.0)
-    except (RayError, ValueError) as error:
+    except (RayError, KeyError) as error:
         raise ResourceError(f"feed {name} does not answer: {type(error).__name__}") from error
     return lines

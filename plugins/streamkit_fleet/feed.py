@@ -31,7 +31,6 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
         frames, dropped: since the pipeline last started.
         metrics: HOST:PORT, or "".
         process: its name, as `by_process` gives it.
-        digest: of the entries in the table of all feeds of the process.
     """
 
     name: str
@@ -46,7 +45,6 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
     process: str = ""
     node: str = ""
     pid: int = 0
-    digest: str = ""
 
 
 class FeedLog(JsonDisplay):

@@ -19,10 +19,7 @@ class FeedActor:
     def __init__(self, process: FeedProcess) -> None:
         context = ray.get_runtime_context()
         restarts = int(context.was_current_actor_reconstructed)
-        self._place = {
-            "process": process.name, "node": context.get_node_id(), "pid": os.getpid(),
-            "digest": process.digest,
-        }  # fmt: skip
+        self._place = {"process": process.name, "node": context.get_node_id(), "pid": os.getpid()}
         os.nice(process.nice)  # of this thread and of those that it starts, not of Ray's
         self._feeds = {
             name: Feed(name, feed, restarts=restarts, sharing=len(process.feeds))

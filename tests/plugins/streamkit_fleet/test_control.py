@@ -141,6 +141,22 @@ def test_feeds_share_a_process(nodes: Nodes) -> None:
 
 
 @pytest.mark.timeout(240)
+def test_a_silent_process_is_replaced_only_if_its_feeds_changed(
+    nodes: Nodes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A machine without time for an answer is no reason to interrupt its feeds."""
+    monkeypatch.setattr(control, "APPLY_LIMIT_S", patience(1))
+    table = {name: feed(name, process="light") for name in ("gate", "roof")}
+    control.apply(table)
+    pid = wait_for(all_ready)["gate"].pid
+    os.kill(pid, signal.SIGSTOP)
+    assert control.apply(table) == {"gate": "unchanged", "roof": "unchanged"}
+    os.kill(pid, signal.SIGCONT)
+    assert wait_for(all_ready)["gate"].pid == pid
+    control.stop(control.running())
+
+
+@pytest.mark.timeout(240)
 def test_a_dead_node_loses_no_feed(nodes: Nodes) -> None:
     """Ray notices, and starts its feeds where there is room; one that needs that node waits and says so."""
     third = nodes.cluster.add_node(num_cpus=1, resources={"site-c": 1}, object_store_memory=80_000_000)
