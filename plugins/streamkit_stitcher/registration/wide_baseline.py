@@ -49,12 +49,13 @@ def fit_wide_baseline(
         )
 
     # Inliers are those of the largest threshold, too. RANSAC takes a hundred times as long where few agree.
-    _, most_inliers = proposed(cv2.USAC_ACCURATE, _SCALES[-1])
+    bound = cv2.USAC_ACCURATE, _SCALES[-1]
+    widest, most_inliers = proposed(*bound)
     if most_inliers is None or np.count_nonzero(most_inliers) < fewest:
         return None
     proposals = []
-    for method, scale in product(_METHODS, _SCALES):
-        matrix, _ = proposed(method, scale)
+    for estimator in product(_METHODS, _SCALES):
+        matrix = widest if estimator == bound else proposed(*estimator)[0]
         fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
         if fit is not None:
             proposals.append(fit.matrix)
