@@ -28,7 +28,6 @@ class CostMeter:
     def __init__(self, pipeline: Pipeline, frame_rate: float, sharing: int = 1) -> None:
         self._pipeline, self._frame_rate, self._sharing = pipeline, frame_rate, sharing
         self._frames, self._began_s, self._cpu_ns = 0, time.monotonic(), 0  # where the window begins
-        self._is_warm = False
         self.cores = 0.0
 
     def update(self) -> None:
@@ -43,9 +42,8 @@ class CostMeter:
         if new < WINDOW_FRAMES and (new < MIN_FRAMES or now_s - self._began_s < WINDOW_S):
             return
         cpu_ns = sum(row.cpu_ns for row in self._pipeline.process_statistics())
-        if self._is_warm:
+        if self._frames:
             self.cores = (cpu_ns - self._cpu_ns) / 1e9 / self._sharing / new * self._frame_rate
-        self._is_warm = True
         self._frames, self._began_s, self._cpu_ns = frames, now_s, cpu_ns
 
 
