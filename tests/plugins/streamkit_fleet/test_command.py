@@ -1,6 +1,7 @@
 """`streamkit fleet` and `streamkit batch` as commands; docs/fleet.md is followed by a test of its own."""
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
 from streamkit_fleet import cluster, local_ray
+from streamkit_fleet.feed import FeedStatus
 from streamkit_fleet.local_ray import LocalRay
 
 
@@ -38,6 +40,25 @@ def test_a_table_with_a_mistake_starts_no_ray(tmp_path: Path, monkeypatch: pytes
     done = CliRunner().invoke(make_app(), ["fleet", "up", str(table)], env={"COLUMNS": "200"})
     assert done.exit_code == 1
     assert done.stderr == f"error: {table}: feed gate: Object contains unknown field `coers`\n"
+
+
+def test_status_prints_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Texts of a column begin below each other; brackets in a reason are no markup."""
+    rows = [
+        FeedStatus(
+            name="gate", state="playing", ready=True, cores=0.25, frames=1200, metrics="127.0.0.1:9464"
+        ),
+        FeedStatus(name="harbour-north", state="waiting", reason="[red] no frame", node="0123456789abcdef"),
+    ]
+    monkeypatch.setattr("streamkit_fleet.control.statuses", lambda: rows)
+    monkeypatch.setattr("streamkit_fleet.cluster.connected", lambda *_, **__: nullcontext())
+    done = CliRunner().invoke(make_app(), ["fleet", "status", "--address", "127.0.0.1:1"])
+    assert done.stdout.splitlines() == [
+        "feed           state    node      cores  frames  dropped  restarts  metrics         missing",
+        "gate           playing            0.25   1200    0        0         127.0.0.1:9464",
+        "harbour-north  waiting  01234567  0.00   0       0        0                         [red] no frame",
+    ]
+    assert done.exit_code == 1
 
 
 @pytest.mark.parametrize("arguments", [("logs", "gate"), ("status",), ("up", "fleet.toml")])
