@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from typing import NamedTuple
 
 from av.container import InputContainer
+from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
@@ -33,6 +35,35 @@ class Joint(NamedTuple):
 
     pts: int
     position: int | None
+
+
+@dataclass(slots=True)
+class _PartStream:
+    """A stream of the part.
+
+    Attributes:
+        caps: of its packets.
+        begin, end: its first tick that is shown, and the first that is not any more.
+        time: of its newest packet, ticks; None before one has a time.
+    """
+
+    kind: StreamKind
+    caps: Caps
+    begin: float
+    end: float
+    time: int | None = None
+
+    def has_ended(self, packet: Packet[Stream]) -> bool:
+        """Whether a packet is decoded at or after the end."""
+        decoded = packet.pts if packet.dts is None else packet.dts
+        return decoded is not None and decoded >= self.end
+
+    def shows(self, packet: Packet[Stream]) -> bool:
+        """Whether a packet is shown; of several in a PES packet only the first has a time."""
+        time = packet.dts if packet.pts is None else packet.pts
+        if time is not None:
+            self.time = time
+        return self.time is None or self.begin <= self.time < self.end
 
 
 class FilePart:
@@ -66,13 +97,18 @@ class FilePart:
         self._container, self._where = container, where
         self._start_s, self._stop_s = start_s, stop_s
         self._streams = [stream for stream, _ in streams.values()]
-        self._carried = {stream.index: (kind, caps) for kind, (stream, caps) in streams.items()}
-        video = next((stream for stream in self._streams if isinstance(stream, VideoStream)), None)
-        self._video, self._awaits_keyframe = video, False
-        self._limits = {stream.index: self._limits_of(stream) for stream in self._streams}
+        self._read = {
+            stream.index: _PartStream(kind, caps, *self._limits_of(stream))
+            for kind, (stream, caps) in streams.items()
+        }
+        self._video = next((stream for stream in self._streams if isinstance(stream, VideoStream)), None)
+        self._video_pts: int | None = None  # of its newest frame, ns
+        self._awaits_keyframe = False
         self._dts: int | None = None  # of the last packet of the video, ns
         self._step_ns = 0
-        self._completeness = None if video is None else Completeness(container, video, start_s, stop_s)
+        self._completeness = (
+            None if self._video is None else Completeness(container, self._video, start_s, stop_s)
+        )
         self._report_times = partial(warn, f"{where}: {WRONG_TIMES}")
 
     def shortfall(self) -> str:
@@ -125,41 +161,45 @@ class FilePart:
         Raises:
             StreamError: reading failed; the frames before were good.
         """
-        playing, video_pts = set(self._carried), None
-        latest = dict[int, int | None]()  # time of each stream, ticks
+        playing = set(self._read)
         packets = read_packets(self._container, *self._streams)
         for packet in with_presentation_times(packets, self._video, self._report_times):
             if self._completeness is not None:
                 self._completeness.add(packet)
-            begin, end = self._limits[packet.stream_index]
-            decoded = packet.dts if packet.dts is not None else packet.pts
-            if decoded is not None and decoded >= end:
+            stream = self._read[packet.stream_index]
+            if stream.has_ended(packet):
                 playing.discard(packet.stream_index)
                 if not playing:
                     return
-                continue
-            kind, caps = self._carried[packet.stream_index]
-            if kind is StreamKind.VIDEO and self._awaits_keyframe and not packet.is_keyframe:
-                continue  # its frame is shown before the keyframe that was sought
-            self._awaits_keyframe &= kind is not StreamKind.VIDEO
-            frame = packet_frame(packet, caps)
-            if kind is StreamKind.VIDEO and packet.dts is not None:
-                self._follow(nanoseconds(packet.dts, packet.time_base), frame, packet.pos)
-            if frame.pts is not None:
-                frame = frame.replace(pts=frame.pts + self._offset_ns) if self._offset_ns else frame
-            if kind is StreamKind.VIDEO:
-                video_pts = video_pts if frame.pts is None else frame.pts
-            elif frame.pts is None and video_pts is not None:
-                frame = frame.replace(pts=video_pts)  # asynchronous KLV gets the time of the video around it
-            shown = packet.pts if packet.pts is not None else decoded
-            # Of several in a PES packet only the first has a time: the others are where it is.
-            shown = latest.get(packet.stream_index) if shown is None else shown
-            latest[packet.stream_index] = shown
-            if shown is None or begin <= shown < end:
-                self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
-                yield kind, frame
-            elif kind is StreamKind.VIDEO:
-                yield kind, frame.attach(DECODE_ONLY)
+            elif not self._precedes_keyframe(packet):
+                frame = self._retimed(packet, packet_frame(packet, stream.caps))
+                if stream.shows(packet):
+                    self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
+                    yield stream.kind, frame
+                elif stream.kind is StreamKind.VIDEO:
+                    yield stream.kind, frame.attach(DECODE_ONLY)
+
+    def _is_video(self, packet: Packet[Stream]) -> bool:
+        return self._video is not None and packet.stream_index == self._video.index
+
+    def _precedes_keyframe(self, packet: Packet[Stream]) -> bool:
+        """Whether its frame is shown before the keyframe that was sought, and cannot be decoded."""
+        if not self._is_video(packet):
+            return False
+        self._awaits_keyframe = self._awaits_keyframe and not packet.is_keyframe
+        return self._awaits_keyframe
+
+    def _retimed(self, packet: Packet[Stream], frame: Frame) -> Frame:
+        """A packet's frame with the stream's time; asynchronous KLV gets that of the video around it."""
+        is_video = self._is_video(packet)
+        if is_video and packet.dts is not None:
+            self._follow(nanoseconds(packet.dts, packet.time_base), frame, packet.pos)
+        pts = self._video_pts if not is_video else None
+        if frame.pts is not None:
+            pts = frame.pts + self._offset_ns
+        if is_video and pts is not None:
+            self._video_pts = pts
+        return frame if pts == frame.pts else frame.replace(pts=pts)
 
     def _follow(self, dts: int, frame: Frame, position: int | None) -> None:
         """Moves the times from here on where the video's go back, as where recordings were joined.
@@ -181,11 +221,12 @@ class FilePart:
             moved_s = Fraction(self._offset_ns - before_ns, SECOND_NS)
             for stream in self._streams:
                 moved = round(moved_s / (stream.time_base or 1))
-                self._limits[stream.index] = tuple(limit - moved for limit in self._limits[stream.index])
+                self._read[stream.index].begin -= moved
+                self._read[stream.index].end -= moved
         else:
             self._step_ns = step
 
-    def _limits_of(self, stream: Stream) -> tuple[float, ...]:
+    def _limits_of(self, stream: Stream) -> tuple[float, float]:
         """The first tick of a stream that is shown, and the first that is not any more."""
         begin = _tick(self._start_s, stream) if self._start_s else -math.inf
         return begin, math.inf if self._stop_s is None else _tick(self._stop_s, stream)

@@ -252,11 +252,7 @@ class FileSrc(Source):
         """
         wanted = {kind for kind in self._kinds if self.is_linked(kind.value)}
         uses_src_pad = self.is_linked("src") or not wanted
-        kinds = wanted | ({StreamKind.VIDEO} if uses_src_pad else set())
-        found = {kind: stream for stream, kind in streams_of(container, kinds)}
-        if StreamKind.VIDEO in found:
-            found[StreamKind.VIDEO] = video_stream(container, self.location, self.video_stream)
-        streams = {kind: (stream, self._packet_caps(stream, kind)) for kind, stream in found.items()}
+        streams = self._find_streams(container, wanted | ({StreamKind.VIDEO} if uses_src_pad else set()))
         where, count, shown = self._where, 0, 0
         if not streams:
             raise StreamError(f"{where}: none of its streams is linked")
@@ -280,14 +276,27 @@ class FileSrc(Source):
                 raise StreamError(f"{where}: {error}; {self._unread_remedy()}") from None
             self.post_warning(f"{where}: {error} after {count} packets; ending there")
         if part.joints and not begin_ns:
-            more = f", and {len(part.joints) - 1} more times" if len(part.joints) > 1 else ""
-            self.post_warning(
-                f"{where}: its times go back at {part.joints[0].pts / SECOND_NS:.3f} s{more}, as where "
-                "recordings are joined; from there on they continue, and are not the file's own"
-            )
-            self._report_other_codec(part.joints)
+            self._report_joints(part.joints)
         self._report_end("" if begin_ns else part.shortfall(), count, shown)
         return part.end_ns
+
+    def _find_streams(
+        self, container: InputContainer, kinds: set[StreamKind]
+    ) -> dict[StreamKind, tuple[Stream, Caps]]:
+        """The streams to read, each with the caps of its packets."""
+        found = {kind: stream for stream, kind in streams_of(container, kinds)}
+        if StreamKind.VIDEO in found:
+            found[StreamKind.VIDEO] = video_stream(container, self.location, self.video_stream)
+        return {kind: (stream, self._packet_caps(stream, kind)) for kind, stream in found.items()}
+
+    def _report_joints(self, joints: Sequence[Joint]) -> None:
+        """Warns of times that go back, and of joined recordings that differ in codec."""
+        more = f", and {len(joints) - 1} more times" if len(joints) > 1 else ""
+        self.post_warning(
+            f"{self._where}: its times go back at {joints[0].pts / SECOND_NS:.3f} s{more}, as where "
+            "recordings are joined; from there on they continue, and are not the file's own"
+        )
+        self._report_other_codec(joints)
 
     def _report_other_codec(self, joints: Sequence[Joint]) -> None:
         """Warns if joined recordings differ in codec: FFmpeg gives the packets of all as of the first."""
