@@ -222,6 +222,13 @@ class PacketSink(MediaOutput, NumberedFilesSink):
         if self.arrivals:
             self._arrivals = cast("BinaryIO", arrivals_path(file.path).open("wb", buffering=0))
         self._shift, self._begin, self._bytes, self._caps = max(0, -pts), pts, 0, caps
+        if self._shift:
+            self.warn_once(
+                f"{self.location}: times are {self._shift / SECOND_NS:.3f} s later than in the stream, which "
+                "begins below 0, as a file that was cut without encoding: what the cut hides is shown; put "
+                "decode ! encode before to keep the times",
+                "shift",
+            )
 
     def _drop_damaged(self, error: BadPacket) -> None:
         """Counts a damaged packet; where it was a file's first, the next keyframe restarts the file."""
