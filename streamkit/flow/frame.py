@@ -5,15 +5,13 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import msgspec
 
+from streamkit.flow.caps import Caps
 from streamkit.flow.metadata import Registration, Tracks
 from streamkit.geometry.track import Track
-
-if TYPE_CHECKING:
-    from streamkit.flow.caps import Caps
 
 Item = TypeVar("Item")
 NO_METADATA: Mapping[type, object] = MappingProxyType({})

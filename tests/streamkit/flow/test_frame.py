@@ -1,6 +1,7 @@
 """Frames: shared read-only data, and writable copies."""
 
 import copy
+import inspect
 import pickle
 from collections.abc import Callable, Iterator
 
@@ -209,3 +210,8 @@ def test_capture_has_an_origin() -> None:
     frame = Frame(b"", Caps("a/b"), capture=Capture(1_763_690_000_000_000_000, "rtcp"))
     assert frame.capture is not None
     assert frame.capture.origin == "rtcp"
+
+
+def test_help_shows_a_frame() -> None:
+    """`help(Frame)` and a notebook's `Frame?` resolve the annotations, which msgspec needs at run time."""
+    assert list(inspect.signature(Frame).parameters)[:3] == ["data", "caps", "pts"]
