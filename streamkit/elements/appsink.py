@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -18,6 +19,8 @@ from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import EosEvent, Event, FlushEvent
 from streamkit.flow.frame import Frame
+
+ITERATION_TIMEOUT_S = 60.0
 
 
 class AppSink(FrameHolder, PlainSink):
@@ -184,6 +187,21 @@ class AppSink(FrameHolder, PlainSink):
             return frame
 
     def __iter__(self) -> Iterator[Frame]:
-        """Iterates over frames until EOS; raises the pipeline's error if it fails."""
-        while (frame := self.pull(timeout_s=60.0)) is not None:
+        """Iterates over frames until EOS, or until another thread stops the pipeline.
+
+        Raises:
+            StateError: the pipeline does not play, or no frame came for 60 s; a live source may rest longer.
+            ElementFailure: the pipeline has failed.
+        """
+        has_played = False
+        while True:
+            has_played = has_played or (self.is_playing and not self.stopping.is_set())
+            try:
+                frame = self.pull(math.inf if self.query_live() else ITERATION_TIMEOUT_S)
+            except StateError:
+                if has_played and self.stopping.is_set():
+                    return
+                raise
+            if frame is None:
+                return
             yield frame

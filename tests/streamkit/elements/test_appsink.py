@@ -4,7 +4,8 @@ import threading
 
 import pytest
 
-from streamkit import ElementFailure, Pipeline
+from streamkit import ElementFailure, Frame, Pipeline
+from streamkit.elements import appsink
 from streamkit.elements.appsink import AppSink
 from streamkit.errors import DescriptionError, StateError
 
@@ -82,6 +83,52 @@ def test_a_stop_wakes_a_waiting_pull() -> None:
     pipeline.stop()
     waiting.join(10)
     assert outcome == ["out: no frames: the pipeline does not play; call play() first"]
+
+
+def test_a_stop_ends_an_iteration() -> None:
+    """A loop in another thread ends, as at EOS; one that begins later says that nothing plays."""
+    pipeline = Pipeline.parse("fakesrc is-live=true ! appsink name=out")
+    pipeline.play()
+    frames: list[Frame] = []
+    has_begun, is_over = threading.Event(), threading.Event()
+
+    def iterate() -> None:
+        for frame in pipeline["out"]:
+            frames.append(frame)
+            has_begun.set()
+        is_over.set()
+
+    threading.Thread(target=iterate).start()
+    assert has_begun.wait(10)
+    pipeline.stop()
+    assert is_over.wait(10)
+    with pytest.raises(StateError, match=r"does not play; call play\(\) first$"):
+        list(pipeline["out"])
+
+
+@pytest.mark.parametrize("is_live", [False, True])
+def test_an_iteration_waits_for_a_live_source(monkeypatch: pytest.MonkeyPatch, is_live: bool) -> None:
+    """A feed that is away gives no frame until it is back; of any other an iteration says that none comes."""
+    monkeypatch.setattr(appsink, "ITERATION_TIMEOUT_S", 0.01)
+    with Pipeline.parse(f"appsrc name=in is-live={is_live} ! appsink name=out") as pipeline:
+        pipeline.play()
+        frames: list[Frame] = []
+        outcome: list[str] = []
+
+        def iterate() -> None:
+            try:
+                frames.extend(pipeline["out"])
+            except StateError as error:
+                outcome.append(str(error))
+
+        iterating = threading.Thread(target=iterate)
+        iterating.start()
+        iterating.join(0.5 if is_live else 20)
+        assert iterating.is_alive() is is_live
+        pipeline["in"].push(b"1", pts=0)
+        pipeline["in"].end()
+        iterating.join(20)
+    assert (len(frames), len(outcome)) == ((1, 0) if is_live else (0, 1))
 
 
 def test_it_takes_the_caps_it_is_given() -> None:
