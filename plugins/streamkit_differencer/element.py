@@ -174,7 +174,7 @@ class FrameDiff(Transform):
                 f"{len(result.objects) + dropped} detections in a frame, more than "
                 f"max-objects={self.settings.objects.max_objects}; those with the lowest scores are dropped: "
                 "raise max-objects, or foreground-threshold or min-area if they are noise",
-                subject="max-objects",
+                code="max-objects",
             )
         self._crowded = bool(dropped)
 

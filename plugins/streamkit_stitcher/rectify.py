@@ -106,7 +106,7 @@ class Rectify(Transform):
             self.warn_once(
                 f"a frame is tilted by {degrees:.1f} degrees and levelled up to max-tilt only; "
                 "others may follow",
-                subject="max-tilt",
+                code="max-tilt",
             )
         return tilt
 

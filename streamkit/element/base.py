@@ -104,11 +104,11 @@ class Element(PadOwner, PropertyOwner, Waits):
         """Posts a warning message; `launch --strict` fails after one with the code `shortfall`."""
         self.post(Message(MessageKind.WARNING, self.name, text, {"code": code} if code else {}))
 
-    def warn_once(self, text: str, subject: str = "") -> None:
-        """Posts a warning, unless one of the subject, else with the text, was posted so in this run."""
-        if (subject or text) not in self._warned_of:
-            self._warned_of.add(subject or text)
-            self.post_warning(text)
+    def warn_once(self, text: str, code: str = "") -> None:
+        """Posts a warning, unless one with the code, else with the text, was posted so in this run."""
+        if (code or text) not in self._warned_of:
+            self._warned_of.add(code or text)
+            self.post_warning(text, code)
 
     def post_message(self, name: str, **fields: object) -> None:
         """Posts an element message with a name and fields."""

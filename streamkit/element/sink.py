@@ -104,7 +104,7 @@ class Sink(Element):
             f"a frame at {frame.pts / 1e9:.3f} s is outside the stream, which begins at "
             f"{pad.segment.start_ns / 1e9:.3f} s, and is dropped, as is each further one; "
             "give frames times that ascend",
-            subject="segment",
+            code="segment",
         )
         return True
 

@@ -29,7 +29,7 @@ from streamkit_media.codecs import CODED_CAPS, caps_rate, codec_of, size_of
 from streamkit_media.decoding.coded_stream import KEYFRAME, CodedStream, Decoded
 from streamkit_media.decoding.frame_arrays import FrameReader, OddSize, oriented
 from streamkit_media.decoding.marks import Damage, Freshness, InherentDelay
-from streamkit_media.decoding.presentation_times import WRONG_TIMES
+from streamkit_media.decoding.presentation_times import WRONG_TIMES, WRONG_TIMES_CODE
 from streamkit_media.decoding.videodecoder import VideoDecoder, accelerator
 from streamkit_media.failures import reason_of
 from streamkit_media.streams import DecodeOnly
@@ -272,7 +272,7 @@ class Decode(Transform):
     def _shown(self, stream: CodedStream, decoded: Decoded) -> list[Frame]:
         self._frames_decoded += len(decoded)
         if stream.decoder.times.are_wrong:
-            self.warn_once(WRONG_TIMES)
+            self.warn_once(WRONG_TIMES, WRONG_TIMES_CODE)
         frames = []
         for video_frame, origin in decoded:
             number = stream.numbers.pop(0) if stream.numbers else origin.seq

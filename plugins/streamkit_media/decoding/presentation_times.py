@@ -6,6 +6,7 @@ from bisect import bisect_left, insort
 
 from streamkit_media.decoding.marks import PENDING_LIMIT
 
+WRONG_TIMES_CODE = "wrong-times"  # of the warning
 WRONG_TIMES = (
     "the times of the packets are in order of coding, not of presentation, as of a writer that knows no "
     "B-frames; the frames take them in ascending order"

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, cast
 
 from streamkit import ElementFailure, Frame, FrameFlags, Message, Pipeline, StreamkitError
-from streamkit_media.decoding.presentation_times import WRONG_TIMES
+from streamkit_media.decoding.presentation_times import WRONG_TIMES_CODE
 from streamkit_media.doctor.measure import PacketFacts
 from streamkit_media.streams import DecodeOnly
 from streamkit_telemetry_formats.photograph import sample_of_photograph
@@ -93,7 +93,7 @@ def watch(
     def watch_messages(message: Message) -> None:
         if message.fields.get("name") == "cut-short":
             seen.shortfall = str(message.fields["text"])
-        seen.are_times_wrong |= message.text.endswith(WRONG_TIMES)
+        seen.are_times_wrong |= message.fields.get("code") == WRONG_TIMES_CODE
 
     error: Exception | None = None
     try:

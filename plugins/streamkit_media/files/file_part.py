@@ -15,7 +15,7 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 from streamkit import SECOND_NS, Caps, Frame, StreamError
-from streamkit_media.decoding.presentation_times import WRONG_TIMES
+from streamkit_media.decoding.presentation_times import WRONG_TIMES, WRONG_TIMES_CODE
 from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
 from streamkit_media.files.presentation_order import with_presentation_times
@@ -90,7 +90,7 @@ class FilePart:
         start_s: float,
         stop_s: float | None,
         offset_ns: int,
-        warn: Callable[[str], object],
+        warn: Callable[[str, str], object],
     ) -> None:
         self.end_ns = self._offset_ns = offset_ns
         self.joints: list[Joint] = []
@@ -109,7 +109,7 @@ class FilePart:
         self._completeness = (
             None if self._video is None else Completeness(container, self._video, start_s, stop_s)
         )
-        self._report_times = partial(warn, f"{where}: {WRONG_TIMES}")
+        self._report_times = partial(warn, f"{where}: {WRONG_TIMES}", WRONG_TIMES_CODE)
 
     def shortfall(self) -> str:
         """What is missing of the video at its end, in words; "" where nothing is."""
