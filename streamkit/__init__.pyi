@@ -80,6 +80,7 @@ from streamkit.flow.record import track_record as track_record
 from streamkit.flow.record_file import NO_TIME as NO_TIME
 from streamkit.flow.record_file import RecordFile as RecordFile
 from streamkit.flow.record_file import read_tracks as read_tracks
+from streamkit.flow.record_metadata import attach_record as attach_record
 from streamkit.flow.record_metadata import registration_of as registration_of
 from streamkit.flow.record_metadata import tracks_of as tracks_of
 from streamkit.flow.record_tally import RecordTally as RecordTally

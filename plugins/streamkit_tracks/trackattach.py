@@ -13,8 +13,7 @@ from streamkit import (
     StreamError,
     TrackRecord,
     Transform,
-    registration_of,
-    tracks_of,
+    attach_record,
 )
 from streamkit_tracks.tracksrc import check_records
 
@@ -74,8 +73,7 @@ class TrackAttach(Transform):
                 "is a copy of its video whose times begin elsewhere"
             )
         self._has_match = True
-        frame = frame.attach(tracks_of(record))
-        return frame if record.registration is None else frame.attach(registration_of(record.registration))
+        return attach_record(frame, record)
 
     @override
     def drain(self) -> Iterable[Frame]:

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from streamkit.flow.frame import Frame
 from streamkit.flow.metadata import Registration, Tracks
 from streamkit.flow.record import TargetRecord, TrackRecord
 from streamkit.geometry.track import Track
@@ -19,6 +20,12 @@ SAME_FIELDS = ("id", "state", "x", "y", "length", "width", "angle", "score", "ag
 def tracks_of(record: TrackRecord) -> Tracks:
     """The targets of a record as metadata; unknown velocities and covariances are NaN."""
     return Tracks(tuple(_track(target) for target in record.tracks))
+
+
+def attach_record(frame: Frame, record: TrackRecord) -> Frame:
+    """The frame with the tracks of a record and, where it has one, its registration."""
+    frame = frame.attach(tracks_of(record))
+    return frame if record.registration is None else frame.attach(registration_of(record.registration))
 
 
 def _track(target: TargetRecord) -> Track:

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from streamkit import TRACKS_CAPS, Caps, Frame, TrackRecord, registration_of, tracks_of
+from streamkit import TRACKS_CAPS, Caps, Frame, TrackRecord, attach_record
 
 
 def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: int) -> Frame:
@@ -14,8 +14,8 @@ def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: in
     frame = Frame(
         payload, _caps(record.width, record.height), pts=record.pts_ns, epoch=epoch + record.epoch,
         seq=record.seq, arrival_ns=arrival_ns, capture=record.capture,
-    ).attach(tracks_of(record))  # fmt: skip
-    return frame if record.registration is None else frame.attach(registration_of(record.registration))
+    )  # fmt: skip
+    return attach_record(frame, record)
 
 
 @lru_cache(maxsize=64)
