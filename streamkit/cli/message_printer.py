@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from streamkit.errors import ElementFailure
-from streamkit.flow.messages import Message, MessageKind
+from streamkit.flow.messages import LostConnections, Message, MessageKind
 
 if TYPE_CHECKING:
     from streamkit.cli.display import Display
@@ -28,7 +28,7 @@ class MessagePrinter:
         self._is_starting = True
         self._printed: list[Message] = []  # while it started
         self._caps: dict[str, str] = {}  # by path of the src pad
-        self._retrying: set[str] = set()  # elements that have lost their connection
+        self._lost = LostConnections()
         pipeline.bus.watch(self._print_of_start)
 
     def _print_of_start(self, message: Message) -> None:
@@ -58,16 +58,8 @@ class MessagePrinter:
             known = "state" if message.kind is MessageKind.STATE else "name"  # in the text already
             fields = " ".join(f"{key}={value}" for key, value in message.fields.items() if key != known)
             self._display.print_line(f"{message.kind}: {source}: {message.text} {fields}".rstrip())
-        elif name == "connection":
-            self._print_connection(message.source, message.fields.get("state"))
-
-    def _print_connection(self, source: str, state: object) -> None:
-        """Says that an element is connected again, after the warning that it was not."""
-        if state == "retrying":
-            self._retrying.add(source)
-        elif state == "connected" and source in self._retrying:
-            self._retrying.discard(source)
-            self._display.print_line(f"note: {source}: connected again")
+        elif self._lost.update(message):  # after the warning that it was lost
+            self._display.print_line(f"note: {message.source}: connected again")
 
     def print_notes(self, texts: Iterable[str]) -> None:
         """Prints notes on the description."""

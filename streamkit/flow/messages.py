@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from streamkit.masking import presentable, presentable_value
 
+LOST_STATES = ("retrying", "gave-up")
 SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
 
 
@@ -46,3 +47,23 @@ class Message:
     def __post_init__(self) -> None:
         object.__setattr__(self, "text", presentable(self.text))
         object.__setattr__(self, "fields", presentable_value(self.fields))
+
+
+class LostConnections:
+    """The elements that have lost their connection, by their messages `connection`.
+
+    Attributes:
+        states: "retrying" or "gave-up", by element.
+    """
+
+    def __init__(self) -> None:
+        self.states: dict[str, str] = {}
+
+    def update(self, message: Message) -> bool:
+        """Takes a message; returns whether it says that a lost connection is made again."""
+        if message.fields.get("name") != "connection":
+            return False
+        state = str(message.fields.get("state"))
+        if state in LOST_STATES:
+            self.states[message.source] = state
+        return state == "connected" and self.states.pop(message.source, None) is not None

@@ -10,14 +10,13 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from streamkit.flow.messages import Message
+from streamkit.flow.messages import LostConnections, Message
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.states import State
 from streamkit.service.supervisor import RESTARTS_VARIABLE
 
 SILENCE_LIMIT_S = 10.0  # without a beat of the main loop, which has one a second or more
 AGE_BOUNDS_S = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0)
-LOST_STATES = frozenset({"retrying", "gave-up"})
 
 
 class Monitor:
@@ -56,7 +55,7 @@ class Monitor:
         self._notify_every_s = int(variables.get("WATCHDOG_USEC") or 0) / 2e6  # half, as systemd advises
         self._beat_s: float | None = None
         self._notified_s = 0.0
-        self._lost: dict[str, str] = {}  # by element, the state of a lost connection
+        self._lost = LostConnections()
         pipeline.bus.watch(self._note)
 
     # Called by the loop that runs the pipeline.
@@ -96,7 +95,7 @@ class Monitor:
             return reason
         if self.pipeline.state is not State.PLAYING:
             return f"the pipeline is {self.pipeline.state}, not playing"
-        for element, state in list(self._lost.items()):
+        for element, state in list(self._lost.states.items()):
             return f"{element} is not connected ({state})"
         for row in self.pipeline.statistics():
             if row.pads and not row.frames_in and all(pad.direction == "sink" for pad in row.pads):
@@ -107,12 +106,7 @@ class Monitor:
         """Counts what elements report of their connections and processes."""
         if message.fields.get("code") == "process-restart":
             self.restarts[message.source] += 1
-        if message.fields.get("name") != "connection":
-            return
-        state = str(message.fields.get("state"))
-        if state in LOST_STATES:
-            self._lost[message.source] = state
-        elif state == "connected" and self._lost.pop(message.source, ""):
+        if self._lost.update(message):
             self.reconnects[message.source] += 1
 
     def _sample_ages(self) -> None:
