@@ -24,7 +24,7 @@ from streamkit import (
     Transform,
 )
 from streamkit_video.trackoverlay import drawing
-from streamkit_video.trackoverlay.snapshot import check_target, write_image
+from streamkit_video.trackoverlay.snapshot import check_target, write_snapshot
 from streamkit_video.trackoverlay.trails import Trails
 
 STYLES = {
@@ -162,7 +162,7 @@ class TrackOverlay(Transform):
     def _write_snapshot(self) -> None:
         image, self._last_confirmed = self._last_confirmed, None
         if self.snapshot is not None and image is not None:
-            write_image(Path(self.snapshot), image)
+            write_snapshot(Path(self.snapshot), image)
 
 
 def _status_text(frame: Frame, registration: Registration | None, tracks: Tracks | None) -> str:

@@ -1,4 +1,4 @@
-"""Writes an image file, whole or not at all."""
+"""The file of a snapshot of an overlay, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def check_target(path: Path) -> None:
         raise OSError(f"{path}: no image format has the ending {path.suffix!r}; take .png or .jpg")
 
 
-def write_image(path: Path, image: NDArray[np.uint8]) -> None:
+def write_snapshot(path: Path, image: NDArray[np.uint8]) -> None:
     """Writes a BGR image; an existing file is replaced when the new one is complete.
 
     Raises:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_video.trackoverlay.snapshot import check_target, write_image
+from streamkit_video.trackoverlay.snapshot import check_target, write_snapshot
 
 IMAGE = np.full((6, 8, 3), 77, np.uint8)
 
@@ -15,7 +15,7 @@ def test_only_the_image_is_written(tmp_path: Path) -> None:
     """The file holds the image; no temporary file stays; an older file is replaced."""
     target = tmp_path / "shot.png"
     target.write_bytes(b"old")
-    write_image(target, IMAGE)
+    write_snapshot(target, IMAGE)
     np.testing.assert_array_equal(cv2.imread(str(target)), IMAGE)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
 
@@ -25,7 +25,7 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     target = tmp_path / "shot.png"
     target.mkdir()
     with pytest.raises(OSError, match=r"shot\.png"):
-        write_image(target, IMAGE)
+        write_snapshot(target, IMAGE)
     assert [path.name for path in tmp_path.iterdir()] == ["shot.png"]
 
 
