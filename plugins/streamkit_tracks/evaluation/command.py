@@ -12,6 +12,7 @@ import typer
 
 from streamkit import SHOWN_STATES, StreamError, exit_with_error
 from streamkit_tracks.evaluation.readers import (
+    evidence_of_swap,
     frames_of,
     frames_with_boxes,
     is_one_target,
@@ -20,7 +21,6 @@ from streamkit_tracks.evaluation.readers import (
     read_tracks,
     read_truth,
     sides,
-    swap_sign,
     tracks_by_frame,
 )
 from streamkit_tracks.evaluation.scores import (
@@ -70,11 +70,11 @@ def trackeval(
         exit_with_error(str(error), 2)
     try:
         scores = score_files(tracks, truth, overlap, first_pixel, limits, run)
-        sign = swap_sign(tracks, truth)
+        evidence = evidence_of_swap(tracks, truth)
     except (ValueError, StreamError) as error:
         exit_with_error(str(error))
-    if sign:
-        typer.echo(f"warning: {sign}; tracks come first, ground truth second", err=True)
+    if evidence:
+        typer.echo(f"warning: {evidence}; tracks come first, ground truth second", err=True)
     if as_json:
         typer.echo(json.dumps(scores))
         return

@@ -31,7 +31,7 @@ def read_tracks(path: Path) -> list[Labelled]:
     """
     if path.suffix == ".csv":
         return tracks_by_frame(path, list(_csv_rows(path)))
-    return tracks_by_frame(path, [row for row, numbers in _mot_rows(path, 1.0) if _counts(numbers)])
+    return tracks_by_frame(path, [row for row, numbers in _mot_rows(path, 1.0) if _is_counted(numbers)])
 
 
 def tracks_by_frame(path: Path, rows: list[Row]) -> list[Labelled]:
@@ -69,7 +69,7 @@ def read_truth(path: Path, first_pixel: float = 1.0) -> tuple[list[Labelled], li
         for (frame, _, box), numbers in rows
         if len(numbers) == MOT_CLASS_COLUMNS
     ]
-    return _by_frame([row for row, numbers in rows if _counts(numbers)]), _by_frame(classes)
+    return _by_frame([row for row, numbers in rows if _is_counted(numbers)]), _by_frame(classes)
 
 
 def read_boxes(path: Path, first_pixel: float = 1.0) -> FloatArray:
@@ -97,7 +97,7 @@ def is_one_target(path: Path) -> bool:
     raise ValueError(f"{path}: no line of numbers in it")
 
 
-def swap_sign(tracks: Path, truth: Path) -> str:
+def evidence_of_swap(tracks: Path, truth: Path) -> str:
     """What in their columns shows that tracks and ground truth are swapped; "" if nothing does.
 
     Raises:
@@ -159,7 +159,8 @@ def _mot_rows(path: Path, first_pixel: float) -> Iterator[tuple[Row, list[float]
         yield (int(numbers[0]), int(numbers[1]), [left - shift, top - shift, width, height]), numbers
 
 
-def _counts(numbers: list[float]) -> bool:
+def _is_counted(numbers: list[float]) -> bool:
+    """Whether a row of MOT Challenge counts: its seventh number, where it has one, is not 0."""
     return len(numbers) <= MOT_USED or numbers[MOT_USED] != 0
 
 
