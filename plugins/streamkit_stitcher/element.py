@@ -230,6 +230,7 @@ class Stitch(Transform):
                 self._mosaic.show_last()
                 if not self._mosaic.finish(plane, self.stopping):
                     raise Flushing(self.name)
+                self._count_files(self._mosaic)
             elif plane is not None:
                 plane.close()
             self._summarise()
@@ -246,6 +247,7 @@ class Stitch(Transform):
         try:
             if mosaic is not None:
                 mosaic.finish(self._registrar.take_plane(current=True))
+                self._count_files(mosaic)
             if self.outcomes and not self._is_summarised and self.pipeline_error() is None:
                 self._summarise()
         except OSError as error:
@@ -287,6 +289,12 @@ class Stitch(Transform):
             return replace(self.recording, first_number=1 + max(number for _, number in there))
         raise FileExistsError(f"{location} exists already; name another file, or set if-exists=replace")
 
+    def _count_files(self, mosaic: LiveMosaic) -> None:
+        """Counts the mosaics written, also where the pipeline has failed."""
+        if "file" in mosaic.summary:
+            is_several = FileNames(str(self.recording.location)).is_several
+            self.results["files"] = max(1, self._registrar.ended_planes) if is_several else 1
+
     def _summarise(self) -> None:
         """Posts the message `summary`, once the mosaics are written."""
         self._is_summarised = True
@@ -298,8 +306,6 @@ class Stitch(Transform):
         if frames:
             mosaic = {} if self._mosaic is None else self._mosaic.summary
             planes = max(1, self._registrar.ended_planes)
-            if "file" in mosaic:
-                self.results["files"] = planes if FileNames(str(self.recording.location)).is_several else 1
             self.post_message("summary", frames=frames, **states, planes=planes, **mosaic)
 
     def _prefer_colour(self) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from streamkit import (
     DescriptionError,
+    ElementFailure,
     Frame,
     FrameFlags,
     GroundReference,
@@ -23,6 +24,7 @@ from streamkit import (
 )
 from streamkit.testing import Harness
 from streamkit_video.dronetestsrc.truth import TrueRegistration
+from tests.slowness import patience
 
 SMALL = (360, 640)
 
@@ -369,6 +371,17 @@ def test_the_summary_names_the_mosaic(flight, tmp_path):
     assert (summary["file"], summary["width"], summary["height"]) == (str(tmp_path / "m.png"), width, height)
     assert summary["geo_error_m"] is None
     assert summary["geo_refused"].startswith("no current position; posesync before stitch")
+
+
+def test_a_run_that_fails_counts_its_mosaic(tmp_path):
+    """The mosaic of the frames before the failure is written, and the last line of the run names it."""
+    text = f"stitch name=s location={tmp_path / 'm.png'} ! identity error-after=4 ! fakesink"
+    pipeline = Pipeline.parse(f"dronetestsrc num-buffers=9 ! {text}")
+    with pytest.raises(ElementFailure, match="error-after=4"):
+        pipeline.run(timeout_s=patience(60))
+    assert (tmp_path / "m.png").is_file()
+    row = next(row for row in pipeline.statistics() if row.element == "s")
+    assert row.results == {"files": 1}
 
 
 def test_a_mosaic_of_unknown_ending_is_refused_at_once():
