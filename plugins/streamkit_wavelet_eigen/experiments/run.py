@@ -1,8 +1,10 @@
 """Runs the whole protocol: four partitions, each a task, on several processes."""
 
 import os
+import signal
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -63,7 +65,9 @@ def run_all(
     """
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     found: dict[str, PartitionResult] = {}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    # Ctrl-C ends the processes at once, too; else each would go on with the next partition.
+    end_at_once = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(workers, get_context("spawn"), end_at_once) as pool:
         tasks = {
             pool.submit(run_partition, key, folder, repetitions, tracking_runs, follow): key
             for key in PARTITIONS
