@@ -33,11 +33,12 @@ class Localisation:
     Attributes:
         std: predicted error of the previous frame at the worst corner, px.
         is_adrift: whether the place is unknown, so that no keyframe may be made of a frame.
+        prediction: predicts the next frame by the motion so far.
     """
 
     def __init__(self, shape: tuple[int, int], std: float = 0.0) -> None:
         self._shape, self._max_drift = shape, MAX_DRIFT * shape[1]
-        self._motion = MotionPredictor(shape)
+        self.prediction = MotionPredictor(shape)
         self._lost = self._unmeasured = self._vain = self._since_search = 0
         self.std = std
         self.is_adrift = False
@@ -45,7 +46,7 @@ class Localisation:
     @property
     def was_lost(self) -> bool:
         """Whether the place of the previous frame is a prediction."""
-        return self._motion.predicted > 0
+        return self.prediction.predicted > 0
 
     @property
     def is_known(self) -> bool:
@@ -55,11 +56,7 @@ class Localisation:
     @property
     def steps(self) -> int:
         """Steps from the last frame that was not lost to the next one."""
-        return 1 + self._motion.predicted
-
-    def expected(self, before: FloatArray) -> FloatArray:
-        """The homography of the next frame, float64[3, 3], after that of the previous one."""
-        return self._motion.expected(before)
+        return 1 + self.prediction.predicted
 
     def predicted_by(
         self, motion: PairwiseMotion, before: FloatArray, last_to_plane: FloatArray
@@ -72,14 +69,14 @@ class Localisation:
             last_to_plane: float64[3, 3], the last frame that was not lost to the plane.
         """
         if motion.model is None:
-            return Placement(self.expected(before), _LOST_STD + self.std, motion=motion)
+            return Placement(self.prediction.expected(before), _LOST_STD + self.std, motion=motion)
         to_plane = normalised(last_to_plane @ motion.matrix)
         return Placement(to_plane, motion.corner_std(self._shape) + self.std, motion=motion)
 
     def lost_place(self, before: FloatArray) -> Placement:
         """The predicted place of a frame that is lost."""
-        expected = self.expected(before)
-        self._motion.predicted += 1
+        expected = self.prediction.expected(before)
+        self.prediction.predicted += 1
         self.std += corner_shift(normalised(inverse(before) @ expected), self._shape) + _LOST_STD
         return Placement(expected, self.std)
 
@@ -118,7 +115,7 @@ class Localisation:
 
     def place(self, to_previous: FloatArray, std: float, is_measured: bool) -> None:
         """Notes the motion of a placed frame, float64[3, 3], and its predicted error, px."""
-        self._motion.update(to_previous)
+        self.prediction.update(to_previous)
         self.std = std
         self._lost = 0
         if std <= OK_STD:
@@ -127,4 +124,4 @@ class Localisation:
 
     def leave_plane(self) -> None:
         """Forgets the motion: the next frame lies on another plane."""
-        self._motion = MotionPredictor(self._shape)
+        self.prediction = MotionPredictor(self._shape)

@@ -142,7 +142,7 @@ class FrameRegistrar:
         before, near = self._planes.before, None
         # After a lost frame the place is not known well enough.
         if not self._place.was_lost:
-            near = anchor.match_near(images, before, self._place.std, self._place.expected(before))
+            near = anchor.match_near(images, before, self._place.std, self._place.prediction.expected(before))
         if near is not None and self._is_enough(near):
             found = placed(anchor.keyframes.active, near)
             has_jumped = is_jump(normalised(inverse(before) @ found.to_reference), self._shape)
@@ -211,7 +211,8 @@ class FrameRegistrar:
 
     def _motion_since(self, last: WorkingImage, image: WorkingImage) -> PairwiseMotion:
         """The motion of the corners since the last frame that was not lost."""
-        guess = normalised(inverse(self._planes.last_to_plane) @ self._place.expected(self._planes.before))
+        expected = self._place.prediction.expected(self._planes.before)
+        guess = normalised(inverse(self._planes.last_to_plane) @ expected)
         limits = self._settings.limits
         reach = min(1.0, limits.max_step * self._place.steps)
         return register(last, image, guess, replace(limits, max_step=reach))
