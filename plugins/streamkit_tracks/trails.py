@@ -24,8 +24,8 @@ from streamkit_tracks.file_formats import (
     xml_text,
 )
 
-LONGEST = 5000  # points of a line: it is written again each second until it ends
-MOST = 10_000  # lines at once; sources that ended leave theirs
+MAX_PLACES = 5000  # of a line, which is written again each second until it ends
+MAX_TRAILS = 10_000  # at once; sources that ended leave theirs
 LOST = TrackState.LOST.value
 
 
@@ -81,8 +81,8 @@ class TrailFormat(FeatureFormat):
                 trail.seconds.append(record["pts_ns"] / 1e9)
         there = {(source, track["id"]) for track in record["tracks"] if track["state"] != LOST}
         for key, trail in list(self._trails.items()):
-            is_over = key[0] == source and (key not in there or len(trail.places) >= LONGEST)
-            if is_over or len(self._trails) > MOST:
+            is_over = key[0] == source and (key not in there or len(trail.places) >= MAX_PLACES)
+            if is_over or len(self._trails) > MAX_TRAILS:
                 yield self.line(trail)
                 del self._trails[key]
                 if key in there:

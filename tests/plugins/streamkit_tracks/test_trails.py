@@ -64,7 +64,7 @@ def test_a_target_is_a_line_at_any_time() -> None:
 
 def test_a_long_line_is_continued(monkeypatch: pytest.MonkeyPatch) -> None:
     """From its last place: a target that stays for hours is not written anew each second."""
-    monkeypatch.setattr(trails, "LONGEST", 3)
+    monkeypatch.setattr(trails, "MAX_PLACES", 3)
     found = lines([record(seq, t7="confirmed") for seq in range(6)])
     assert [[place[0] for place in places] for _, places in found] == [
         [11.5, 11.51, 11.52], [11.52, 11.53, 11.54], [11.54, 11.55],
@@ -73,7 +73,7 @@ def test_a_long_line_is_continued(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_lines_of_sources_that_ended_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oldest are completed."""
-    monkeypatch.setattr(trails, "MOST", 3)
+    monkeypatch.setattr(trails, "MAX_TRAILS", 3)
     form = GeoJsonTrails()
     form.begin()
     pieces = [form.record({**record(seq, t7="confirmed"), "source": f"uav/{seq}"}) for seq in range(6)]
