@@ -13,7 +13,7 @@ from streamkit import Caps, Frame, Transform
 from streamkit_telemetry_formats.sample import Sample
 from streamkit_telemetry_formats.telemetryreader import TelemetryReader
 
-OF_FRAMES = ("gap_ns", "is_stale")  # what a pose has as that of a frame
+OF_FRAMES = ("gap_ns", "is_stale")  # fields of a pose that say how it belongs to a frame
 
 
 class TelemetryParse(Transform):

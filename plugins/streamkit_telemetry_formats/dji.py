@@ -46,7 +46,7 @@ HEIGHTS = (
     ("abs_alt", ABOVE_SEA), ("rel_alt", ABOVE_TAKE_OFF), ("altitude", UNKNOWN_HEIGHT),
     ("height", ABOVE_TAKE_OFF), ("hb", ABOVE_TAKE_OFF), ("hs", ABOVE_GROUND),
 )  # fmt: skip
-WIDEST = math.radians(170)
+MAX_FIELD_OF_VIEW = math.radians(170)
 Attitude = tuple[float, float, float]
 
 
@@ -124,7 +124,7 @@ def _field_of_view(text: str) -> tuple[float, float] | None:
     """Horizontal and vertical, rad, of a frame of 16:9, by the focal length for 35 mm film; or None."""
     focal_mm, zoom = _in_units(FOCAL.search(text), 0.1), _in_units(ZOOM.search(text), 1e-4) or 1.0
     across = focal_view(focal_mm * zoom) if focal_mm else math.pi
-    return (across, 2 * math.atan(math.tan(across / 2) * 9 / 16)) if across < WIDEST else None
+    return (across, 2 * math.atan(math.tan(across / 2) * 9 / 16)) if across < MAX_FIELD_OF_VIEW else None
 
 
 def _in_units(found: re.Match[str] | None, unit: float) -> float:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from streamkit_telemetry_formats.dji import (
     ABOVE_SEA,
-    WIDEST,
+    MAX_FIELD_OF_VIEW,
     attitude,
     on_earth,
     orientation,
@@ -91,4 +91,4 @@ def _field_of_view(exif: ExifData, size: tuple[int, int]) -> tuple[float, float]
     else:
         return None
     across, down = 2 * math.atan(half), 2 * math.atan(half * size[1] / size[0])
-    return (across, down) if across < WIDEST else None
+    return (across, down) if across < MAX_FIELD_OF_VIEW else None
