@@ -131,9 +131,9 @@ class World:
         shadow = np.array(sprites.SHADOW_OFFSET) * self._path.ground_scale
         cars = list(zip(self._sprites, self._traffic.positions, self._traffic.headings, strict=True))
         for sprite, position, heading in cars:
-            sprite.draw(sprite.shadow, image, frame_from_ground @ _pose(position + shadow, heading))
+            sprite.draw(sprite.shadow, image, frame_from_ground @ _car_to_ground(position + shadow, heading))
         for sprite, position, heading in cars:
-            sprite.draw(sprite.body, image, frame_from_ground @ _pose(position, heading))
+            sprite.draw(sprite.body, image, frame_from_ground @ _car_to_ground(position, heading))
         self._noise.add_to(image)
         return image
 
@@ -192,7 +192,7 @@ def _inverse(homography: FloatArray) -> FloatArray:
     return normalised(np.asarray(np.linalg.inv(homography), np.float64))
 
 
-def _pose(position: FloatArray, heading: float) -> FloatArray:
+def _car_to_ground(position: FloatArray, heading: float) -> FloatArray:
     """float64[3, 3] from a car's own axes to the ground."""
     cos, sin = np.cos(heading), np.sin(heading)
     return np.array([[cos, -sin, position[0]], [sin, cos, position[1]], [0.0, 0.0, 1.0]])
