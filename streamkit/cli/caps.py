@@ -109,7 +109,7 @@ OPERATIONS: dict[str, Operation] = {
     "value-subset": Operation(read_value, 2, is_subset_value),
     "value-equal": Operation(read_value, 2, values_equal),
 }
-FIRST = Operation(Caps, 0, operator.and_)
+INTERSECT_FIRST = Operation(Caps, 0, operator.and_)
 SYNONYMS = {"normalise": "normalize", "merge": "union", "fixed": "is-fixed"}
 
 
@@ -123,7 +123,7 @@ def find_operation(operation: str, mode: str, count: int) -> Operation:
         hint = f"operations are {', '.join(OPERATIONS)}"
         raise DescriptionError("usage", f"no operation {operation!r}", hint=hint)
     if mode == "first" and name == "intersect":
-        found = FIRST
+        found = INTERSECT_FIRST
     if count != found.count and (found.count or count < 2):
         raise DescriptionError("usage", f"{name} takes {found.count or '2 or more'} texts, got {count}")
     return found
