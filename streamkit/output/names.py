@@ -1,4 +1,4 @@
-"""Names of output files with numbers or times."""
+"""What a `location` names: a server, a file, or files with numbers or times in their names."""
 
 from __future__ import annotations
 
