@@ -22,7 +22,7 @@ Decoded: TypeAlias = list[tuple[VideoFrame, Frame]]
 
 
 class CodedStream:
-    """What begins anew with each format or epoch of the packets.
+    """The state of decoding the packets of one format and epoch; the next ones get a new one.
 
     Attributes:
         caps, epoch: of its packets.
