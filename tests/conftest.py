@@ -23,6 +23,7 @@ from tests.slowness import patience, slowness
 
 # The workers of the tests fill the cores; a second thread of OpenCV would wait in a loop for the first one.
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+gc.disable()  # until all is collected: among what imports and collecting make there is no garbage
 ROOT = Path(__file__).parents[1]
 MODULE = "elements_of_a_test"
 Register = Callable[..., None]
@@ -53,6 +54,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that take long begin first: workers run whole files, and none should be left with one alone."""
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
+def pytest_collection_finish() -> None:
+    """Garbage collection begins with the tests."""
+    gc.enable()
 
 
 @pytest.fixture(autouse=True)
@@ -117,7 +123,9 @@ class FreshEnvironment:
             file.write_text("#!/bin/sh\n" + script.format(python=folder / "bin" / "python") + "\n")
             file.chmod(0o755)
         path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
-        self.variables = {**os.environ, "PATH": path, "VIRTUAL_ENV": str(folder)}
+        # Of pytest's plugins, those of this project's own tests: the author has none of them.
+        without_plugins = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+        self.variables = {**os.environ, "PATH": path, "VIRTUAL_ENV": str(folder), **without_plugins}
 
     def run(self, *command: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Runs a command in it."""
