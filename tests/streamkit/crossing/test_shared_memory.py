@@ -1,6 +1,5 @@
 """Slots: arrays in shared memory keep values, layout and life."""
 
-import gc
 import os
 
 import numpy as np
@@ -26,7 +25,6 @@ def pass_on(writer: SlotWriter, reader: SlotReader, array: np.ndarray) -> np.nda
 
 def give_back(writer: SlotWriter, reader: SlotReader) -> int:
     """Tells the writer which slots are free; returns their number."""
-    gc.collect()
     count = len(reader.released)
     while reader.released:
         writer.release(reader.released.popleft())
@@ -90,7 +88,6 @@ def test_few_descriptors_stay_open() -> None:
     assert all(np.all(array == value) for value, array in enumerate(kept))
     kept.append(pass_on(writer, reader, np.full((80, 80), 50, np.uint8)))
     kept.clear()
-    gc.collect()
     assert len(os.listdir("/proc/self/fd")) == before
 
 
