@@ -39,31 +39,23 @@ def test_sub_bands_equal_pywavelets(wavelet: str, height: int, width: int) -> No
         np.testing.assert_allclose(ours, theirs, atol=1e-3)
 
 
-@pytest.mark.parametrize("wavelet", WAVELETS)
-def test_every_wavelet_reconstructs(wavelet: str) -> None:
+def test_every_wavelet_reconstructs() -> None:
     """Each discrete wavelet of PyWavelets gives every patch back within 1e-2 grey levels."""
     given = _patches(7, 32, 48, seed=3)
-    np.testing.assert_allclose(reconstruct(decompose(given, wavelet), wavelet), given, atol=1e-2)
+    assert len(WAVELETS) > 100
+    for wavelet in WAVELETS:
+        found = reconstruct(decompose(given, wavelet), wavelet)
+        np.testing.assert_allclose(found, given, atol=1e-2, err_msg=wavelet)
 
 
-@pytest.mark.parametrize("wavelet", [name for name in WAVELETS if name != "dmey"])
-def test_the_inverse_is_that_of_pywavelets(wavelet: str) -> None:
+def test_the_inverse_is_that_of_pywavelets() -> None:
     """Any coefficients, not only those of an image, are inverted as pywt.idwt2 does."""
     bands = (_patches(2, 32, 32, seed=5) - 128.0).reshape(2, 2, 16, 2, 16)
-    theirs = pywt.idwt2(
-        (
-            bands[LL].astype(float),
-            (
-                bands[LH].astype(float),
-                bands[HL].astype(float),
-                bands[HH].astype(float),
-            ),
-        ),
-        wavelet,
-        mode="periodization",
-        axes=(1, 2),
-    )
-    np.testing.assert_allclose(reconstruct(bands, wavelet), theirs, atol=1e-2)
+    smooth, *details = (bands[band].astype(float) for band in (LL, LH, HL, HH))
+    for wavelet in WAVELETS:
+        if wavelet != "dmey":
+            theirs = pywt.idwt2((smooth, tuple(details)), wavelet, mode="periodization", axes=(1, 2))
+            np.testing.assert_allclose(reconstruct(bands, wavelet), theirs, atol=1e-2, err_msg=wavelet)
 
 
 @pytest.mark.parametrize("wavelet", ["db8", "sym4", "coif3", "haar"])
