@@ -53,7 +53,7 @@ class Display:
 
     def begin(self) -> None:
         """Counts the time from now on: before, elements have started, and perhaps compiled loops."""
-        self.began_s = time.monotonic()
+        self.began_s = self._drawn_s = time.monotonic()
 
     def measure(self) -> RunStatistics:
         """Current statistics."""
