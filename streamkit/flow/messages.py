@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from streamkit.masking import presentable, presentable_value
 
-LOST_STATES = ("retrying", "gave-up")
+LOST_STATES = ("retrying", "gave-up")  # of the messages `connection`
 SHORTFALLS = frozenset({"shortfall", "branch-dropped"})  # codes of warnings
 
 
