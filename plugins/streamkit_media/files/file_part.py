@@ -22,6 +22,8 @@ from streamkit_media.files.presentation_order import with_presentation_times
 from streamkit_media.streams import DECODE_ONLY, StreamKind, nanoseconds, packet_frame, read_packets
 
 FIRST_BACK_S = 1.0  # doubled with each try
+# The decoder refuses a part of a packet with a length, and PyAV then loses the frames in other threads.
+MP4_FORMAT = "mov,mp4,m4a,3gp,3g2,mj2"
 WRAP_NS = 2**32 * SECOND_NS // 90_000  # half of the times that a transport stream can tell
 
 
@@ -75,7 +77,7 @@ class FilePart:
         streams: what to read, by kind, each with the caps of its packets.
         start_s, stop_s: from the beginning of the video.
         offset_ns: added to all times, as this part follows others.
-        warn: called with a text where the file's times are corrected.
+        warn: called with a text where the file's times are corrected, or its last packet is left out.
 
     Attributes:
         end_ns: end of the last frame shown so far.
@@ -110,6 +112,10 @@ class FilePart:
             None if self._video is None else Completeness(container, self._video, start_s, stop_s)
         )
         self._report_times = partial(warn, f"{where}: {WRONG_TIMES}", WRONG_TIMES_CODE)
+        self._report_part = partial(
+            warn, f"{where}: the file ends within a packet, which is left out", "cut-packet"
+        )
+        self._leaves_out_parts = container.format.name == MP4_FORMAT
 
     def shortfall(self) -> str:
         """What is missing of the video at its end, in words; "" where nothing is."""
@@ -166,6 +172,9 @@ class FilePart:
         for packet in with_presentation_times(packets, self._video, self._report_times):
             if self._completeness is not None:
                 self._completeness.add(packet)
+            if packet.is_corrupt and self._leaves_out_parts:
+                self._report_part()
+                continue
             stream = self._read[packet.stream_index]
             if stream.has_ended(packet):
                 playing.discard(packet.stream_index)

@@ -182,6 +182,24 @@ def test_a_truncated_file_gives_its_complete_frames(make_video: MakeVideo, tmp_p
     assert 20 < len(frames) < 60
 
 
+@pytest.mark.parametrize("name", ["cut.mp4", "cut.mov"])
+def test_a_packet_that_the_end_cuts_costs_no_other_frame(
+    make_video: MakeVideo, tmp_path: Path, name: str
+) -> None:
+    """A decoder with many threads refuses its part, and would lose the frames that other threads hold."""
+    data = make_video(name, count=60, container_options={"movflags": "faststart"}).read_bytes()
+    path = tmp_path / name
+    path.write_bytes(data[:-20])
+    with Pipeline.parse(f"filesrc location={path} ! decode threads=8 ! appsink name=out") as pipeline:
+        pipeline.play()
+        times = [frame.pts for frame in pipeline["out"]]
+        warnings = []
+        while (message := pipeline.bus.pop(0.0, (MessageKind.WARNING,))) is not None:
+            warnings.append(message.text)
+    assert (len(times), times) == (59, sorted(times))
+    assert warnings == [f"{path}: the file ends within a packet, which is left out"]
+
+
 @pytest.mark.parametrize("name", ["whole.mp4", "whole.mkv", "whole.avi"])
 @pytest.mark.parametrize(
     ("part", "properties", "is_reported"),
