@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_left, bisect_right, insort
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -36,8 +36,6 @@ class CodedStream:
         has_given_frame: whether the decoder has given any.
         next_pts: of a frame whose packet has no time, ns.
         packets: that the decoder has got.
-        numbers: sequence numbers of the packets without a frame yet, ascending. Frames come out in order of
-            presentation, so each takes the first.
     """
 
     def __init__(self, first: Frame, decoder: VideoDecoder[Frame]) -> None:
@@ -51,7 +49,9 @@ class CodedStream:
         self.awaits_keyframe = not extradata
         self.frame_numbers = FrameNumbers(extradata) if codec_of(caps) == "h264" else None
         self.newest_arrival_ns = self.next_pts = 0
-        self.numbers: list[int] = []
+        self._numbers: list[int] = []  # of the packets without a frame yet, ascending
+        self._times: list[int] = []  # of the same packets, ascending, ns
+        self._failed = 0  # packets among them that gave an error
         self.has_given_frame = False
         self.packets = 0
 
@@ -64,14 +64,42 @@ class CodedStream:
         self.packets += 1
         self.awaits_keyframe &= not packet.flags & KEYFRAME
         self.newest_arrival_ns = max(self.newest_arrival_ns, packet.arrival_ns)
-        insort(self.numbers, packet.seq)
-        del self.numbers[:-PENDING_LIMIT]
+        insort(self._numbers, packet.seq)
+        del self._numbers[:-PENDING_LIMIT]
+        if packet.pts is not None:
+            insort(self._times, packet.pts)
+            del self._times[:-PENDING_LIMIT]
         try:
             return self.decoder.decode(packet.data, packet, bool(packet.flags & KEYFRAME), packet.pts)
         except FFmpegError:
-            with suppress(ValueError):
-                self.numbers.remove(packet.seq)
+            if packet.pts is not None:
+                self._failed += 1
+            else:
+                with suppress(ValueError):
+                    self._numbers.remove(packet.seq)
             raise
+
+    def next_number(self, packet: Frame, pts: int | None) -> int:
+        """The sequence number of the next frame: frames come out in order of presentation.
+
+        So each takes the first number, behind those of failed packets that would have been shown before it.
+        Which packet has failed is not known: threads report it later, when others have been sent.
+
+        Args:
+            packet: of the frame; its own number stands in where none is left.
+            pts: of the frame, ns.
+        """
+        if pts is None or not self._numbers:
+            return self._numbers.pop(0) if self._numbers else packet.seq
+        first, behind = bisect_left(self._times, pts), bisect_right(self._times, pts)
+        earlier = min(first, self._failed, len(self._numbers) - 1)
+        same = min(
+            max(0, behind - first - 1), self._failed - earlier
+        )  # the other field, or a repeated packet
+        number = self._numbers[earlier]
+        del self._numbers[: earlier + 1 + same], self._times[:behind]
+        self._failed -= earlier + same
+        return number
 
     def is_needed(self, packet: Frame) -> bool:
         """Whether other frames may depend on the one in a packet."""

@@ -275,7 +275,7 @@ class Decode(Transform):
             self.warn_once(WRONG_TIMES, WRONG_TIMES_CODE)
         frames = []
         for video_frame, origin in decoded:
-            number = stream.numbers.pop(0) if stream.numbers else origin.seq
+            number = stream.next_number(origin, video_frame.pts)
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
             is_damaged = self._damage.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
             reason = self._decide_to_hide(stream, origin) if origin.metadata else None

@@ -405,6 +405,31 @@ def test_numbers_that_come_with_frames_stay_with_them(make_video: MakeVideo) -> 
     assert [frame.seq for frame in frames] == list(range(100, 130))
 
 
+@pytest.mark.parametrize("threads", [1, 6])
+@pytest.mark.parametrize("failing", [(7,), (9, 20), (5, 6, 21)])
+def test_frames_keep_their_numbers_where_packets_fail(
+    make_video: MakeVideo, threads: int, failing: tuple[int, ...]
+) -> None:
+    """The number of a frame is its place in the video, also behind one that is lost and in other threads."""
+    packets = packets_of(make_video("failing.mp4", count=60, bframes=3, options={"g": "60"}))
+    for index in failing:
+        packets[index] = packets[index].replace(data=b"\x7f\xff\xff\xff" + bytes(packets[index].data)[4:])
+    with Harness(Decode(threads=threads)) as harness:
+        frames = decoded(harness, packets)
+    assert len(frames) == 60 - len(failing)
+    assert [frame.seq for frame in frames] == [round((frame.pts or 0) / 40_000_000) for frame in frames]
+
+
+def test_a_failing_packet_of_the_time_of_another_takes_no_number(make_video: MakeVideo) -> None:
+    """As the second field of a frame, or a part of a packet that is sent twice."""
+    packets = packets_of(make_video("twice.mp4", count=30, bframes=0, options={"g": "60"}))
+    part = packets[9].replace(data=b"\x7f\xff\xff\xff", seq=10)
+    later = [packet.replace(seq=packet.seq + 1) for packet in packets[10:]]
+    with Harness(Decode(threads=1)) as harness:
+        frames = decoded(harness, [*packets[:10], part, *later])
+    assert [frame.seq for frame in frames] == [number for number in range(31) if number != 10]
+
+
 def test_a_decoder_that_is_always_late_shows_all_the_same(make_video: MakeVideo) -> None:
     """Where every frame takes half a second, they are shown after a moment rather than never."""
     packets = packets_of(make_video("slow.mp4", count=60, bframes=0))
