@@ -93,9 +93,8 @@ class CodedStream:
             return self._numbers.pop(0) if self._numbers else packet.seq
         first, behind = bisect_left(self._times, pts), bisect_right(self._times, pts)
         earlier = min(first, self._failed, len(self._numbers) - 1)
-        same = min(
-            max(0, behind - first - 1), self._failed - earlier
-        )  # the other field, or a repeated packet
+        # A second field, or a part of a packet that is sent again, has the same time.
+        same = min(max(0, behind - first - 1), self._failed - earlier)
         number = self._numbers[earlier]
         del self._numbers[: earlier + 1 + same], self._times[:behind]
         self._failed -= earlier + same
