@@ -5,9 +5,10 @@ with a truth inside the sequence's temporal region is scored. In the truth 50 is
 lies outside the region of interest are left out. framediff has its defaults and grey frames. Of each peer the
 best of eight settings per sequence stands in the table: grey or colour, with or without shadows, raw or with
 a 5 x 5 median; their figures are computed once and kept in a file. Besides F the table lists what happened to
-framediff's model. `--variant` changes the sequences in a way on which nothing was chosen.
+framediff's model. `--variant` changes the sequences as another camera would, see `change_variants.py`; at the
+end the sequences stand by the ratio of framediff's F to the better peer's, the worst first.
 
-    STREAMKIT_DATA=... python benchmarks/change_detection.py [sequence ...] [--still] [--variant noise]
+    STREAMKIT_DATA=... python benchmarks/change_detection.py [sequence ...] [--still] [--variant noise-4 h264]
         [--set noise-gain=3]
 """
 
@@ -23,12 +24,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from change_sequences import MOVING, SHARED, VARIANTS, Score, Sequence
+from change_sequences import MOVING, SHARED, Score, Sequence
+from change_variants import CHANGES, changed
 
 from streamkit import Frame, raw_video_caps
 from streamkit.testing import Harness
 
 KEPT = Path(tempfile.gettempdir()) / f"streamkit-change-detection-peers-{cv2.__version__}.json"
+AS_IT_IS, SHAKEN = "as it is", "shaken"
 PEERS = {"MOG2": cv2.createBackgroundSubtractorMOG2, "KNN": cv2.createBackgroundSubtractorKNN}
 
 
@@ -81,49 +84,60 @@ def peers(sequence: Sequence) -> list[float]:
     ]
 
 
-def main(names: list[str], with_shaken: bool, variant: str, settings: dict[str, str]) -> None:
-    """Prints the table and its summary."""
+def summary(name: str, table: np.ndarray) -> None:
+    """Prints the means of a table of F, float64[sequences, framediff and peers]."""
+    ours, best = table[:, 0], table[:, 1:].max(axis=1)
+    print(
+        f"{'mean, ' + name:28} {ours.mean():6.3f} {'':11}",
+        *(f"{mean:9.3f}" for mean in table[:, 1:].mean(axis=0)),
+        f" ahead of both in {np.count_nonzero(ours > best)} of {len(ours)}, below .8 of the better: "
+        f"{np.count_nonzero(ours < 0.8 * best)}",
+        flush=True,
+    )
+
+
+def main(names: list[str], variants: list[str], settings: dict[str, str]) -> None:
+    """Prints a table for each variant, with its summary, and the ratios to the better peer."""
     cv2.setNumThreads(1)
     columns = [f"{name}{kind}" for name in PEERS for kind in (" grey", "")]
-    rows: dict[bool, list[list[float]]] = {False: [], True: []}
     print(
-        f"{'sequence':22} {'F':>6} {'prec':>5} {'rec':>5}",
+        f"{'sequence':28} {'F':>6} {'prec':>5} {'rec':>5}",
         *(f"{name:>9}" for name in columns),
         "   ms  events",
     )
-    for name in names or sorted(path.name for path in SHARED.iterdir()):
-        still = Sequence.read(SHARED / name)
-        still = still.changed(variant) if variant else still
-        for sequence in (still, still.shaken()) if with_shaken else (still,):
+    ratios: list[tuple[float, str]] = []
+    for variant in variants:
+        table: list[list[float]] = []
+        for name in names or sorted(path.name for path in SHARED.iterdir()):
+            sequence = Sequence.read(SHARED / name)
+            if variant != AS_IT_IS:
+                sequence = sequence.shaken() if variant == SHAKEN else changed(sequence, variant)
             score, events, ms = own(sequence, settings)
-            others = peers(sequence)
-            rows[sequence is not still].append([score.f_measure, *others])
+            table.append([score.f_measure, *peers(sequence)])
+            if max(table[-1][1:]) > 0:
+                ratios.append((score.f_measure / max(table[-1][1:]), sequence.name))
             print(
-                f"{sequence.name:22} {score.f_measure:6.3f} {score.precision:5.2f} {score.recall:5.2f}",
-                *(f"{value:9.3f}" for value in others),
+                f"{sequence.name:28} {score.f_measure:6.3f} {score.precision:5.2f} {score.recall:5.2f}",
+                *(f"{value:9.3f}" for value in table[-1][1:]),
                 f"{ms:5.1f} ",
                 *(f"{event}={count}" for event, count in sorted(events.items())),
                 flush=True,
             )
-    for is_shaken, values in rows.items():
-        if values:
-            table = np.array(values)
-            ours, best = table[:, 0], table[:, 1:].max(axis=1)
-            print(
-                f"{'mean, shaken' if is_shaken else 'mean, as it is':22} {ours.mean():6.3f} {'':11}",
-                *(f"{mean:9.3f}" for mean in table[:, 1:].mean(axis=0)),
-                f" ahead of both in {np.count_nonzero(ours > best)} of {len(ours)}, below .8 of the better: "
-                f"{np.count_nonzero(ours < 0.8 * best)}",
-            )
+        summary(variant, np.array(table))
+    if set(variants) & set(CHANGES):
+        rows = (f"{ratio:7.3f} {name}" for ratio, name in sorted(ratios))
+        print("ratio to the better peer:", *rows, sep="\n")
 
 
 if __name__ == "__main__":
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("sequence", nargs="*", help="names of folders; all if there is none")
     parser.add_argument("--still", action="store_true", help="leaves out the shaken ones")
-    parser.add_argument("--variant", choices=VARIANTS, help="of the sequences; without shaken ones")
+    parser.add_argument(
+        "--variant", nargs="+", choices=[*CHANGES, "all"], help="of the sequences, in place of the two"
+    )
     parser.add_argument("--set", action="append", default=[], metavar="PROPERTY=VALUE", help="of framediff")
     arguments = parser.parse_args()
-    shaken = not arguments.still and arguments.variant is None
+    variants = arguments.variant or ([AS_IT_IS] if arguments.still else [AS_IT_IS, SHAKEN])
     settings = dict(text.split("=", 1) for text in arguments.set)
-    main(arguments.sequence, shaken, arguments.variant or "", settings)
+    main(arguments.sequence, list(CHANGES) if "all" in variants else variants, settings)

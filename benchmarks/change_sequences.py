@@ -16,11 +16,6 @@ import numpy.typing as npt
 ByteImage = npt.NDArray[np.uint8]
 SHARED = Path(os.environ.get("STREAMKIT_DATA", "/nonexistent")) / "data" / "change"
 SHAKE_PX, SHAKE_DEGREES, SHAKE_SEED = 3.0, 0.3, 0
-# From the last frame to the first, every second frame, half and twice the size, noise (grey levels), an
-# exposure that changes by this part, and compression.
-VARIANTS = ("backwards", "half-rate", "half-size", "double-size", "noise", "gain", "jpeg")
-SCALES = {"half-size": 0.5, "double-size": 2.0}
-NOISE, GAIN, JPEG_QUALITY = 6.0, 0.15, 15
 FOREGROUND = 100
 MOVING, OUTSIDE, UNKNOWN = 255, 85, 170
 
@@ -56,36 +51,6 @@ class Sequence:
         everywhere = np.ones(frames[0].shape[:2], np.bool_)
         region = cv2.imread(str(roi), 0) > 0 if roi.exists() else everywhere
         return cls(folder.name, frames, truths, region if region.shape == everywhere.shape else everywhere)
-
-    def changed(self, variant: str) -> Sequence:
-        """The same in one of `VARIANTS`, on which nothing was chosen."""
-        frames, truths, region = self.frames, self.truths, self.region
-        random, step = np.random.default_rng(SHAKE_SEED), -1 if variant == "backwards" else 1
-        if variant == "half-rate":
-            step = 2
-        elif variant == "noise":
-            frames = [
-                np.clip(frame + random.normal(0, NOISE, (*region.shape, 1)), 0, 255).astype(np.uint8)
-                for frame in frames
-            ]
-        elif variant == "gain":
-            gains = 1 + GAIN * np.sin(np.arange(len(frames)) / len(frames) * 6 * np.pi)
-            frames = [
-                cv2.convertScaleAbs(frame, alpha=gain) for frame, gain in zip(frames, gains, strict=True)
-            ]
-        elif variant == "jpeg":
-            quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-            frames = [cv2.imdecode(cv2.imencode(".jpg", frame, quality)[1], 1) for frame in frames]
-        elif variant in SCALES:
-            scale, nearest = SCALES[variant], cv2.INTER_NEAREST
-            smooth = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-            frames = [cv2.resize(frame, None, fx=scale, fy=scale, interpolation=smooth) for frame in frames]
-            size = frames[0].shape[1::-1]
-            truths = [
-                None if truth is None else cv2.resize(truth, size, interpolation=nearest) for truth in truths
-            ]
-            region = cv2.resize(region.astype(np.uint8), size, interpolation=nearest) > 0
-        return Sequence(f"{self.name} {variant}", frames[::step], truths[::step], region)
 
     def shaken(self) -> Sequence:
         """The same seen by a camera that shakes; unscored where the truth leaves the frame."""
