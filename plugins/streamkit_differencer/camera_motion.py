@@ -43,6 +43,9 @@ MIN_EXPLAINED = 0.18
 FREEDOM_GAIN = 1.1
 STEPS = 6
 MAX_MISSED_FRAMES = 12
+# Missed frames in a row, as of a blur, after which a camera that moved is searched for from the last frame
+# that was placed. Not at once: the patches of an old keyframe whose trust is left are those of firm ground.
+PATIENCE_FRAMES = 2
 # Missed frames in a row that a pan explains, after which a camera that rested is lost; leaves that cover the
 # view move as one for half as many.
 PAN_FRAMES = 6
@@ -62,7 +65,7 @@ class CameraMotion:
     # Patches of each level of the keyframe's pyramid.
     _keyframe: list[Patches] = field(default_factory=list)
     _keyframe_to_plane: FloatArray = field(default_factory=lambda: np.eye(3))
-    # The pyramid of the frame before.
+    # The pyramid of the last frame that was placed.
     _before: list[ByteImage] = field(default_factory=list)
     _placed: FloatArray = field(default_factory=lambda: np.eye(3))
     _rests: bool = True
@@ -88,15 +91,28 @@ class CameraMotion:
             is lost; after some of those a new plane begins.
         """
         levels = pyramid(image)
-        before, self._before = self._before, levels
+        placed = self._placed_by(levels)
+        if placed is not None:
+            self._before = levels
+        return placed
+
+    def _placed_by(self, levels: list[ByteImage]) -> FloatArray | None:
+        """The position by the keyframe, else by the last frame that was placed; see `place`."""
         if not self._keyframe or not len(self._keyframe[0]):
             # Without texture the camera counts as still.
             self._set_keyframe(levels, self._placed)
             return self._placed
         placed = self._fit(levels)
+        if placed is None and not self._rests and self._missed >= PATIENCE_FRAMES:
+            # The keyframe is out of view, or shows water.
+            keyframe = self._keyframe, self._keyframe_to_plane
+            self._set_keyframe(self._before, self._placed)
+            placed = self._fit(levels)
+            if placed is None:
+                self._keyframe, self._keyframe_to_plane = keyframe
         if placed is not None:
             return self._follow(levels, placed)
-        self._panned = self._panned + 1 if self._rests and self._is_pan(before, levels) else 0
+        self._panned = self._panned + 1 if self._rests and self._is_pan(levels) else 0
         return self._miss(levels)
 
     def _follow(self, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
@@ -134,13 +150,13 @@ class CameraMotion:
         self._set_keyframe(levels, self._placed)
         return self._placed
 
-    def _is_pan(self, before: list[ByteImage], levels: list[ByteImage]) -> bool:
+    def _is_pan(self, levels: list[ByteImage]) -> bool:
         """Whether a frame shows most of the one before it, but elsewhere; leaves hardly move as one."""
-        at_rest, _ = Patches.of(before[0]).explained(levels[0], np.eye(3))
+        at_rest, _ = Patches.of(self._before[0]).explained(levels[0], np.eye(3))
         if at_rest >= MIN_EXPLAINED:
             return False
         keyframe = self._keyframe, self._keyframe_to_plane
-        self._set_keyframe(before, self._placed)
+        self._set_keyframe(self._before, self._placed)
         _, moved, _ = self._aligned(levels)
         self._keyframe, self._keyframe_to_plane = keyframe
         return moved >= ENOUGH_SHARE

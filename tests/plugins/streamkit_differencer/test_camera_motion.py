@@ -142,6 +142,21 @@ def test_a_camera_that_moved_and_is_lost_begins_a_new_plane_after_some_patience(
     assert camera.plane == plane + 1
 
 
+def test_a_camera_that_moved_is_followed_where_the_view_changes_slowly():
+    """Nothing of the first view is left after a while, as on water; frames show most of those before."""
+    camera, random = CameraMotion(), np.random.default_rng(1)
+    camera.place(view(np.eye(3)))
+    plane = camera.plane
+    there = np.array([[1, 0, 4.0], [0, 1, 4.0], [0, 0, 1.0]])
+    for number in range(1, 40):
+        moved, share = shaken(random), min(number / 30, 1.0)
+        first, second = view(moved, number=number), view(there @ moved, seed=5, number=number)
+        placed = camera.place(cv2.addWeighted(first, 1.0 - share, second, share, 0.0))
+    assert placed is not None
+    assert corner_distance(placed, moved, SHAPE) < 1.0
+    assert camera.plane == plane
+
+
 def test_traffic_with_more_corners_than_the_ground_is_no_motion():
     """A third of the view moves as one, and the rest has little texture: the camera stands still."""
     camera, random = CameraMotion(), np.random.default_rng(4)
