@@ -20,12 +20,11 @@ EVENTS: dict[str, type[Event]] = {kind.__name__: kind for kind in get_args(Event
 
 
 class LinkMessage(enum.IntEnum):
-    """Kinds of messages of a link; the last one goes from the reader to the writer."""
+    """Kinds of messages of a link, from the writer to the reader."""
 
     FRAME = 0
     EVENT = 1
     SLOT = 2  # a new slot, with its descriptor
-    DONE = 3  # a frame was taken by the elements downstream; see `StreamDecoder.done`
 
 
 class EncodedFrame(NamedTuple):
@@ -154,12 +153,12 @@ class StreamDecoder:
         except (TypeError, LookupError, msgspec.DecodeError) as error:
             raise ValueError(f"the other process has sent something unreadable: {error}") from error
 
-    def done(self, *, is_over: bool) -> bytes:
-        """The message that a frame was taken: with the slots now free, and whether no more is wanted."""
+    def taken(self) -> bytes:
+        """The answer once the elements downstream have taken a frame: the numbers of the slots now free."""
         released, slots = [], self.slots.released
         while slots:
             released.append(slots.popleft())
-        return self._encoder.encode((LinkMessage.DONE, released, is_over))
+        return self._encoder.encode(released)
 
     def _event(self, name: str, fields: list[Any]) -> Event:
         kind = EVENTS[name]
@@ -193,3 +192,11 @@ class StreamDecoder:
             else:
                 self._last[path] = last[path]
         return dict(self._last.values())
+
+
+def read_released(message: bytes) -> list[int]:
+    """The numbers of `StreamDecoder.taken`; raises `ValueError` for another message."""
+    try:
+        return msgspec.msgpack.decode(message, type=list[int])
+    except msgspec.DecodeError as error:
+        raise ValueError(f"the reading process has sent something unreadable: {error}") from error

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from streamkit.crossing.channel import Channel
 
-SENT, TAKEN, FLUSHED = range(3)
-COUNTS = 3
+SENT, TAKEN, FLUSHED, REFUSED = range(4)
+COUNTS = 4
 
 
 class Connection(NamedTuple):
@@ -16,7 +16,8 @@ class Connection(NamedTuple):
     Attributes:
         channel: between the two processes.
         counts: of frames `SENT` by the writer, `TAKEN` by the elements behind the reader, and `FLUSHED`: of
-            those sent, how many a flush drops. The memory outlives both processes.
+            those sent, how many a flush drops. `REFUSED` is 1 once these elements want no more. The memory
+            outlives both processes.
     """
 
     channel: Channel

@@ -12,7 +12,7 @@ from streamkit.crossing.stream_codec import StreamDecoder
 from streamkit.errors import StreamkitError
 from streamkit.flow.events import DiscontinuityEvent, EndOfStream, EosEvent, Event, FlowStop, Flushing
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.graph.processes.connection import FLUSHED, TAKEN, Connection
+from streamkit.graph.processes.connection import FLUSHED, REFUSED, TAKEN, Connection
 from streamkit.handoff.bounded_queue import POLL_S, wait_until
 
 if TYPE_CHECKING:
@@ -113,7 +113,6 @@ class LinkReader:
 
     def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
         frame = self._pad.announce_caps(self._continued(frame))
-        is_over = False
         try:
             self._begin_push()
             if connection.counts[TAKEN] < connection.counts[FLUSHED]:
@@ -122,7 +121,7 @@ class LinkReader:
         except Flushing:
             raise
         except (FlowStop, StreamkitError):
-            is_over = True
+            connection.counts[REFUSED] = 1
             raise
         finally:
             del frame  # its slot may be free now
@@ -131,7 +130,7 @@ class LinkReader:
                 self._link.changed.notify_all()
             connection.counts[TAKEN] += 1
             with contextlib.suppress(ChannelClosed):
-                connection.channel.send(decoder.done(is_over=is_over), (), self._link.stopping.is_set)
+                connection.channel.send(decoder.taken(), (), self._link.stopping.is_set)
 
     def _begin_push(self) -> None:
         """Waits until no flush is in progress; one that begins from now on waits for the frame.

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from streamkit.crossing.channel import ChannelClosed
-from streamkit.crossing.stream_codec import LinkMessage, StreamEncoder
+from streamkit.crossing.stream_codec import StreamEncoder, read_released
 from streamkit.flow.events import (
     EOS,
     CapsEvent,
@@ -21,7 +19,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.graph.processes.connection import SENT, TAKEN, Connection
+from streamkit.graph.processes.connection import REFUSED, SENT, TAKEN, Connection
 from streamkit.handoff.bounded_queue import POLL_S
 
 if TYPE_CHECKING:
@@ -91,6 +89,9 @@ class LinkWriter:
                 frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
             if self._send(frame, connection, flushes):
                 self._has_gap = False
+                # Now, while the reader has something to do: before the frame was sent, this would delay it.
+                with contextlib.suppress(ChannelClosed):
+                    self._read_released(connection, 0.0)
                 return True
         return False
 
@@ -115,23 +116,27 @@ class LinkWriter:
         return connection
 
     def _wait_for_room(self, connection: Connection, flushes: int) -> None:
-        """Reads what the reader has taken; waits while `capacity` frames are on the way."""
-        link, wait_s = self._link, 0.0
+        """Waits while `capacity` frames are on the way.
+
+        Raises:
+            FlowStop: the reader wants no more, or the pipeline stops or flushes.
+        """
+        link, counts = self._link, connection.counts
         while True:
-            for message in link.receive(connection.channel, wait_s):
-                kind, released, is_over = msgspec.msgpack.decode(message)
-                if kind != LinkMessage.DONE:
-                    raise ValueError("the reading process has sent something unreadable")
-                for number in released:
-                    self._encoder.slots.release(number)
-                if is_over:
-                    self._is_refused = True
-                    raise EndOfStream(link.name)
+            if counts[REFUSED]:
+                self._is_refused = True
+                raise EndOfStream(link.name)
             if link.must_give_up(flushes):
                 raise Flushing(link.name)
-            if connection.counts[SENT] - connection.counts[TAKEN] < link.capacity:
+            if counts[SENT] - counts[TAKEN] < link.capacity:
                 return
-            wait_s = POLL_S
+            self._read_released(connection, POLL_S)
+
+    def _read_released(self, connection: Connection, wait_s: float) -> None:
+        """Reads which slots are free; there is a message of each frame that was taken."""
+        for message in self._link.receive(connection.channel, wait_s):
+            for number in read_released(message):
+                self._encoder.slots.release(number)
 
     def _send(self, frame: Frame, connection: Connection, flushes: int) -> bool:
         """Sends a frame, and counts it; False if that was cancelled."""
