@@ -12,7 +12,7 @@ import pytest
 from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
-from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, Flushing, GapEvent
+from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, EndOfStream, Flushing, GapEvent
 from streamkit.graph.processes.connection import COUNTS
 from streamkit.graph.processes.link_writer import LinkWriter
 from streamkit.graph.processes.process_link import ProcessLink
@@ -111,6 +111,29 @@ def test_a_writer_may_be_started_again_twice_while_a_frame_is_taken() -> None:
     assert received == [0, 7]
     assert reader.pads["src"].is_eos
     for link in (*writers, reader):
+        link.disconnect()
+
+
+def test_no_frame_is_sent_once_the_reader_wants_no_more() -> None:
+    """The writer learns it before the next frame, which is then neither sent nor counted as lost."""
+    reader = ProcessLink("reader")
+    reader.reads = True
+
+    def refuse(frame: Frame) -> None:
+        raise EndOfStream("sink")
+
+    reader.pads["src"].push = refuse
+    writer = writer_to(reader)
+    put = writer.receiver(writer.pads["sink"])
+    thread = threading.Thread(target=reader.stream)
+    thread.start()
+    put(Frame(b"", Caps("a/b"), seq=0))
+    thread.join(LIMIT_S)
+    counts = writer.connection().counts
+    with pytest.raises(EndOfStream):
+        put(Frame(b"", Caps("a/b"), seq=1))
+    assert counts.tolist() == [1, 1, 0, 1]
+    for link in (writer, reader):
         link.disconnect()
 
 
