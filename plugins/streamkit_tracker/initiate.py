@@ -28,13 +28,15 @@ TENTATIVE_SHARE = 4
 def add_tentative(table: TargetTable, observation: Observation, free: IndexArray) -> None:
     """Starts a tentative target on every free detection; `free` are the rows that no target was given."""
     capacity = table.settings.max_targets * (1 + TENTATIVE_SHARE) - len(table.models)
-    for index in free[: max(capacity, 0)].tolist():
-        low, high = observation.boxes[index, :2], observation.boxes[index, 2:]
-        is_whole = observation.are_objects or (high - low).prod() >= LARGE_SIDE**2
-        centre = (low + high) / 2 if is_whole else observation.centroids[index]
-        window = np.array([*centre, *(high - low), 0.0])
-        born = table.add(window, drawn=False, cause="began on a detection")
-        table.rows["detection"][born], table.rows["whole"][born] = index, is_whole
+    chosen = free[: max(capacity, 0)]
+    if not len(chosen):
+        return
+    low, high = observation.boxes[chosen, :2], observation.boxes[chosen, 2:]
+    is_whole = observation.are_objects | ((high - low).prod(axis=1) >= LARGE_SIDE**2)
+    centres = np.where(is_whole[:, None], (low + high) / 2, observation.centroids[chosen])
+    windows = np.column_stack([centres, high - low, np.zeros(len(chosen))])
+    first = table.add(windows, drawn=False, cause="began on a detection")
+    table.rows["detection"][first:], table.rows["whole"][first:] = chosen, is_whole
 
 
 def start_appearances(table: TargetTable, observation: Observation, sampler: WindowSampler) -> None:

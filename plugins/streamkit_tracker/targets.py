@@ -138,25 +138,31 @@ class TargetTable:
     def __post_init__(self) -> None:
         self.survival = Survival(self.settings.lasting_hits)
 
-    def add(self, window: FloatArray, *, drawn: bool, cause: str) -> int:
-        """Appends a tentative target at a window, float64[5]; returns its row."""
-        row = np.zeros(1, TARGET)
-        position_std = centroid_std(float(np.sqrt(window[2] * window[3])))
+    def add(self, windows: FloatArray, *, drawn: bool, cause: str) -> int:
+        """Appends tentative targets at windows, float64[n, 5]; returns the row of the first."""
+        first, count = len(self.models), len(windows)
+        rows = np.zeros(count, TARGET)
+        sides = np.sqrt(windows[:, 2] * windows[:, 3]).tolist()
+        variances = np.array([centroid_std(side) ** 2 for side in sides])
         speed_std = self.settings.max_speed * SPEED_SHARE
-        row["id"], row["drawn"], row["window"], row["drawn_angle"] = self.next_id, drawn, window, window[4]
-        row["mean"][0, :2], row["box"] = window[:2], window[2:4]
-        row["covariance"] = np.diag([position_std**2, position_std**2, speed_std**2, speed_std**2])
-        row["credit_s"], row["score"], row["last_position"] = INITIAL_CREDIT_S, 1.0, window[:2]
-        row["predicted"] = row["gate"] = row["similarity"] = np.nan
-        row["detection"], row["detections"] = -1, 1
-        row["hits"], row["hits"][0, 0] = np.nan, 1.0
-        self.causes[self.next_id] = cause
-        self.rows = np.concatenate([self.rows, row])
-        generator = np.random.default_rng((self.settings.seed, self.next_id))
-        evidence = Evidence(self.settings.lost_threshold, self.settings.update_threshold)
-        self.models.append(TargetModel(generator, evidence, window[None, :2].copy()))
-        self.next_id += 1
-        return len(self.models) - 1
+        rows["id"] = self.next_id + np.arange(count)
+        rows["drawn"], rows["window"], rows["drawn_angle"] = drawn, windows, windows[:, 4]
+        rows["mean"][:, :2], rows["box"] = windows[:, :2], windows[:, 2:4]
+        rows["covariance"][:, [0, 1], [0, 1]] = variances[:, None]
+        rows["covariance"][:, [2, 3], [2, 3]] = speed_std**2
+        rows["credit_s"], rows["score"], rows["last_position"] = INITIAL_CREDIT_S, 1.0, windows[:, :2]
+        rows["predicted"] = rows["gate"] = rows["similarity"] = np.nan
+        rows["detection"], rows["detections"] = -1, 1
+        rows["hits"] = np.nan
+        rows["hits"][:, 0] = 1.0
+        self.rows = np.concatenate([self.rows, rows])
+        for number, window in zip(rows["id"].tolist(), windows, strict=True):
+            self.causes[number] = cause
+            generator = np.random.default_rng((self.settings.seed, number))
+            evidence = Evidence(self.settings.lost_threshold, self.settings.update_threshold)
+            self.models.append(TargetModel(generator, evidence, window[None, :2].copy()))
+        self.next_id += count
+        return first
 
     def confirm(self, index: int, cause: str) -> None:
         """Confirms the target in a row for the first time."""

@@ -73,7 +73,7 @@ class MultiTargetTracker:
         if visible_fraction(window[None], self._shape)[0] <= 0:
             raise ValueError(f"a window must overlap the {image.shape[1]}x{image.shape[0]} frame")
         self._sampler.set_frame(image, observation.chroma)
-        row = targets.add(window, drawn=True, cause="drawn by hand")
+        row = targets.add(window[None], drawn=True, cause="drawn by hand")
         start_appearance(targets, row, observation.space, self._sampler)
         targets.confirm(row, "drawn by hand")
         return report(targets, observation)[-1]

@@ -10,7 +10,7 @@ from streamkit_tracker.targets import TargetTable
 def table(window: tuple[float, float, float, float, float] = (0.0, 0.0, 10.0, 10.0, 0.0)) -> TargetTable:
     """One target drawn by hand, 10 px wide: accelerations of 20 px/s^2."""
     targets = TargetTable(TrackerSettings())
-    targets.add(np.array(window), drawn=True, cause="")
+    targets.add(np.array([window]), drawn=True, cause="")
     return targets
 
 
