@@ -29,7 +29,9 @@ from streamkit_tracker.update.detected_box import follow_boxes, follow_detection
 from streamkit_tracker.update.measurement import follow_drawn, learn_detected, measure
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, ByteArray, FloatArray, visible_fraction
 
-SEARCH_EVERY = 2  # frames, and learn likewise, of a target that its detections keep in place
+# Frames between two searches of a target that its detections keep in place, after which it learns; the second
+# while there is not enough time. Detections are enough: rendered cars are followed as exactly with both.
+SEARCH_EVERY, SPARING_EVERY = 2, 4
 
 
 class MultiTargetTracker:
@@ -148,7 +150,8 @@ class MultiTargetTracker:
         """Rows of the targets whose appearance is searched in this frame."""
         rows, followed = self.targets.rows, self.targets.followed
         found = rows["detection"] >= 0
-        # in every other frame, a detection of its own is enough: the target is neither searched nor learnt
-        is_resting = rows["led"] & ((rows["id"] + self._frames) % SEARCH_EVERY > 0)
+        # in the other frames a detection of its own is enough: the target is neither searched nor learnt
+        every = SEARCH_EVERY if self._budget.share >= 1 else SPARING_EVERY
+        is_resting = rows["led"] & ((rows["id"] + self._frames) % every > 0)
         # boxes that show the whole target are better than any template
         return np.flatnonzero(followed & ~is_resting & ~rows["whole"] & (found | ~self.targets.dormant))
