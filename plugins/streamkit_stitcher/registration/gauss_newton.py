@@ -36,9 +36,13 @@ def scaling_of(points: FloatArray) -> FloatArray:
 def slopes(points: FloatArray, scaling: FloatArray) -> FloatArray:
     """Derivatives of the x and y of float64[n, 2] points by the parameters of a step, float64[2, 8, n]."""
     x, y = ((points - scaling[:2]) / scaling[2]).T
-    one, none = np.ones_like(x), np.zeros_like(x)
-    across = [x, y, one, none, none, none, -x * x, -x * y]
-    return np.array([across, [none, none, none, x, y, one, -x * y, -y * y]])
+    both = np.zeros((2, 8, len(points)))
+    both[0, 0] = both[1, 3] = x
+    both[0, 1] = both[1, 4] = y
+    both[0, 2] = both[1, 5] = 1
+    both[0, 6], both[0, 7], both[1, 7] = -x * x, -x * y, -y * y
+    both[1, 6] = both[0, 7]
+    return both
 
 
 def step_matrix(parameters: FloatArray, scaling: FloatArray) -> FloatArray:
@@ -112,5 +116,5 @@ def worst_deviation(covariance: FloatArray, scaling: FloatArray, points: FloatAr
     """
     both = slopes(points, scaling)
     # The variances of x and y add up.
-    worst = float(np.einsum("api,pq,aqi->i", both, covariance, both).max())
+    worst = float((both * (covariance @ both)).sum(axis=(0, 1)).max())
     return math.sqrt(worst) if worst >= 0 else math.inf
