@@ -32,7 +32,7 @@ const load = new ElementLoad();
 const followed = new Followed();
 const mosaic = new Mosaic();
 const map = new GroundMap(document.getElementById("map"), document.getElementById("ground"), {
-  geo, mosaic, chosen: (id) => follow(id), changed: () => { page.needsDrawing = true; },
+  geo, mosaic, chosen: (id) => follow(id), changed: askDrawing,
 });
 const earth = new EarthMap(document.getElementById("earth-map"), document.getElementById("earth"), {
   geo, mosaic, chosen: (id) => follow(id),
@@ -43,7 +43,7 @@ const control = new Control({ send: (request) => connection.send({ control: requ
 const pointer = new Pointer(overlay, {
   shown: shownSize,
   isDrawing: () => control.isDrawing,
-  changed: () => { page.needsDrawing = true; },
+  changed: askDrawing,
   chosen: (id) => follow(id),
   drawn: (box, record) => control.draw(carried(box, record, page.newest)),
 });
@@ -72,7 +72,7 @@ function resetVideo() {
     records: new Map(), trails: new Trails(), newest: null, shown: null, waiting: [], frames: 0, rate: 0, skipped: 0,
     asksStills: true, counted: performance.now(), delays: [], reason: "", video: false, lastDrawn: null,
   });
-  page.needsDrawing = true;
+  askDrawing();
   document.getElementById("empty").hidden = false;
   screen.clear();
 }
@@ -142,7 +142,7 @@ function takeRecord(record) {
   // A frame that is shown with its own record stays as it is until the next one.
   if (!page.shown?.isExact) {
     if (page.shown) Object.assign(page.shown, recordFor(page.shown.header)); // it came late
-    page.needsDrawing = true;
+    askDrawing();
   }
   if (record.pts_ns !== undefined) player.recordCame(record.epoch, record.pts_ns);
 }
@@ -177,7 +177,7 @@ async function takeImage({ type, body }, payload) {
   else if (type === "tile") mosaic.take(body, image, tiled);
   else if (showsStills()) present(image, body.record, image.width, image.height);
   else image.close();
-  page.needsDrawing = true;
+  askDrawing();
 }
 
 const showsStills = () => !page.video || player.isRefused;
@@ -191,7 +191,7 @@ function showVideo(frame, header) {
 function present(image, header, width, height) {
   page.waiting.push({ image, header, width, height });
   if (page.waiting.length > WAITING_LIMIT) page.waiting.shift().image.close();
-  page.needsDrawing = true;
+  askDrawing();
 }
 
 // The record of exactly this frame, or the one before it that is not older than a quarter second.
@@ -208,15 +208,20 @@ function recordFor(header) {
   return { record, isExact: false };
 }
 
-function draw() {
+// Draws with the next refresh of the display; a page that shows nothing new draws nothing.
+function askDrawing() {
+  if (page.needsDrawing) return;
+  page.needsDrawing = true;
   requestAnimationFrame(draw);
-  if (!page.needsDrawing) return;
+}
+
+function draw() {
   page.needsDrawing = false;
   // The frame on which a box is being drawn stays.
   if (page.waiting.length && !pointer.box) {
     const { image, header, width, height } = page.waiting.shift();
     screen.show(image, width, height, header);
-    page.needsDrawing = page.waiting.length > 0;
+    if (page.waiting.length) askDrawing();
     page.frames += 1;
     page.shown = { header, width, height, ...recordFor(header) };
     noteDelay(header);
@@ -333,14 +338,13 @@ function selectFeed(feed) {
 
 function follow(id) {
   page.followed = page.followed === id ? null : id;
-  page.needsDrawing = true;
+  askDrawing();
   refresh();
 }
 
-const resized = new ResizeObserver(() => { page.needsDrawing = true; });
+const resized = new ResizeObserver(askDrawing);
 for (const id of ["overlay", "map"]) resized.observe(document.getElementById(id));
 setInterval(refresh, 250);
-requestAnimationFrame(draw);
 
 // For tests and for the console: what is on the screen.
 window.streamkit = { page, player, screen, map, mosaic, earth, medianDelay };
