@@ -1,13 +1,13 @@
 """How many targets are confirmed in real clips in which few move, most of them from drones.
 
-    STREAMKIT_DATA=... python benchmarks/clutter.py [--lasting-hits 15] [--only TEXT] [--backwards]
+    STREAMKIT_DATA=... python benchmarks/clutter.py [--lasting-hits 15] [--only TEXT] [--change NAME]
         [--norfair PYTHON]
 
 Each clip of data/sot_video goes through `stitch ! framediff ! particletrack`. The truth has one target, which
 is not always the only one: `ids` are those of targets that are shown (confirmed or coasting), `rows` how many
 are in a frame, `found` the share of frames in which one overlaps the true target by 0.3; in the row `regions`
 a region of motion does. `--norfair` names a Python with norfair, which gets the same detections.
-`--backwards` plays each clip from its last frame to its first one, on which nothing was chosen.
+`--change` runs each clip as another camera would have made it (`tracking_changes.py`).
 """
 
 import argparse
@@ -19,13 +19,13 @@ from pathlib import Path
 import av
 import numpy as np
 from many_targets import Sequence, norfair, run
-from tracking_sequences import FloatArray, shared_data
+from tracking_changes import CHANGES, ENCODER, video_frame
+from tracking_sequences import ByteArray, FloatArray, real, shared_data
 
 from streamkit_tracks.evaluation.readers import read_boxes
 from streamkit_tracks.evaluation.scores import Labelled, overlaps
 
 FOUND_OVERLAP = 0.3
-RATE = 25  # frames per second, of all clips
 
 
 def row(name: str, method: str, tracks: list[Labelled], truth: FloatArray) -> tuple[int, float, float]:
@@ -50,36 +50,30 @@ def clip(path: Path, lasting_hits: int) -> Sequence:
     return run(f"filesrc location={path} ! decode ! {chain}", lambda *_: nothing, 10**6)
 
 
-def reverse(source: Path, copy: Path) -> int:
-    """Writes a video from its last frame to its first one, nearly without loss; returns their number."""
-    with av.open(str(source)) as video:
-        pictures = [frame.to_ndarray(format="yuv420p") for frame in video.decode(video=0)]
+def write(pictures: list[ByteArray], copy: Path, step_s: float) -> None:
+    """Writes a video of pictures uint8[h, w, 3], BGR, nearly without loss."""
     with av.open(str(copy), "w") as output:
-        stream = output.add_stream(
-            "libx264", rate=RATE, options={"crf": "10", "preset": "veryfast", "bf": "0"}
-        )
-        stream.height, stream.width = pictures[0].shape[0] * 2 // 3, pictures[0].shape[1]
+        rate = round(1 / step_s)
+        stream = output.add_stream("libx264", rate=rate, options={"crf": "10", **ENCODER})
+        stream.height, stream.width = pictures[0].shape[:2]
         stream.codec_context.thread_count = 1  # the same bytes on every machine
-        for index, picture in enumerate(reversed(pictures)):
-            frame = av.VideoFrame.from_ndarray(picture, format="yuv420p")
-            frame.pts, frame.time_base = index, Fraction(1, RATE)
-            output.mux(stream.encode(frame))
+        for index, picture in enumerate(pictures):
+            output.mux(stream.encode(video_frame(picture, index, Fraction(1, rate))))
         output.mux(stream.encode())
-    return len(pictures)
 
 
-def clips(only: str, is_backwards: bool) -> Iterator[tuple[str, Path, FloatArray]]:
-    """Names, videos and true boxes, float64[n, 4], of the clips with `only` in their names."""
+def clips(only: str, change: str) -> Iterator[tuple[str, Path, FloatArray]]:
+    """Names, videos and true boxes, float64[n, 4], of clips with `only` in their names, after a change."""
     with tempfile.TemporaryDirectory() as scratch:
         for folder in sorted((shared_data() / "sot_video").iterdir()):
             if only not in folder.name:
                 continue
             video, truth = folder / "video.mp4", read_boxes(folder / "groundtruth.txt")
-            if is_backwards:
-                copy = Path(scratch) / "backwards.mp4"
-                count = reverse(video, copy)
-                missing = np.full((max(count - len(truth), 0), 4), np.nan)
-                video, truth = copy, np.concatenate([truth[:count], missing])[::-1]
+            if change:
+                steps = list(CHANGES[change](real(folder.name)))
+                video = Path(scratch) / "changed.mp4"
+                truth = np.array([step.box for step in steps]) - [0.5, 0.5, 0, 0]  # of corners
+                write([step.picture for step in steps], video, steps[-1].step_s)
             yield folder.name, video, truth
 
 
@@ -89,11 +83,11 @@ def main() -> None:
     parser.add_argument("--lasting-hits", type=int, default=15)
     parser.add_argument("--only", default="")
     parser.add_argument("--norfair", default="")
-    parser.add_argument("--backwards", action="store_true")
+    parser.add_argument("--change", default="", choices=["", *CHANGES])
     options = parser.parse_args()
     figures: dict[str, list[tuple[int, float, float]]] = {}
     print("| clip | tracker | ids | rows | found |\n|---|---|---|---|---|")
-    for name, video, truth in clips(options.only, options.backwards):
+    for name, video, truth in clips(options.only, options.change):
         sequence = clip(video, options.lasting_hits)
         methods = {"particletrack": sequence.tracks}
         if options.norfair:

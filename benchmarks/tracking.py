@@ -1,20 +1,20 @@
 """One target from a window: success, precision, false confirmations and time, against OpenCV's trackers.
 
     STREAMKIT_DATA=... python benchmarks/tracking.py [--seeds 1] [--sequences 6] [--first 500]
-        [--peers FOLDER] [--only TEXT] [--frames 9999] [--grey] [--backwards]
+        [--peers FOLDER] [--only TEXT] [--frames 9999] [--grey] [--change NAME]
         [--set SETTING=NUMBER]
 
 Real sequences (data/sot and data/sot_video) run once for each seed of ours; rendered ones once for each of
 `--sequences`. The real ones are dealt into five folds by name: choose a setting by four of them, and judge it
 by the fifth. `elsewhere` is the share of the frames reported as confirmed that do not overlap the truth,
 `confirmed` the share of the frames that overlap it which are reported as confirmed; a peer confirms all of
-its boxes. `--peers` names a folder that `tracking_peers.py` has filled. `--backwards` plays the real
-sequences from their ends: nothing was chosen on them so. One thread.
+its boxes. `--peers` names a folder that `tracking_peers.py` has filled. `--change` runs the real
+sequences alone, as another camera or another hand would have made them (`tracking_changes.py`); `--frames`
+counts those before the change. One thread.
 """
 
 import argparse
 import dataclasses
-import itertools
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,6 +22,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from tracking_changes import CHANGES, changed_sequences
 from tracking_sequences import (
     GONE_FROM,
     KINDS,
@@ -33,7 +34,6 @@ from tracking_sequences import (
     rendered,
     returns,
     score,
-    sequences,
     upright,
 )
 
@@ -43,7 +43,6 @@ from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.tracker import MultiTargetTracker
 from streamkit_tracker.window_geometry import half_turn
 
-STEP_S = 0.04
 LOST_WITHIN = 5
 FOLDS = 5
 PEERS = ("CSRT", "KCF", "MIL")
@@ -59,7 +58,9 @@ class Run:
         self.states: list[TrackState] = []
         for index, step in enumerate(steps):
             levels, chroma = planes(step.picture)
-            observation = Observation(STEP_S, to_previous=step.to_previous, chroma=None if grey else chroma)
+            observation = Observation(
+                step.step_s, to_previous=step.to_previous, chroma=None if grey else chroma
+            )
             began = time.thread_time()
             if index == 0:
                 reports: tuple[Track, ...] = (tracker.start_target(levels, _first(step), observation),)
@@ -133,14 +134,7 @@ def table(
     print("| sequence | tracker | " + " | ".join(MEASURES) + " |\n|---" + "|---" * (len(MEASURES) + 1) + "|")
     for label, make in chosen:
         seeds = range(options.seeds if label in real_names() else 1)
-        runs = [
-            Run(
-                itertools.islice(make(), options.frames),
-                dataclasses.replace(settings, seed=seed),
-                grey=options.grey,
-            )
-            for seed in seeds
-        ]
+        runs = [Run(make(), dataclasses.replace(settings, seed=seed), grey=options.grey) for seed in seeds]
         waits += [frames for run in runs for frames in run.returns]
         rows["particletrack"][label] = np.mean([run.row for run in runs], axis=0)
         for name in PEERS:
@@ -191,7 +185,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="sequences whose name has this in it")
     parser.add_argument("--frames", type=int, default=9999)
     parser.add_argument("--grey", action="store_true", help="withhold the colour")
-    parser.add_argument("--backwards", action="store_true", help="play the real sequences backwards")
+    parser.add_argument("--change", default="", choices=["", *CHANGES])
     parser.add_argument("--set", action="append", default=[], metavar="SETTING=NUMBER")
     options = parser.parse_args()
     cv2.setNumThreads(1)
@@ -200,9 +194,10 @@ def main() -> None:
     }
     settings = dataclasses.replace(TrackerSettings(auto_start=False), **changes)
     seeds = range(options.first, options.first + options.sequences)
-    chosen = [each for each in sequences(seeds, options.backwards) if options.only in each[0]]
+    kept = changed_sequences(seeds, options.change, options.frames)
+    chosen = [each for each in kept if options.only in each[0]]
     summary(table(chosen, settings, options))
-    if options.only in "removed":
+    if options.only in "removed" and not options.change:
         removed(range(options.first, options.first + 10), settings)
 
 

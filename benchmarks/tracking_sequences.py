@@ -32,9 +32,11 @@ class Step:
     Attributes:
         picture: uint8[h, w, 3], BGR.
         box: float64[4] x0 y0 width height in pixels from 0, NaN where there is no truth.
-        window: float64[5] x y length width angle, or None where only the box is known.
+        window: float64[5] x y length width angle, or None where only the box is known; the first one is that
+            from which the target is followed.
         to_previous: float64[3, 3], how the camera moved; only our tracker gets it.
         hidden: whether the target is covered or out of view.
+        step_s: time since the last frame.
     """
 
     picture: ByteArray
@@ -42,6 +44,7 @@ class Step:
     window: FloatArray | None
     to_previous: FloatArray
     hidden: bool = False
+    step_s: float = 0.04
 
 
 def shared_data() -> Path:
@@ -52,23 +55,8 @@ def shared_data() -> Path:
     return folder
 
 
-def real(name: str, backwards: bool = False) -> Iterator[Step]:
-    """A real sequence; its published pixels start at 1. Pictures have an even width and height.
-
-    Args:
-        name: of its folder.
-        backwards: from the last frame with a truth to the first one: another sequence with the same truth.
-    """
-    if not backwards:
-        yield from _forwards(name)
-        return
-    steps = list(_forwards(name))
-    while steps[-1].hidden:
-        steps.pop()
-    yield from reversed(steps)
-
-
-def _forwards(name: str) -> Iterator[Step]:
+def real(name: str) -> Iterator[Step]:
+    """A real sequence; its published pixels start at 1. Pictures have an even width and height."""
     boxes = np.genfromtxt(_folder(name) / "groundtruth.txt", delimiter=",")[:, :4] - [1, 1, 0, 0]
     for picture, box in zip(_pictures(_folder(name)), boxes, strict=False):
         rows, columns = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
@@ -217,15 +205,10 @@ def returns(
     return [float(wait[0]) if len(wait) else np.inf for wait in waits]
 
 
-def sequences(seeds: range, backwards: bool = False) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
-    """Name and maker of every sequence that has a truth to the end.
-
-    Args:
-        seeds: of the rendered ones.
-        backwards: whether the real ones are played backwards.
-    """
+def sequences(seeds: range) -> list[tuple[str, Callable[[], Iterator[Step]]]]:
+    """Name and maker of every sequence that has a truth to the end; `seeds` are of the rendered ones."""
     made: list[tuple[str, Callable[[], Iterator[Step]]]] = []
-    made += [(name, lambda n=name: real(n, backwards)) for name in real_names()]
+    made += [(name, lambda n=name: real(n)) for name in real_names()]
     for kind in KINDS[:3]:
         made += [(f"{kind} {seed}", lambda k=kind, s=seed: rendered(k, s)) for seed in seeds]
     return made
