@@ -19,7 +19,8 @@ from streamkit_tracker.window_geometry import LENGTH, WIDTH, Float32Array, Float
 
 GRID = 40  # cells
 PADDING = 4.0  # side of the region relative to the mean side of the target ...
-MIN_SIDE = 64.0  # ... and px at first: small targets move by more of their sides
+# ... and to that of the frame, at least: small targets move by more of their sides. But they keep five cells.
+FRAME_SHARE, MAX_PADDING = 1 / 15, 8.0
 GRADIENTS, COLOURS = 10, 4  # components kept of the channels
 HUES = 6
 COLOUR_CHANNELS = HUES + 3
@@ -66,7 +67,8 @@ class RegionFeatures:
 
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
         mean_side = math.sqrt(window[LENGTH] * window[WIDTH])
-        self._padding = max(PADDING, MIN_SIDE / mean_side)
+        frame_side = math.sqrt(math.prod(sampler.shape))
+        self._padding = max(PADDING, min(FRAME_SHARE * frame_side / mean_side, MAX_PADDING))
         self.extent = np.asarray(window[LENGTH : WIDTH + 1]) / (self._padding * mean_side)
         hann = np.hanning(GRID + 2)[1:-1]
         self._hann = np.outer(hann, hann).astype(np.float32)

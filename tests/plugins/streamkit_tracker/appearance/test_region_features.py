@@ -60,8 +60,29 @@ def test_a_grey_frame_has_no_hue():
 
 
 def test_a_small_target_is_read_with_more_ground():
-    """The region is 64 px wide at least."""
-    sampler = sampler_of()
-    tiny = np.array([120.0, 90, 8, 8, 0])
+    """The region has a fifteenth of the frame's side at least: 64 px at 1280x720."""
+    sampler = WindowSampler()
+    sampler.set_frame(np.full((720, 1280), 128, np.uint8))
+    tiny = np.array([120.0, 90, 10, 10, 0])
     assert RegionFeatures(sampler, tiny).read(sampler, tiny).side == pytest.approx(64.0)
     assert RegionFeatures(sampler, WINDOW).read(sampler, WINDOW).side == pytest.approx(4 * np.sqrt(1200))
+
+
+def extent_in_frame(factor: float, side: float) -> np.ndarray:
+    """Of a square target in the middle of a flat frame, 1280x720 times a factor."""
+    rows, columns = int(720 * factor), int(1280 * factor)
+    sampler = WindowSampler()
+    sampler.set_frame(np.full((rows, columns), 128, np.uint8))
+    return RegionFeatures(sampler, np.array([columns / 2, rows / 2, side, side, 0.0])).extent
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("side", [12.0, 40.0], ids=["small", "large"])
+def test_a_frame_of_another_size_shows_the_same_region(factor: float, side: float):
+    """What moves by as many sides of the target is found as well."""
+    np.testing.assert_allclose(extent_in_frame(factor, factor * side), extent_in_frame(1.0, side))
+
+
+def test_the_smallest_targets_keep_five_cells():
+    """A larger region would leave too little of them to be told from their ground."""
+    assert (extent_in_frame(1.0, 4.0) * GRID >= 5.0).all()
