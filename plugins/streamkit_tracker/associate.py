@@ -25,12 +25,13 @@ from streamkit_tracker.targets import (
 )
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray, IntArray
 
-GATE = 16.0  # squared standard deviations
+GATE = 16.0  # squared standard deviations: of the true detections 0.03 % lie beyond (chi squared)
+# Overlap beyond the gate; cost that any pair within it is below; one that no pair has.
 MIN_OVERLAP, LAST_CHOICE, FORBIDDEN = 0.15, 100.0, 1e6
-MIN_SIZE = 4.0
-TOUCHING = 0.05
-MISMATCH_STD = 0.12
-CROWDED_MISMATCH_STD = 0.5
+MIN_SIZE = 4.0  # px: sides of smaller regions differ by more than their size
+TOUCHING = 0.05  # of the smaller box: less is the noise of their edges
+# Part of a difference in size by which the centre is off; a half where one edge belongs to another target.
+MISMATCH_STD, CROWDED_MISMATCH_STD = 0.12, 0.5
 FEATURE_WEIGHT = 2.0
 FEATURE_RATE, OBJECT_FEATURE_RATE = 0.2, 0.05  # per detection; what covers an object is not to be learnt
 ALIKE = 0.5  # difference of the sides, relative

@@ -15,10 +15,9 @@ from streamkit_tracker.window_geometry import (
     visible_fraction,
 )
 
-MIN_VISIBLE = 0.3
-TENTATIVE_MISSES = 2
-MERGE_FRAMES = 3
-MERGE_SCALE = 0.9
+MIN_VISIBLE = 0.3  # part of a window in the frame: of the rest a search sees the repeated edge
+MERGE_FRAMES = 3  # in a row: a position or a velocity that is wrong once ends no target
+MERGE_SCALE = 0.9  # of the sides: a centre at the rim of a window may be that of a neighbour
 
 
 def coast_all(table: TargetTable) -> None:
@@ -29,10 +28,8 @@ def coast_all(table: TargetTable) -> None:
     for model, displacement in zip(table.models, displacements, strict=True):
         if model.particles is not None:
             model.particles.positions = model.particles.positions + displacement
-    followed = table.followed
-    rows["state"][followed] = COASTING
-    missed = ~followed & (rows["frames_undetected"] > TENTATIVE_MISSES)
-    for index in np.flatnonzero((rows["credit_s"] <= 0) | missed).tolist():
+    rows["state"][table.followed] = COASTING
+    for index in np.flatnonzero(rows["credit_s"] <= 0).tolist():
         table.lose(index, "coasted too long without registration")
 
 
@@ -52,7 +49,8 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     confirmed = (targets["detection"] >= 0) & ~targets["crowded"] | recognised & believed
     # a target drawn by hand that is not sure may be elsewhere: its detector goes on looking for it
     has_left = (targets["visible"] < MIN_VISIBLE) & (~drawn | targets["sure"])
-    missed = targets["frames_undetected"] > TENTATIVE_MISSES
+    # so many misses in a row leave the window too few detections
+    missed = targets["frames_undetected"] > settings.birth_window - settings.needed_hits
     gone = np.where(tentative, missed, has_left | (targets["credit_s"] <= 0))
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
     if not table.are_objects:

@@ -13,16 +13,15 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetModel, TargetTable
-from streamkit_tracker.trail import extended, span, straightness
+from streamkit_tracker.trail import JITTER, extended, span, straightness
 from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
 from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
-MIN_STRAIGHTNESS = 0.5
 SIGHTINGS = 5  # the last detections of a target, by which its regions are judged
 MAX_SIZE_STD = 0.4  # of the logarithm of the area: parts of a target are half of it, or twice a part
 LIKELY = 0.5  # more than this is more likely than not
-TENTATIVE_SHARE = 4
+TENTATIVE_SHARE = 4  # tentative targets for each confirmed one: in clutter most detections begin none
 
 
 def add_tentative(table: TargetTable, observation: Observation, free: IndexArray) -> None:
@@ -84,9 +83,9 @@ def sightings(observation: Observation, detections: IndexArray) -> FloatArray:
 def find_obstacle(table: TargetTable, index: int) -> str:
     """Why the detected target in a row is not confirmed, whatever it is: rule, colon, numbers; or empty."""
     settings, hits = table.settings, np.nansum(table.rows["hits"][index])
-    needed = min(settings.birth_hits, settings.birth_window)
-    if hits < needed:
-        return f"detected too seldom: {hits:g} of the last {settings.birth_window} frames, needs {needed}"
+    if hits < settings.needed_hits:
+        frames = f"{hits:g} of the last {settings.birth_window} frames"
+        return f"detected too seldom: {frames}, needs {settings.needed_hits}"
     if table.settled >= settings.max_targets:
         return f"there is no room: max-targets={settings.max_targets}"
     return ""
@@ -104,8 +103,8 @@ def find_doubt(model: TargetModel, settings: TrackerSettings, likelihood: float)
     score, size_std = scores.mean(), areas.std()
     if travel < settings.min_travel:
         return f"hardly moved: {travel:.1f} px, min-travel={settings.min_travel:g}"
-    if straight < MIN_STRAIGHTNESS:
-        return f"moves to and fro: straightness {straight:.2f}, needs {MIN_STRAIGHTNESS:g}"
+    if straight < JITTER:
+        return f"moves to and fro: straightness {straight:.2f}, needs {JITTER:g}"
     if score < settings.birth_score:
         return f"faint: mean score {score:.2f}, birth-score={settings.birth_score:g}"
     if size_std > MAX_SIZE_STD:

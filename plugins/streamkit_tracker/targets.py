@@ -25,7 +25,7 @@ IndexArray = NDArray[np.intp]
 TargetRows = NDArray[Any]
 
 TENTATIVE, CONFIRMED, COASTING, LOST = range(4)  # codes of `TrackState`
-INITIAL_CREDIT_S = 0.2
+INITIAL_CREDIT_S = 0.2  # before detections have earned any
 SETTLED_S = 1.0  # of detections beyond its gaps: false regions of motion seldom last
 SPEED_SHARE = 1 / 3  # of the fastest speed: standard deviation of the velocity before it is known
 
