@@ -32,7 +32,7 @@ def test_a_tentative_target_ends_once_the_window_of_its_birth_has_too_few_detect
 ):
     """More hits than the window has frames are those of all frames."""
     table = TargetTable(TrackerSettings(birth_hits=hits, birth_window=window))
-    row = table.add(np.array([100.0, 50, 20, 20, 0.0]), drawn=False, cause="")
+    row = table.add(np.array([[100.0, 50, 20, 20, 0.0]]), drawn=False, cause="")
     allowed = max(window - hits, 0)
     table.rows["frames_undetected"][row] = allowed
     end_gone(table, SHAPE)
