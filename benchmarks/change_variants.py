@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import replace
-from fractions import Fraction
 from functools import partial
 
-import av
 import cv2
 import numpy as np
+from camera_changes import as_h264, as_jpeg, mirrored, with_gamma, with_noise
 from change_sequences import ByteImage, Sequence
 
 NOISE_SEED = 0
@@ -19,9 +17,8 @@ LATE_SHARE = 0.25
 WIDTH_PX = 160
 EXPOSURE_SHARE, EXPOSURE_PERIODS = 0.15, 3
 JPEG_QUALITY = 15
-# As a live encoder, at about a tenth of the rate that x264 takes by default. One thread: the result depends
-# on their number.
-H264 = {"crf": "38", "tune": "zerolatency", "threads": "1"}
+# As a live encoder, at about a tenth of the rate that x264 takes by default.
+H264 = {"crf": "38", "tune": "zerolatency"}
 
 Resize = Callable[[ByteImage, int], ByteImage]
 
@@ -73,23 +70,12 @@ def of_width(sequence: Sequence, width: int) -> Sequence:
     return scaled(sequence, width / sequence.region.shape[1])
 
 
-def mirrored(sequence: Sequence) -> Sequence:
-    """Left and right exchanged."""
-    return with_geometry(lambda image, _: np.ascontiguousarray(image[:, ::-1]), sequence)
-
-
 def noisy(sequence: Sequence, deviation: float) -> Sequence:
-    """With noise of a sensor, a standard deviation in grey levels."""
+    """With noise of a sensor, the same for all colours, a standard deviation in grey levels."""
     random, shape = np.random.default_rng(NOISE_SEED), (*sequence.region.shape, 1)
     return with_frames(
-        lambda frame: np.clip(frame + random.normal(0, deviation, shape), 0, 255).astype(np.uint8), sequence
+        lambda frame: with_noise(frame, deviation * random.standard_normal(shape, np.float32)), sequence
     )
-
-
-def with_gamma(sequence: Sequence, gamma: float) -> Sequence:
-    """Another tone curve."""
-    curve = np.rint(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
-    return with_frames(lambda frame: cv2.LUT(frame, curve), sequence)
 
 
 def with_exposure(sequence: Sequence) -> Sequence:
@@ -99,43 +85,25 @@ def with_exposure(sequence: Sequence) -> Sequence:
     return with_frames(lambda frame: cv2.convertScaleAbs(frame, alpha=next(gains)), sequence)
 
 
-def as_jpeg(sequence: Sequence) -> Sequence:
-    """Each frame compressed by itself."""
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    return with_frames(lambda frame: cv2.imdecode(cv2.imencode(".jpg", frame, quality)[1], 1), sequence)
-
-
-def as_h264(sequence: Sequence) -> Sequence:
-    """Compressed as a film of a low rate."""
-    film = io.BytesIO()
-    with av.open(film, "w", format="mp4") as output:
-        stream = output.add_stream("libx264", rate=Fraction(25), options=H264)
-        stream.height, stream.width = sequence.region.shape
-        stream.pix_fmt = "yuv420p"
-        for frame in sequence.frames:
-            planes = cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420)
-            output.mux(stream.encode(av.VideoFrame.from_ndarray(planes, format="yuv420p")))
-        output.mux(stream.encode(None))
-    film.seek(0)
-    with av.open(film) as source:
-        planes = [frame.to_ndarray(format="yuv420p") for frame in source.decode(video=0)]
-    return replace(sequence, frames=[cv2.cvtColor(plane, cv2.COLOR_YUV2BGR_I420) for plane in planes])
+def compressed(sequence: Sequence) -> Sequence:
+    """Compressed as a video of a low rate."""
+    return replace(sequence, frames=list(as_h264(iter(sequence.frames), H264)))
 
 
 CHANGES: dict[str, Callable[[Sequence], Sequence]] = {
     "crop-upper-left": partial(cropped, is_right=False, is_bottom=False),
     "crop-lower-right": partial(cropped, is_right=True, is_bottom=True),
-    "mirrored": mirrored,
+    "mirrored": partial(with_geometry, lambda image, _: mirrored(image)),
     "half-rate": partial(part_of_time, part=slice(None, None, 2)),
     "backwards": partial(part_of_time, part=slice(None, None, -1)),
     "late": lambda sequence: part_of_time(sequence, slice(round(LATE_SHARE * len(sequence.frames)), None)),
-    "gamma-0.7": partial(with_gamma, gamma=0.7),
-    "gamma-1.4": partial(with_gamma, gamma=1.4),
+    "gamma-0.7": partial(with_frames, partial(with_gamma, gamma=0.7)),
+    "gamma-1.4": partial(with_frames, partial(with_gamma, gamma=1.4)),
     "exposure": with_exposure,
     "noise-4": partial(noisy, deviation=4.0),
     "noise-8": partial(noisy, deviation=8.0),
-    "jpeg": as_jpeg,
-    "h264": as_h264,
+    "jpeg": partial(with_frames, partial(as_jpeg, quality=JPEG_QUALITY)),
+    "h264": compressed,
     "160-px": partial(of_width, width=WIDTH_PX),
     "half-size": partial(scaled, scale=0.5),
     "double-size": partial(scaled, scale=2.0),

@@ -18,14 +18,16 @@ from pathlib import Path
 
 import av
 import numpy as np
+from camera_changes import REPEATABLE, video_frame
 from many_targets import Sequence, norfair, run
-from tracking_changes import CHANGES, ENCODER, video_frame
+from tracking_changes import CHANGES
 from tracking_sequences import ByteArray, FloatArray, real, shared_data
 
 from streamkit_tracks.evaluation.readers import read_boxes
 from streamkit_tracks.evaluation.scores import Labelled, overlaps
 
 FOUND_OVERLAP = 0.3
+ENCODER = {"crf": "10", "preset": "veryfast", **REPEATABLE}
 
 
 def row(name: str, method: str, tracks: list[Labelled], truth: FloatArray) -> tuple[int, float, float]:
@@ -54,7 +56,9 @@ def write(pictures: list[ByteArray], copy: Path, step_s: float) -> None:
     """Writes a video of pictures uint8[h, w, 3], BGR, nearly without loss."""
     with av.open(str(copy), "w") as output:
         rate = round(1 / step_s)
-        stream = output.add_stream("libx264", rate=rate, options={"crf": "10", **ENCODER})
+        stream = output.add_stream(
+            "libx264", rate=rate, options={"crf": "10", "preset": "veryfast", **REPEATABLE}
+        )
         stream.height, stream.width = pictures[0].shape[:2]
         stream.codec_context.thread_count = 1  # the same bytes on every machine
         for index, picture in enumerate(pictures):

@@ -22,17 +22,16 @@ sbi_highwayii also jumps by 0.45 px up or down from frame to frame, one or two o
 an error of 0.4 to 0.5 px there, and a spread above 1, are the truth's.
 """
 
-import io
 import os
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import numpy.typing as npt
+from camera_changes import as_h264, as_jpeg, mirrored, with_gamma, with_noise
 
 from streamkit.geometry.homography import FloatArray, corners, project
 from streamkit_stitcher.plane.registrar import FrameRegistrar
@@ -57,7 +56,7 @@ NOISE = 1.0
 # Grey levels of a noisy camera, quality of its JPEGs, and rate factor of its video.
 CAMERA_NOISE = 6.0
 JPEG_QUALITY = 25
-H264_CRF = "34"
+H264 = {"crf": "34"}
 MOTIONS = ("shake", "pan", "zoom", "turn", "aim")
 # Of the camera that is aimed, by the width of a frame: it sees 53 degrees.
 FOCAL = 1.0
@@ -110,54 +109,25 @@ def _narrowed(frame: GreyArray) -> GreyArray:
     return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _with_gamma(frame: GreyArray, gamma: float) -> GreyArray:
-    return np.asarray(np.rint(255 * (np.arange(256) / 255) ** gamma), dtype=np.uint8)[frame]
-
-
 def _noisy(frame: GreyArray) -> GreyArray:
     # Frames of one sum are the same frame, so that the noise of each is its own, and the same in every run.
-    noise = np.random.default_rng(int(frame.sum())).standard_normal(frame.shape, dtype=np.float32)
-    return np.clip(np.rint(frame + CAMERA_NOISE * noise), 0, 255).astype(np.uint8)
-
-
-def _jpeg(frame: GreyArray) -> GreyArray:
-    _, packet = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return np.asarray(cv2.imdecode(packet, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
-
-
-def _h264(frames: Iterator[GreyArray]) -> Iterator[GreyArray]:
-    """Frames after H.264 at a low rate; a row or column is cut off where their number is odd."""
-    file = io.BytesIO()
-    with av.open(file, "w", format="matroska") as writer:
-        stream = None
-        for frame in frames:
-            even = np.ascontiguousarray(frame[: len(frame) // 2 * 2, : frame.shape[1] // 2 * 2])
-            if stream is None:
-                stream = writer.add_stream("libx264", rate=25, options={"crf": H264_CRF, "threads": "1"})
-                stream.height, stream.width = even.shape
-                stream.pix_fmt = "yuv420p"
-            writer.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="gray")))
-        if stream is not None:
-            writer.mux(stream.encode())
-    file.seek(0)
-    with av.open(file) as reader:
-        for decoded in reader.decode(video=0):
-            yield np.ascontiguousarray(decoded.to_ndarray(format="gray"))
+    random = np.random.default_rng(int(frame.sum()))
+    return with_noise(frame, CAMERA_NOISE * random.standard_normal(frame.shape, dtype=np.float32))
 
 
 # What another camera would show of the same scene, before it moves, and what it would make of each view.
 SCENES: dict[str, Callable[[GreyArray], GreyArray]] = {
     "crop": _cropped,
-    "mirror": lambda frame: np.ascontiguousarray(frame[:, ::-1]),
+    "mirror": mirrored,
     "narrow": _narrowed,
     "double": _doubled,
 }
 CAMERAS: dict[str, Callable[[Iterator[GreyArray]], Iterator[GreyArray]]] = {
-    "bright": partial(map, partial(_with_gamma, gamma=0.7)),
-    "dark": partial(map, partial(_with_gamma, gamma=1.4)),
+    "bright": partial(map, partial(with_gamma, gamma=0.7)),
+    "dark": partial(map, partial(with_gamma, gamma=1.4)),
     "noise": partial(map, _noisy),
-    "jpeg": partial(map, _jpeg),
-    "h264": _h264,
+    "jpeg": partial(map, partial(as_jpeg, quality=JPEG_QUALITY)),
+    "h264": partial(as_h264, options=H264),
 }
 CHANGES = (*SCENES, *CAMERAS, "half-rate")
 

@@ -1,22 +1,19 @@
 """Sequences as another camera or another hand would have made them: tests of what was fitted to the clips."""
 
 import itertools
-from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from fractions import Fraction
 from functools import partial
 
-import av
 import cv2
 import numpy as np
-from tracking_sequences import ByteArray, Step, real_names, sequences
+from camera_changes import as_h264, mirrored, with_gamma, with_noise
+from tracking_sequences import Step, real_names, sequences
 
 ZOOM = 1.5
 CAMERA_FRAMES = 25  # the zoomed view follows the mean of the true positions over so many
 NOISE_STD = 10.0  # grey levels
-LOW_RATE = "34"  # of x264 (crf): about 25 KB/s at 640x480 and 25 frames a second
-ENCODER = {"preset": "veryfast", "bf": "0"}  # with B-frames the bytes differ between runs
+H264 = {"crf": "34", "preset": "veryfast"}  # about 25 KB/s at 640x480 and 25 frames a second
 
 
 def changed_sequences(
@@ -32,13 +29,6 @@ def changed_sequences(
     kept = [each for each in sequences(seeds) if not name or each[0] in real_names()]
     apply = CHANGES.get(name, iter)
     return [(label, lambda make=make: apply(itertools.islice(make(), frames))) for label, make in kept]
-
-
-def video_frame(picture: ByteArray, index: int, step: Fraction) -> av.VideoFrame:
-    """A frame of a video with `step` seconds between frames from a picture uint8[h, w, 3], BGR."""
-    frame = av.VideoFrame.from_ndarray(cv2.cvtColor(picture, cv2.COLOR_BGR2YUV_I420), format="yuv420p")
-    frame.pts, frame.time_base = index, step
-    return frame
 
 
 def _backwards(steps: Iterator[Step]) -> Iterator[Step]:
@@ -59,7 +49,7 @@ def _mirrored(steps: Iterator[Step]) -> Iterator[Step]:
     for step in steps:
         left = step.picture.shape[1] - step.box[2] - step.box[0]
         box = np.concatenate([[left], step.box[1:]])
-        yield replace(step, picture=np.ascontiguousarray(step.picture[:, ::-1]), box=box)
+        yield replace(step, picture=mirrored(step.picture), box=box)
 
 
 def _scaled(steps: Iterator[Step], factor: float) -> Iterator[Step]:
@@ -90,34 +80,21 @@ def _zoomed(steps: Iterator[Step]) -> Iterator[Step]:
 
 
 def _relit(steps: Iterator[Step], gamma: float) -> Iterator[Step]:
-    table = np.rint(255 * (np.arange(256) / 255) ** gamma).astype(np.uint8)
     for step in steps:
-        yield replace(step, picture=table[step.picture])
+        yield replace(step, picture=with_gamma(step.picture, gamma))
 
 
 def _noisy(steps: Iterator[Step]) -> Iterator[Step]:
-    generator = np.random.default_rng(0)
+    random = np.random.default_rng(0)
     for step in steps:
-        noise = NOISE_STD * generator.standard_normal(step.picture.shape, np.float32)
-        yield replace(step, picture=np.clip(np.rint(step.picture + noise), 0, 255).astype(np.uint8))
+        noise = NOISE_STD * random.standard_normal(step.picture.shape, np.float32)
+        yield replace(step, picture=with_noise(step.picture, noise))
 
 
 def _compressed(steps: Iterator[Step]) -> Iterator[Step]:
-    encoder, decoder = av.CodecContext.create("libx264", "w"), av.CodecContext.create("h264", "r")
-    encoder.pix_fmt, encoder.framerate, encoder.time_base = "yuv420p", 25, Fraction(1, 25)
-    encoder.options, encoder.thread_count = {"crf": LOW_RATE, **ENCODER}, 1
-    waiting: deque[Step] = deque()
-    for index, step in enumerate(itertools.chain(steps, [None])):
-        frame = None
-        if step is not None:
-            if index == 0:
-                encoder.height, encoder.width = step.picture.shape[:2]
-            frame = video_frame(step.picture, index, encoder.time_base)
-            waiting.append(step)
-        packets = [*encoder.encode(frame), *([] if frame else [None])]
-        for picture in (each for packet in packets for each in decoder.decode(packet)):
-            decoded = cv2.cvtColor(picture.to_ndarray(format="yuv420p"), cv2.COLOR_YUV2BGR_I420)
-            yield replace(waiting.popleft(), picture=np.asarray(decoded, np.uint8))
+    steps, shown = itertools.tee(steps)
+    for step, picture in zip(steps, as_h264((step.picture for step in shown), H264), strict=True):
+        yield replace(step, picture=picture)
 
 
 def _drawn(steps: Iterator[Step], factor: float = 1.0, shift: float = 0.0) -> Iterator[Step]:
