@@ -41,6 +41,9 @@ _RELOCALISED: Final = 3
 # Frames without a match after which one becomes a keyframe: where the camera leaves the keyframe, and else.
 _MAX_UNMATCHED: Final = 3
 _MAX_DOUBTFUL: Final = 12
+# Predicted error of a keyframe, px, that the frames measured against it leave out: it makes one at the limit
+# of `OK_STD` an eighth less precise. Those of good keyframes would add up over a flight.
+_MAX_FORGOTTEN_STD: Final = 0.5 * OK_STD
 
 
 class KeyframeAnchor:
@@ -318,5 +321,5 @@ class KeyframeAnchor:
             self.keyframes.learn(match)
         own = math.hypot(best.std, found.field_error)
         ties = [tie_of(keyframe, 0, match.on_plane()) for keyframe, match in matches.values()]
-        self.add(images, found.to_reference, ties, own if own > OK_STD else 0.0)
+        self.add(images, found.to_reference, ties, own if own > _MAX_FORGOTTEN_STD else 0.0)
         return replace(found, is_keyframe=True, change=change)

@@ -60,7 +60,7 @@ class Keyframe:
         shape: of the frame.
         factor: the reduction of `small`.
         content: returns what is kept of its pixels; waits until that is computed.
-        corner_std: predicted error of a doubtful one when it was added, px; 0 for the others.
+        corner_std: predicted error when it was added, px; 0 where that is small.
         plane: number of its reference plane.
     """
 

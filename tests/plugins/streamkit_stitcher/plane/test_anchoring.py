@@ -193,6 +193,16 @@ def test_a_doubtful_frame_that_leaves_the_keyframe_is_none_at_once(anchor, groun
     assert made == [False] * 11 + [True]
 
 
+@pytest.mark.parametrize(("error", "kept"), [(0.45, 0.0), (0.6, 0.6)])
+def test_a_keyframe_keeps_an_error_that_counts(anchor, ground, error, kept):
+    """Frames that are measured against it are off by as much, and their prediction says so."""
+    sure = anchor.place(view(ground, 250), None, Placement(shift(251.0), 0.0, motion=HOMOGRAPHY), 0.0, False)
+    anchor.keep(view(ground, 250), replace(sure, field_error=error, is_due=True))
+    assert anchor.keyframes.active.corner_std == pytest.approx(kept, abs=0.05)
+    near = Placement(shift(261.0), 0.0, motion=HOMOGRAPHY)
+    assert anchor.place(view(ground, 260), None, near, 0.0, False).std == pytest.approx(kept, abs=0.2)
+
+
 def test_fields_that_jump_apart_are_a_keyframe_only_if_nothing_better_comes(anchor, ground):
     """Every frame that is measured against it would be as far off: that is part of their predicted error."""
     sure = anchor.place(view(ground, 250), None, Placement(shift(251.0), 0.0, motion=HOMOGRAPHY), 0.0, False)
