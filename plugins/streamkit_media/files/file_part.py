@@ -180,27 +180,20 @@ class FilePart:
                 playing.discard(packet.stream_index)
                 if not playing:
                     return
-            elif not self._precedes_keyframe(packet):
-                frame = self._retimed(packet, packet_frame(packet, stream.caps))
-                if stream.shows(packet):
-                    self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
-                    yield stream.kind, frame
-                elif stream.kind is StreamKind.VIDEO:
-                    yield stream.kind, frame.attach(DECODE_ONLY)
+                continue
+            is_video = stream.kind is StreamKind.VIDEO
+            if is_video and self._awaits_keyframe and not packet.is_keyframe:
+                continue  # its frame is shown before the keyframe that was sought
+            self._awaits_keyframe &= not is_video
+            frame = self._retimed(packet, packet_frame(packet, stream.caps), is_video=is_video)
+            if stream.shows(packet):
+                self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
+                yield stream.kind, frame
+            elif is_video:
+                yield stream.kind, frame.attach(DECODE_ONLY)
 
-    def _is_video(self, packet: Packet[Stream]) -> bool:
-        return self._video is not None and packet.stream_index == self._video.index
-
-    def _precedes_keyframe(self, packet: Packet[Stream]) -> bool:
-        """Whether its frame is shown before the keyframe that was sought, and cannot be decoded."""
-        if not self._is_video(packet):
-            return False
-        self._awaits_keyframe = self._awaits_keyframe and not packet.is_keyframe
-        return self._awaits_keyframe
-
-    def _retimed(self, packet: Packet[Stream], frame: Frame) -> Frame:
+    def _retimed(self, packet: Packet[Stream], frame: Frame, *, is_video: bool) -> Frame:
         """A packet's frame with the stream's time; asynchronous KLV gets that of the video around it."""
-        is_video = self._is_video(packet)
         if is_video and packet.dts is not None:
             self._follow(nanoseconds(packet.dts, packet.time_base), frame, packet.pos)
         pts = self._video_pts if not is_video else None
