@@ -56,9 +56,7 @@ def write(pictures: list[ByteArray], copy: Path, step_s: float) -> None:
     """Writes a video of pictures uint8[h, w, 3], BGR, nearly without loss."""
     with av.open(str(copy), "w") as output:
         rate = round(1 / step_s)
-        stream = output.add_stream(
-            "libx264", rate=rate, options={"crf": "10", "preset": "veryfast", **REPEATABLE}
-        )
+        stream = output.add_stream("libx264", rate=rate, options=ENCODER)
         stream.height, stream.width = pictures[0].shape[:2]
         stream.codec_context.thread_count = 1  # the same bytes on every machine
         for index, picture in enumerate(pictures):

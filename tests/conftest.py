@@ -23,7 +23,6 @@ from tests.slowness import patience, slowness
 
 # The workers of the tests fill the cores; a second thread of OpenCV would wait in a loop for the first one.
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
-gc.disable()  # until all is collected: among what imports and collecting make there is no garbage
 ROOT = Path(__file__).parents[1]
 MODULE = "elements_of_a_test"
 Register = Callable[..., None]
@@ -54,11 +53,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that take long begin first: workers run whole files, and none should be left with one alone."""
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
-
-
-def pytest_collection_finish() -> None:
-    """Garbage collection begins with the tests."""
-    gc.enable()
 
 
 @pytest.fixture(autouse=True)

@@ -84,5 +84,5 @@ def test_a_frame_of_another_size_shows_the_same_region(factor: float, side: floa
 
 
 def test_the_smallest_targets_keep_five_cells():
-    """A larger region would leave too little of them to be told from their ground."""
+    """A larger region would leave too little of them to be distinguished from their ground."""
     assert (extent_in_frame(1.0, 4.0) * GRID >= 5.0).all()
