@@ -99,10 +99,10 @@ from streamkit.geometry.track import FeatureSpace as FeatureSpace
 from streamkit.geometry.track import Provenance as Provenance
 from streamkit.geometry.track import Track as Track
 from streamkit.geometry.track import TrackState as TrackState
+from streamkit.graph.description_text import missing_variables as missing_variables
+from streamkit.graph.description_text import unused_variables as unused_variables
+from streamkit.graph.description_text import variable_names as variable_names
 from streamkit.graph.pipeline import Pipeline as Pipeline
-from streamkit.graph.variables import missing_variables as missing_variables
-from streamkit.graph.variables import unused_variables as unused_variables
-from streamkit.graph.variables import variable_names as variable_names
 from streamkit.masking import mask_secrets as mask_secrets
 from streamkit.reader import SourceChoice as SourceChoice
 from streamkit.reader import VideoReader as VideoReader

@@ -14,8 +14,8 @@ import pytest
 from streamkit import DescriptionError, Pipeline
 from streamkit.element.registry import available_elements
 from streamkit.graph import build as build_module
+from streamkit.graph.description_text import DescriptionLexer
 from streamkit.graph.graph import Graph
-from streamkit.graph.tokens import DescriptionLexer
 
 OF_A_TEST = "elements_of_a_test"
 

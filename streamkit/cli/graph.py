@@ -21,7 +21,7 @@ from streamkit.cli.drawing import Counters, as_dot, as_mermaid, as_svg, as_text,
 from streamkit.cli.stderr import fail_usage, print_line
 from streamkit.cli.table import measure_rows
 from streamkit.errors import DescriptionError, StreamError
-from streamkit.graph.variables import unused_variables
+from streamkit.graph.description_text import unused_variables
 from streamkit.masking import mask_secrets, presentable_value
 
 if TYPE_CHECKING:

@@ -26,7 +26,6 @@ from streamkit.cli.description import (
 )
 from streamkit.cli.stderr import end_process, fail, fail_usage, lines_in, open_threads, print_line
 from streamkit.errors import DescriptionError, StreamkitError
-from streamkit.graph.variables import unused_variables
 from streamkit.handoff.library_threads import share_cores
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit.service.signals import handling_signals
@@ -144,6 +143,7 @@ def launch(
             from streamkit.cli.open_ends import open_ends
             from streamkit.cli.results import check_stats_file, print_results
             from streamkit.cli.run import Run
+            from streamkit.graph.description_text import unused_variables
             from streamkit.service.monitor import Monitor
 
             pipeline = build(source, as_json=json_errors)

@@ -18,16 +18,18 @@ from streamkit.element.pad_owner import walk
 from streamkit.element.registry import available_elements, element_class, located, make_element
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, ElementFailure, Place, did_you_mean
 from streamkit.flow.caps import Caps
-from streamkit.graph.addresses import factory_for, location_of
 from streamkit.graph.assignments import (
     PendingProperty,
+    factory_for,
     load_presets,
+    location_of,
     name_in_text,
     set_on_bin,
     set_properties,
     try_child,
 )
 from streamkit.graph.bins import BIN_CLASSES, Bin, BinTree
+from streamkit.graph.description_text import conceal
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, auto_name
 from streamkit.graph.linking import LinkEnd, Linker, file_hint
@@ -44,7 +46,6 @@ from streamkit.graph.parse import (
     parse,
 )
 from streamkit.graph.processes.placement import cut
-from streamkit.graph.secrets import conceal
 from streamkit.masking import mask_secrets, presentable
 
 

@@ -10,9 +10,8 @@ from streamkit.element.pad import Pad
 from streamkit.element.registry import available_elements, located, make_element
 from streamkit.errors import DescriptionError, Place
 from streamkit.flow.caps import Caps
-from streamkit.graph.caps_conflict import caps_conflict
 from streamkit.graph.graph import Graph, free_name
-from streamkit.graph.link import are_convertible
+from streamkit.graph.link import are_convertible, caps_conflict
 
 CONVERTER = "videoconvert"
 

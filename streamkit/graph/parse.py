@@ -17,8 +17,7 @@ from lark.parsers.lalr_interactive_parser import InteractiveParser
 from lark.visitors import v_args
 
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.tokens import TOKEN_LIMIT, DescriptionLexer
-from streamkit.graph.variables import ExpandedText, expand
+from streamkit.graph.description_text import TOKEN_LIMIT, DescriptionLexer, ExpandedText, expand
 from streamkit.masking import mask_secrets
 
 DEPTH_LIMIT = 64

@@ -14,17 +14,15 @@ from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
-from streamkit.graph import queries
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
 from streamkit.graph.element_calls import CallLimits, check_ended, start_element, stop_elements, wake_elements
 from streamkit.graph.files import FileConflict, check_files
-from streamkit.graph.graph import Graph
+from streamkit.graph.graph import Graph, Latency
 from streamkit.graph.playback import Playback
 from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
-from streamkit.graph.queries import Latency
-from streamkit.graph.states import State, StateChange
+from streamkit.graph.streaming import State, StateChange
 
 STOP_LIMIT_S = 5.0
 WATCHDOG_S = 30.0
@@ -284,18 +282,18 @@ class Pipeline:
 
     def latency(self) -> Latency:
         """Minimum and maximum latency of live frames; posts a warning if they cannot be buffered."""
-        found = queries.graph_latency(self.graph)
+        found = self.graph.latency()
         if text := found.warning():
             self.bus.post(Message(MessageKind.WARNING, "", text, {"code": "latency"}))
         return found
 
     def position_ns(self) -> int | None:
         """Timestamp of the newest frame that a sink with `sync` has rendered, else that a source has sent."""
-        return queries.newest_position_ns(self.graph)
+        return self.graph.position_ns()
 
     def duration_ns(self) -> int | None:
         """Duration of the longest source; None if that of any source is unknown."""
-        return queries.longest_duration_ns(self.graph)
+        return self.graph.duration_ns()
 
     # Branches.
 

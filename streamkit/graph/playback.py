@@ -17,16 +17,15 @@ from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.statistics import ElementStatistics
-from streamkit.graph.branch_output import BranchOutputs
+from streamkit.graph.branches import BranchOutputs
 from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, compose_chain, compose_chains
-from streamkit.graph.delayed_link import report_missing_pads
+from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.graph import Graph
+from streamkit.graph.linking import report_missing_pads
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import RetiredChains, collect_statistics, silent_transforms
-from streamkit.graph.stream_end import StreamEnd
-from streamkit.graph.streaming_thread import Streaming, StreamingThread
-from streamkit.graph.watchdog import Watchdog
+from streamkit.graph.streaming import StreamEnd, Streaming, StreamingThread
 
 log = logging.getLogger("streamkit")
 

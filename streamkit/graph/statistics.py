@@ -19,7 +19,7 @@ from streamkit.flow.messages import MessageKind
 from streamkit.flow.statistics import ElementStatistics, PadStatistics
 from streamkit.graph.chain import Chain
 from streamkit.graph.graph import Graph
-from streamkit.graph.streaming_thread import Streaming
+from streamkit.graph.streaming import Streaming
 from streamkit.masking import mask_secrets
 
 

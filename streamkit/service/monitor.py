@@ -12,7 +12,7 @@ from contextlib import suppress
 
 from streamkit.flow.messages import LostConnections, Message
 from streamkit.graph.pipeline import Pipeline
-from streamkit.graph.states import State
+from streamkit.graph.streaming import State
 from streamkit.service.supervisor import RESTARTS_VARIABLE
 
 SILENCE_LIMIT_S = 10.0  # without a beat of the main loop, which has one a second or more

@@ -9,7 +9,7 @@ from streamkit.element.pad import Direction, Pad, PadTemplate
 from streamkit.elements.tee import Tee
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing
-from streamkit.graph.branch_output import BranchOutput
+from streamkit.graph.branches import BranchOutput
 
 Register = Callable[..., None]
 

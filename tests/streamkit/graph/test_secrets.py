@@ -7,7 +7,7 @@ import pytest
 
 from streamkit import Element, Pipeline, Property
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.secrets import secret_assignments
+from streamkit.graph.description_text import secret_assignments
 from streamkit.masking import mask_secrets
 
 Register = Callable[..., None]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit.graph.tokens import DescriptionLexer
+from streamkit.graph.description_text import DescriptionLexer
 
 
 def tokens(text: str) -> list[tuple[str, str]]:

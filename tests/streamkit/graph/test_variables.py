@@ -5,7 +5,7 @@ import re
 import pytest
 
 from streamkit.errors import DescriptionError, Place
-from streamkit.graph.variables import expand, missing_variables
+from streamkit.graph.description_text import expand, missing_variables
 
 
 @pytest.mark.parametrize(

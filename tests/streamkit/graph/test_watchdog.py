@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from streamkit import ElementFailure, Frame, Message, MessageKind, Pipeline, Property, Sink, Transform
+from streamkit.graph.element_calls import Watchdog
 from streamkit.graph.pipeline import State
-from streamkit.graph.watchdog import Watchdog
 
 Register = Callable[..., None]
 

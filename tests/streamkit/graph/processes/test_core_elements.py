@@ -9,7 +9,7 @@ import pytest
 from streamkit.element.registry import available_elements, element_class
 from streamkit.graph.pipeline import Pipeline
 from streamkit.graph.processes.placement import IN_MAIN
-from streamkit.graph.states import State
+from streamkit.graph.streaming import State
 
 LIMIT_S = 80.0
 

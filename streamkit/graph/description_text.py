@@ -1,13 +1,19 @@
-"""Comments and `${VARIABLES}` of descriptions, expanded with a map back to the original text."""
+"""The text of a description: its variables and comments, words and secrets."""
 
 from __future__ import annotations
 
 import bisect
+import itertools
 import re
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from streamkit.errors import DescriptionError, Place
+from lark.lexer import Lexer, Token
+
+from streamkit.element.registry import IDENTIFIER, available_elements, element_class
+from streamkit.errors import DescriptionError, Place, PluginBroken
+from streamkit.masking import MASK, credential_spans, is_secret_name
 
 VARIABLE = r"\$\{(?P<name>[^}:\s{]*)(?::-(?P<default>(?:[^}\n$]|\$(?!\{))*))?\}"  # not nested
 # Quoted or escaped text contains no comments; variables in quotes are expanded.
@@ -17,6 +23,27 @@ PIECE = re.compile(rf"{VARIABLE}|{COMMENT}|{QUOTED}|\\[^\n]")
 INSIDE = re.compile(VARIABLE)
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 LENGTH_LIMIT = 1_000_000
+TOKEN_LIMIT = 20_000  # of a description
+BLANK = r"[ \t\n\r\f\v]"
+VISIBLE = r"[^ \t\n\r\f\v]"
+MIME = r"[A-Za-z0-9-]++/[A-Za-z0-9-]++"  # possessive: avoids quadratic backtracking for a missing `!`
+CAPS = rf"{MIME}(?:\\[;!]|[^;!])*"
+BLANKS = re.compile(rf"{BLANK}+")
+ASSIGNED = re.compile(rf"(?:{IDENTIFIER}|@preset){BLANK}*={BLANK}*")
+ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+,.\-]{0,63}://")  # bounded: lists of pads start alike
+PATH = re.compile(r'[."{}_identfr]?/')  # these letters are a slip of gst-launch
+# A blank after a backslash belongs to the word, even if that backslash is escaped.
+WORD = re.compile(rf"(?:{VISIBLE}|(?<=\\)[ \t\r\f\v])+")
+QUOTES = {'"': re.compile(r'"(?:\\"|[^"])*"'), "'": re.compile(r"'(?:\\'|[^'])*'")}
+PLAIN = {
+    "PADREF": re.compile(rf"\.{IDENTIFIER}"),
+    "REF": re.compile(rf"{IDENTIFIER}\.(?:{IDENTIFIER})?"),
+    "BINREF": re.compile(rf"{IDENTIFIER}{BLANK}*\.{BLANK}*\("),
+    "IDENTIFIER": re.compile(IDENTIFIER),
+    "LINK": re.compile(rf"[!:](?:{BLANK}*{CAPS}(?:;{BLANK}*{CAPS})*[!:])?"),
+}
+MARKS = {"(": "OPEN", ")": "CLOSE", ",": "COMMA"}
+MIN_PIECE = 3  # shorter ones occur in too many words of an error
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,3 +178,104 @@ def _in_value(text: str, offset: int) -> bool:
         return False
     _, mark, value = before.split()[-1].partition("=")
     return bool(mark) and not value.startswith('"')
+
+
+class DescriptionLexer(Lexer):
+    """Splits a description into tokens; other characters become ILLEGAL tokens.
+
+    The longest match wins, as in gst-launch; lark's own lexers take the first terminal that matches.
+    """
+
+    def __init__(self, lexer_conf: Any) -> None:
+        """Lark passes a configuration, which is not needed."""
+
+    def lex(self, data: str) -> Iterator[Token]:  # type: ignore[override]
+        """Yields tokens with their offsets, without blanks."""
+        position = 0
+        while position < len(data):
+            blanks = BLANKS.match(data, position)
+            if blanks:
+                position = blanks.end()
+                continue
+            kind, end = _longest(data, position)
+            yield Token(kind, data[position:end], start_pos=position, end_pos=end)
+            position = end
+
+
+def _longest(text: str, position: int) -> tuple[str, int]:
+    first = text[position]
+    if first in MARKS:
+        return MARKS[first], position + 1
+    best, best_end = "ILLEGAL", position + 1
+    assigned = ASSIGNED.match(text, position)
+    end = _value_end(text, assigned.end()) if assigned else 0
+    if end:
+        best, best_end = ("PRESET" if first == "@" else "ASSIGNMENT"), end
+    for kind, pattern in PLAIN.items():
+        match = pattern.match(text, position)
+        if match and (match.end() > best_end or best == "ILLEGAL"):
+            best, best_end = kind, match.end()
+    end = _address_end(text, position)
+    if end > best_end or (end and best == "ILLEGAL"):
+        return "URL", end
+    return best, best_end
+
+
+def _value_end(text: str, position: int) -> int:
+    """End of the value that starts here, or 0."""
+    forms = [WORD.match(text, position)]
+    if position < len(text) and text[position] in QUOTES:
+        forms.append(QUOTES[text[position]].match(text, position))
+    return max((match.end() for match in forms if match), default=0)
+
+
+def _address_end(text: str, position: int) -> int:
+    """End of the URI or path that starts here, or 0."""
+    address = ADDRESS.match(text, position)
+    if address:
+        return _value_end(text, address.end()) or address.end()
+    path = PATH.match(text, position)
+    return _value_end(text, path.end()) if path else 0
+
+
+def conceal(error: DescriptionError, text: str) -> None:
+    """Masks the secrets of a text in an error about it.
+
+    A password with blanks is parsed as several words, which an error may name as elements.
+    """
+    pieces = {
+        piece
+        for start, end in credential_spans(text)
+        if re.search(r"\s", text[start:end])
+        for piece in re.split(r"[\s:@/!]+", text[start:end])
+        if len(piece) >= MIN_PIECE
+    }
+    if pieces:
+        words = re.compile("|".join(re.escape(piece) for piece in sorted(pieces, key=len, reverse=True)))
+        error.message, error.hint = words.sub(MASK, error.message), words.sub(MASK, error.hint)
+        error.args = (error.message + (f"; {error.hint}" if error.hint else ""),)
+    error.secrets = secret_assignments(text)
+
+
+def secret_assignments(text: str) -> tuple[str, ...]:
+    """The assignments of a text whose values are secret, as written."""
+    found: list[str] = []
+    factory = ""
+    for token in itertools.islice(DescriptionLexer(None).lex(text), TOKEN_LIMIT):
+        if token.type == "IDENTIFIER":
+            factory = str(token)
+        elif token.type == "ASSIGNMENT":
+            name = str(token).partition("=")[0].strip().rpartition("::")[2]
+            if is_secret_name(name) or _is_declared_secret(factory, name):
+                found.append(str(token))
+    return tuple(found)
+
+
+def _is_declared_secret(factory: str, name: str) -> bool:
+    if factory not in available_elements():  # no search for a similar name: a text may have thousands
+        return False
+    try:
+        declaration = element_class(factory).declaration_of(name)
+    except PluginBroken:
+        return False
+    return declaration is not None and declaration.secret
