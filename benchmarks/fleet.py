@@ -33,10 +33,9 @@ from streamkit import Pipeline, RecordFile
 from streamkit.geometry.boxes import box_iou
 from streamkit_fleet import control
 from streamkit_fleet.batch.driver import BatchDriver
-from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan, keyframes_s, split
-from streamkit_fleet.batch.work import finish, run_part
-from streamkit_fleet.cluster import connected
+from streamkit_fleet.batch.work import BatchRecipe, ClipPart, Plan, finish, keyframes_s, run_part, split
 from streamkit_fleet.feeds import FeedSpec
+from streamkit_fleet.local_ray import connected
 
 ROOT = Path(__file__).parents[1]
 SMALL = "videoscale ! video/x-raw, width=64, height=48"

@@ -43,8 +43,8 @@ from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.wire.encodings import Codec, Encoding
 from streamkit_zenoh.wire.frame_header import frame_header
 from streamkit_zenoh.wire.images import ImageFormat, encode_image
+from streamkit_zenoh.wire.messages import STATUS_SCHEMA, StatusRecord, StreamStatus
 from streamkit_zenoh.wire.numbering import Stamp
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
 
 KEY = "fuzz/1"
 BATCH = 400

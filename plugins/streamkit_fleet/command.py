@@ -58,7 +58,6 @@ def _connected(address: str | None, *, ends_it: bool = False) -> Iterator[Any]:
     """Context with a connection to the fleet, and what can be done with it: the module `control`."""
     with _exit_on_error():
         from streamkit_fleet import local_ray
-        from streamkit_fleet.cluster import connected
 
         local = None if address else local_ray.known()
         if not address and local is None:
@@ -71,7 +70,8 @@ def _connected(address: str | None, *, ends_it: bool = False) -> Iterator[Any]:
             if ends_it:
                 local_ray.begin_end(local)
             local_ray.use_token()
-        with connected(address or (local.address if local else None), wait_s=START_LIMIT_S if local else 0.0):
+        at = local.address if local else address
+        with local_ray.connected(at, wait_s=START_LIMIT_S if local else 0.0):
             from streamkit_fleet import control
 
             yield control

@@ -57,7 +57,7 @@ from streamkit_stitcher.plane.frame_registration import FrameRegistration
 from streamkit_stitcher.plane.registrar import FrameRegistrar
 from streamkit_stitcher.plane.settings import PlaneSettings
 from streamkit_stitcher.warm_up import warm_up
-from streamkit_telemetry_formats.dji_cameras import camera_view
+from streamkit_telemetry_formats.dji import camera_view
 
 # BGR for frames of odd sizes, which have no subsampled colour planes.
 _COLOUR_FIRST = Caps("video/x-raw, format={ I420, NV12, BGR, GRAY8 }")

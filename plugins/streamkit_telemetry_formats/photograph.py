@@ -13,11 +13,11 @@ from streamkit_telemetry_formats.dji import (
     ABOVE_SEA,
     MAX_FIELD_OF_VIEW,
     attitude,
+    camera_view,
     on_earth,
     orientation,
     take_off_altitude,
 )
-from streamkit_telemetry_formats.dji_cameras import camera_view
 from streamkit_telemetry_formats.exif import ExifData, read_exif
 from streamkit_telemetry_formats.sample import Sample
 

@@ -27,14 +27,16 @@ from streamkit import (
 )
 from streamkit.output.pipe import STANDARD_OUTPUT, until_reader_leaves
 from streamkit_tracks.file_formats import KINDS
-from streamkit_tracks.file_readers import MISSING, READERS, write_lines
 from streamkit_tracks.recorded_runs import (
+    MISSING,
+    READERS,
     RecordsOrStandardInput,
     RunOption,
     choose_run,
     named_file,
     note_cut_off,
     reason,
+    write_lines,
     write_output,
 )
 

@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from streamkit_zenoh.endpoints import is_loopback
+from streamkit_zenoh.configuration import is_loopback
 
 LOG = logging.getLogger("streamkit.view")
 COOKIE = "streamkit_view"  # and the port: browsers send a cookie to all ports of a host

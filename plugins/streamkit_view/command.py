@@ -59,13 +59,12 @@ def view(
     from the moment when the page is opened. Exit code 2 for a wrong argument, 1 if the page cannot be served.
     """
     with needs_extra("the page", "view"):
-        from streamkit_view.session import run_server
+        from streamkit_view.server import run_server
     from streamkit_view.access import LOG, Access
     from streamkit_view.basemap import InvalidBasemap, read_basemap
     from streamkit_view.locations import is_source
     from streamkit_view.playback import PlayedPipeline
-    from streamkit_zenoh.configuration import SessionSettings
-    from streamkit_zenoh.endpoints import is_loopback
+    from streamkit_zenoh.configuration import SessionSettings, is_loopback
 
     sources = [text for text in what if is_source(text)]
     _check_arguments(what, sources, video, SessionSettings(connect=connect, config=config))

@@ -19,7 +19,7 @@ from streamkit_zenoh.receiver import STATUS_LIMIT_BYTES, Counts, MessageReceiver
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, decode_json, decode_message
 from streamkit_zenoh.wire.frame_header import read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, PIXEL_LIMIT, image_size
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.wire.messages import STATUS_SCHEMA, StatusRecord
 from streamkit_zenoh.wire.video_header import VideoHeader
 
 PACKET_LIMIT_BYTES = 8 << 20

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import structs
 
-from streamkit_zenoh.wire.control import ControlRequest
 from streamkit_zenoh.wire.encodings import decode_json
+from streamkit_zenoh.wire.messages import ControlRequest
 
 VIDEO, TRACKS, FRAME, MOSAIC, TILE = "video", "tracks", "frame", "mosaic", "tile"
 HELLO, STATE, SKIPPED, CONTROL, BACK = "hello", "state", "skipped", "control", "back"

@@ -12,10 +12,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from streamkit_view.access import log_once
 from streamkit_view.basemap import Basemap
 from streamkit_view.history import replay
-from streamkit_view.hub import Hub
+from streamkit_view.hub import Hub, Viewer
 from streamkit_view.messages import BACK, CONTROL, HELLO, InvalidAnswer, read_answer, text_message
-from streamkit_view.viewer import Viewer
-from streamkit_zenoh.wire.control import CONTROL_SCHEMA, ControlReply, ControlRequest
+from streamkit_zenoh.wire.messages import CONTROL_SCHEMA, ControlReply, ControlRequest
 
 POLL_S = 1.0
 REQUEST_LIMIT = 16

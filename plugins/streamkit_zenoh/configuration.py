@@ -1,5 +1,6 @@
-"""SessionSettings, and the zenoh configuration that follows from them."""
+"""SessionSettings, the endpoints that users write, and the zenoh configuration that follows from them."""
 
+import ipaddress
 import json
 import re
 from dataclasses import dataclass
@@ -10,8 +11,13 @@ import zenoh
 
 from streamkit import mask_secrets
 from streamkit.settings import setting
-from streamkit_zenoh.endpoints import endpoints, is_local, is_secure
 
+PROTOCOLS = ("tcp", "tls", "quic", "udp", "ws")
+ENDPOINT = re.compile(
+    rf"(?P<protocol>{'|'.join(PROTOCOLS)})/(?P<host>\[[0-9a-fA-F:.%a-z]+\]|[^/:\s?#\[\]]+):(?P<port>\d{{1,5}})"
+    r"(?P<metadata>\?[^#\s]*)?(?P<config>#\S*)?"
+)
+SOCKET_FILE = re.compile(r"(unixsock-stream|unixpipe)/[^\s?#]+")
 # Sessions on one machine find each other here without router and multicast: each listens on the first free
 # port and connects to the ports below it.
 MEETING_PORTS = range(7450, 7514)
@@ -30,6 +36,51 @@ ALWAYS: dict[str, object] = {
 CONNECT, LISTEN, SCOUTING = "connect/endpoints", "listen/endpoints", "scouting/multicast/enabled"
 # Position in zenoh's source code, which its errors end with.
 SOURCE_POSITION = re.compile(r"\s+at /\S+\.rs:\d+\.?")
+
+
+class InvalidEndpoint(ValueError):
+    """A text is not an endpoint; the message masks its secrets."""
+
+
+def endpoints(text: str | None) -> tuple[str, ...]:
+    """Splits a list of endpoints at commas and checks each.
+
+    Args:
+        text: for example `tcp/192.168.0.7:7447,tcp/[::1]:7448`; None and blanks give none.
+
+    Raises:
+        InvalidEndpoint: one is not PROTOCOL/HOST:PORT.
+    """
+    parts = tuple(part.strip() for part in (text or "").split(",") if part.strip())
+    for part in parts:
+        match = ENDPOINT.fullmatch(part)
+        if (match is None or int(match["port"]) > 65535) and not SOCKET_FILE.fullmatch(part):
+            raise InvalidEndpoint(
+                f"an endpoint must be PROTOCOL/HOST:PORT with one of {', '.join(PROTOCOLS)}, "
+                f"got {mask_secrets(part)!r}; write for example tcp/192.168.0.7:7447"
+            )
+    return parts
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether an endpoint stays on this machine: loopback addresses, `localhost` and socket files."""
+    match = ENDPOINT.fullmatch(endpoint)
+    if match is None:
+        return SOCKET_FILE.fullmatch(endpoint) is not None
+    return is_loopback(match["host"].strip("[]"))
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only processes of this machine reach an address or name."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def is_secure(endpoint: str) -> bool:
+    """Whether its link is encrypted."""
+    return endpoint.startswith(("tls/", "quic/"))
 
 
 class SessionMode(StrEnum):

@@ -11,10 +11,15 @@ import zenoh
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_zenoh.keys import LISTENING, RECEIVER, STATUS, alive_key, listening_key, root_of
 from streamkit_zenoh.presence import LivelinessWatch, declare_receiver
-from streamkit_zenoh.publisher_states import PublisherStates
 from streamkit_zenoh.wire.encodings import BadPayload, decode_message
-from streamkit_zenoh.wire.numbering import ATTACHMENT_LIMIT_BYTES, LossTracker, Stamp, read_attachment
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.wire.messages import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.wire.numbering import (
+    ATTACHMENT_LIMIT_BYTES,
+    LossTracker,
+    RecentDict,
+    Stamp,
+    read_attachment,
+)
 
 QUERY_LIMIT_S = 5.0
 STATUS_LIMIT_BYTES = 64 * 1024
@@ -27,6 +32,39 @@ INTERLEAVED_WARNING = (
     "two publishers use one key: messages of an earlier one come between those of a later one; "
     "end one of them, or give each a key of its own"
 )
+
+
+class PublisherStates:
+    """The last reported state of each publisher of a key: running or ended."""
+
+    def __init__(self) -> None:
+        self._latest_run = 0  # of the records
+        self._running: RecentDict[str, tuple[int, bool]] = RecentDict()
+        self._awaits_status = False  # of a publisher that has appeared
+
+    def note_appeared(self) -> None:
+        """Notes that a publisher has appeared, which has not sent a status yet."""
+        self._awaits_status = True
+
+    def note_record(self, run: int) -> None:
+        """Notes the run of a record."""
+        self._latest_run = max(self._latest_run, run)
+
+    def note_status(self, status: StatusRecord) -> None:
+        """Notes a status; one of an earlier run, or a reply from before the end, may come after it."""
+        self._awaits_status = False
+        run, is_running = self._running.get(status.source, (status.run, True))
+        if status.run > run or (status.run == run and is_running):
+            self._running[status.source] = (status.run, status.state != "ended")
+
+    def has_unended(self) -> bool:
+        """Whether a publisher never said that it ends; False where none says anything of itself.
+
+        One that is killed at its start has appeared, or sent records, and perhaps no status yet.
+        """
+        known = self._running.values()
+        is_unknown = self._awaits_status or all(run < self._latest_run for run, _ in known)
+        return bool(known) and (is_unknown or any(is_running for _, is_running in known))
 
 
 class ReceivedMessage(NamedTuple):

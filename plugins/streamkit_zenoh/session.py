@@ -15,7 +15,9 @@ import zenoh
 
 from streamkit import Element, ResourceError, SettingsOf, mask_secrets
 from streamkit_zenoh.configuration import (
+    ENDPOINT,
     MEETING_PORTS,
+    InvalidEndpoint,
     SessionFailure,
     SessionSettings,
     base_configuration,
@@ -26,7 +28,6 @@ from streamkit_zenoh.configuration import (
     meets_locally,
     mode_of,
 )
-from streamkit_zenoh.endpoints import ENDPOINT, InvalidEndpoint
 
 OPEN_LIMIT_S = 10.0
 HANDSHAKE_LIMIT_S = 2.0

@@ -22,14 +22,13 @@ from streamkit import (
 )
 from streamkit_zenoh.configuration import error_line
 from streamkit_zenoh.keys import FRAME, MOSAIC, VIDEO, InvalidKey, publication_root
-from streamkit_zenoh.presence import wait_for_receivers
+from streamkit_zenoh.presence import KeyInUse, wait_for_receivers
 from streamkit_zenoh.publish.numbered_stream import Publisher
 from streamkit_zenoh.publish.publication import Publication
-from streamkit_zenoh.publish.rivals import KeyInUse
 from streamkit_zenoh.publish.settings import InvalidQos, PublicationSettings
 from streamkit_zenoh.session import SessionElement, close_session
 from streamkit_zenoh.wire.encodings import MissingLibrary
-from streamkit_zenoh.wire.status import ElementDrop, ElementStatus
+from streamkit_zenoh.wire.messages import ElementDrop, ElementStatus
 from streamkit_zenoh.wire.video_header import VIDEO_CAPS
 
 # At EOS zenoh is given time to deliver the last records; at a stop it is not.

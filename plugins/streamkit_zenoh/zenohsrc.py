@@ -3,6 +3,7 @@
 import enum
 import threading
 from collections.abc import Iterator
+from functools import lru_cache
 
 import zenoh
 from typing_extensions import override
@@ -16,6 +17,7 @@ from streamkit import (
     ResourceError,
     Source,
     TrackRecord,
+    attach_record,
     encode_record,
 )
 from streamkit_zenoh.keys import FRAME, InvalidKey, records_key, stream_key
@@ -27,7 +29,6 @@ from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, Encoding, decode_
 from streamkit_zenoh.wire.frame_header import image_frame, read_header
 from streamkit_zenoh.wire.images import IMAGE_LIMIT_BYTES, decode_image, image_size
 from streamkit_zenoh.wire.numbering import RecentDict
-from streamkit_zenoh.wire.records import record_frame
 
 POLL_S = 0.2
 LOOK_LIMIT_S = 1.0  # for the answers of publishers with other keys
@@ -205,3 +206,22 @@ class ZenohSrc(SessionElement, Source):
         if image_size(payload) != (header.picture_width, header.picture_height):
             raise ValueError("the image has another size than its header says")
         return image_frame(decode_image(payload), header, now_ns, self._epoch_base)
+
+
+def record_frame(record: TrackRecord, payload: bytes, arrival_ns: int, epoch: int) -> Frame:
+    """A frame that carries a record: its JSON, its times, and Tracks and Registration as metadata.
+
+    Unknown velocities and covariances are NaN, and so is the homography to the previous frame, which records
+    do not hold. `payload` is the record as JSON; `epoch` is added to the record's own.
+    """
+    frame = Frame(
+        payload, _caps(record.width, record.height), pts=record.pts_ns, epoch=epoch + record.epoch,
+        seq=record.seq, arrival_ns=arrival_ns, capture=record.capture,
+    )  # fmt: skip
+    return attach_record(frame, record)
+
+
+@lru_cache(maxsize=64)
+def _caps(width: int | None, height: int | None) -> Caps:
+    size = {name: value for name, value in (("width", width), ("height", height)) if value is not None}
+    return TRACKS_CAPS.with_fields(**size)

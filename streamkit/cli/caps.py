@@ -21,10 +21,19 @@ from streamkit.cli.stderr import USAGE_EXIT
 from streamkit.errors import CapsSyntax, CapsTooLarge, DescriptionError, Place
 from streamkit.flow.caps import Caps, Structure, read_value
 from streamkit.flow.caps_algebra import intersect_values, is_subset_value, values_equal
-from streamkit.flow.caps_serialize import type_name, write_plain
 from streamkit.flow.caps_simplify import unite_values
 from streamkit.flow.caps_text import READERS, TYPES
-from streamkit.flow.caps_values import FlagSet, IntRange, NullText, Range, Value, ValueArray, ValueList
+from streamkit.flow.caps_values import (
+    FlagSet,
+    IntRange,
+    NullText,
+    Range,
+    Value,
+    ValueArray,
+    ValueList,
+    type_name,
+    write_plain,
+)
 
 
 class CapsCommand(TyperCommand):

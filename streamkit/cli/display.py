@@ -16,8 +16,7 @@ import typer
 from typing_extensions import override
 
 from streamkit.cli.stderr import as_json, time_stamp
-from streamkit.cli.summary import summarise
-from streamkit.cli.table import age_text, as_line, as_tables
+from streamkit.cli.summary import age_text, as_line, as_tables, summarise
 from streamkit.flow.statistics import RunStatistics
 from streamkit.masking import presentable
 from streamkit.output.colour import coloured

@@ -1,10 +1,14 @@
-"""`streamkit graph`: builds a pipeline without running it and draws it."""
+"""`streamkit graph`: builds a pipeline without running it and draws it, also with the counters of a run."""
 
 from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import sys
+import textwrap
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,18 +21,21 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.drawing import Counters, as_dot, as_mermaid, as_svg, as_text, link_caps
+from streamkit.cli.layered_svg import Arrow, Box, draw_svg
 from streamkit.cli.stderr import fail_usage, print_line
-from streamkit.cli.table import measure_rows
+from streamkit.cli.summary import Row, facts, measure_rows
 from streamkit.errors import DescriptionError, StreamError
 from streamkit.graph.description_text import unused_variables
 from streamkit.masking import mask_secrets, presentable_value
 
 if TYPE_CHECKING:
     from streamkit.element.base import Element
+    from streamkit.element.pad import Pad
     from streamkit.graph.graph import Graph
 
-
+SVG_COLUMNS = 50
+MIN_CAPS_COLUMNS = 20  # columns
+DRAWN_FORMATS = 3  # in the label of a link; the file sources alone have two dozen
 GraphFormat = Literal["json", "dot", "mermaid", "text", "svg"]
 
 
@@ -117,3 +124,147 @@ def _described(element: Element) -> dict[str, Any]:
         "parent": element.parent or None,
         "properties": element.properties_set(),
     }
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """Counters of a run, in a drawing: of the elements, and the length of the run, s."""
+
+    rows: dict[Element, Row] = field(default_factory=dict)
+    elapsed_s: float = 0.0
+
+
+def link_caps(src: Pad, sink: Pad) -> str:
+    """The common caps of two pads, as known before data flows."""
+    return str(sink.query_caps() & src.query_caps())
+
+
+def _ids(built: Graph) -> dict[Element, str]:
+    """Names of elements in a drawing, numbered if bins share one."""
+    taken: Counter[str] = Counter()
+    found = {}
+    for element in built.elements:
+        taken[element.name] += 1
+        number = taken[element.name]
+        found[element] = element.name if number == 1 else f"{element.name} ({number})"
+    return found
+
+
+def _title(element: Element, ids: dict[Element, str]) -> str:
+    """The element's name in a drawing, with its factory where that does not show."""
+    kind = "" if element.name.startswith(element.factory) else f" ({element.factory})"
+    return ids[element] + kind
+
+
+def _label(element: Element, counters: Counters) -> str:
+    """Name, settings and counters of an element, a line each; drops stand at its first link."""
+    lines = [element.name, *(f"{name}={value}" for name, value in element.properties_set().items())]
+    if (row := counters.rows.get(element)) is not None:
+        found = facts(row)
+        names = ("queue", "busy", "errors", "age") + (() if any(element.sink_pads()) else ("dropped",))
+        lines += [f"{name} {found[name]}" for name in names if name in found]
+    return "\n".join(lines)
+
+
+def _drawn_caps(src: Pad, sink: Pad) -> list[str]:
+    """The common caps of two pads, a line for each of the first formats."""
+    formats = link_caps(src, sink).split("; ")
+    more = len(formats) - DRAWN_FORMATS
+    return formats[:DRAWN_FORMATS] + ([f"... and {more} more"] if more > 0 else [])
+
+
+def _link_label(src: Pad, sink: Pad, counters: Counters) -> str:
+    """Caps, frames, rate and drops of a link, a line each."""
+    return "\n".join([*_drawn_caps(src, sink), *_link_counts(sink, counters)])
+
+
+def _link_counts(sink: Pad, counters: Counters) -> list[str]:
+    lines = []
+    if (row := counters.rows.get(sink.element)) is not None:
+        count = next((pad.frames for pad in row.counters.pads if pad.pad == sink.name), 0)
+        rate = f", {count / counters.elapsed_s:.1f}/s" if counters.elapsed_s > 0 else ""
+        lines.append(f"{count} frames{rate}")
+        if sink is next(sink.element.sink_pads()) and (dropped := facts(row).get("dropped")):
+            lines.append(f"dropped {dropped}")
+    return lines
+
+
+def _colours(built: Graph, counters: Counters) -> dict[Element, str]:
+    """Colours of elements, from white, idle, to orange, fully busy; a queue is never busy."""
+    found = {}
+    for element in built.elements:
+        if (row := counters.rows.get(element)) is not None:
+            busy = 0.0 if row.counters.queue is not None else row.busy
+            found[element] = f"#ff{round(255 - 90 * busy):02x}{round(255 - 255 * busy):02x}"
+    return found
+
+
+def as_dot(built: Graph, counters: Counters) -> str:
+    """The graph in Graphviz's language."""
+
+    def quoted(text: str) -> str:
+        return json.dumps(text).replace("\\\\n", "\\n")
+
+    ids, colours = _ids(built), _colours(built, counters)
+    lines = ["digraph pipeline {", "  rankdir=LR;", "  node [shape=box, fontname=sans];"]
+    for element in built.elements:
+        colour = f', style=filled, fillcolor="{colours[element]}"' if element in colours else ""
+        lines.append(f"  {quoted(ids[element])} [label={quoted(_label(element, counters))}{colour}];")
+    for src, sink in built.links():
+        ends = f"{quoted(ids[src.element])} -> {quoted(ids[sink.element])}"
+        lines.append(f"  {ends} [label={quoted(_link_label(src, sink, counters))}];")
+    return "\n".join([*lines, "}"])
+
+
+def as_mermaid(built: Graph, counters: Counters) -> str:
+    """The graph in Mermaid's language."""
+    ids = {element: f"n{index}" for index, element in enumerate(built.elements)}
+
+    def text(words: str) -> str:
+        return words.replace('"', "#quot;").replace("\n", "<br>")
+
+    lines = ["flowchart LR"]
+    lines += [f'  {ids[element]}["{text(_label(element, counters))}"]' for element in built.elements]
+    for src, sink in built.links():
+        label = text(_link_label(src, sink, counters))
+        lines.append(f'  {ids[src.element]} -- "{label}" --> {ids[sink.element]}')
+    lines += [
+        f"  style {ids[element]} fill:{colour}" for element, colour in _colours(built, counters).items()
+    ]
+    return "\n".join(lines)
+
+
+def as_text(built: Graph, counters: Counters) -> str:
+    """Each element with its settings, then its links with their caps, shortened to fit a terminal."""
+    ids, lines = _ids(built), list[str]()
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    for element in built.elements:
+        _, *more = _label(element, counters).splitlines()
+        lines.append("  ".join([_title(element, ids), *more]))
+        for src, sink in built.links():
+            if src.element is element:
+                caps = link_caps(src, sink)
+                head = f"  {src.name} -> {ids[sink.element]}.{sink.name}  "
+                end = "".join(f", {text}" for text in _link_counts(sink, counters))
+                if columns is not None:
+                    room = max(columns - len(head) - len(end), MIN_CAPS_COLUMNS)
+                    caps = textwrap.shorten(caps, room, placeholder=" ...")
+                lines.append(head + caps + end)
+    return "\n".join(lines)
+
+
+def as_svg(built: Graph, counters: Counters) -> str:
+    """The graph as SVG, from top to bottom."""
+    indices = {element: index for index, element in enumerate(built.elements)}
+    ids, colours = _ids(built), _colours(built, counters)
+    boxes = []
+    for element in built.elements:
+        _, *more = _label(element, counters).splitlines()
+        lines = [line[:SVG_COLUMNS] for line in (_title(element, ids), *more)]
+        boxes.append(Box(lines, colours.get(element, "white")))
+    arrows = []
+    for src, sink in built.links():
+        lines = _link_label(src, sink, counters).splitlines()
+        wrapped = [part for line in lines for part in textwrap.wrap(line, SVG_COLUMNS)]
+        arrows.append(Arrow(indices[src.element], indices[sink.element], wrapped))
+    return draw_svg(boxes, arrows)

@@ -140,10 +140,10 @@ def launch(
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         with without_collection():
-            from streamkit.cli.open_ends import open_ends
-            from streamkit.cli.results import check_stats_file, print_results
             from streamkit.cli.run import Run
+            from streamkit.cli.summary import check_stats_file, print_results
             from streamkit.graph.description_text import unused_variables
+            from streamkit.graph.link import open_ends
             from streamkit.service.monitor import Monitor
 
             pipeline = build(source, as_json=json_errors)

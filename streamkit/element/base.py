@@ -1,4 +1,4 @@
-"""Element: the base class of everything in a graph."""
+"""Element: the base class of everything in a graph, and the running graph as its elements see it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import contextlib
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from streamkit.element.code_place import place_of, traceback_of
 from streamkit.element.pad import Pad
@@ -20,12 +20,42 @@ from streamkit.flow.events import FlowStop
 from streamkit.flow.messages import Message, MessageKind
 
 if TYPE_CHECKING:
-    from streamkit.element.host import Host
+    from streamkit.element.pad import Pad
     from streamkit.flow.events import Event
     from streamkit.flow.frame import Frame
+    from streamkit.flow.statistics import ElementStatistics
 
 log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
+
+
+class Host(Protocol):
+    """The running graph, as elements see it."""
+
+    @property
+    def error(self) -> Exception | None:
+        """The failure that has ended the run, or None."""
+
+    def elements(self) -> Sequence[Element]:
+        """All elements of the graph, in textual order."""
+
+    def statistics(self, now_ns: int) -> Sequence[ElementStatistics]:
+        """Counters of the elements, in textual order; those in other processes have none."""
+
+    def pad_added(self, pad: Pad) -> None:
+        """Tries the delayed links of a pad that was added while the graph streams."""
+
+    def no_more_pads(self, element: Element) -> None:
+        """Reports delayed links of an element that adds no more pads."""
+
+    def reconfigure(self, element: Element) -> None:
+        """Renegotiates upstream of an element whose accepted caps have changed."""
+
+    def sink_ended(self, element: Element) -> None:
+        """A sink has drained after EOS."""
+
+    def prerolled(self, element: Element) -> None:
+        """A sink of the paused graph holds its first frame."""
 
 
 class Element(PadOwner, PropertyOwner, Waits):

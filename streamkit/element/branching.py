@@ -13,7 +13,7 @@ from typing_extensions import override
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad, PadTemplate
 from streamkit.element.transform import drained_frames
-from streamkit.errors import StreamkitError
+from streamkit.errors import PropertyError, StreamkitError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import (
     EOS,
@@ -218,3 +218,19 @@ class Split(Element):
         """Removes a branch; later frames do not reach it."""
         super().release_pad(pad)
         self.pads_changed()
+
+
+def check_active_pad(element: Element, name: str | None, template_name: str) -> None:
+    """Refuses a name that is not a pad; while the graph is built, one that cannot become a pad.
+
+    Raises:
+        PropertyError: with the names of the pads.
+    """
+    template = element.pad_templates[template_name]
+    if name is None or name in element.pads or (element.host is None and template.matches(name)):
+        return
+    known = ", ".join(pad for pad in element.pads if template.matches(pad))
+    known = known or template_name.replace("%u", "0, ...")
+    raise PropertyError(
+        f"{element.name}: property active-pad cannot be {name!r}: it takes the name of a pad ({known})"
+    )

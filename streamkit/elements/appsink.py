@@ -13,8 +13,8 @@ from streamkit.element.frame_queue import FrameHolder
 from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import UINT, UINT64
+from streamkit.elements.fakesink import PlainSink
 from streamkit.elements.frame_report import Callbacks, wait_for_change
-from streamkit.elements.plainsink import PlainSink
 from streamkit.errors import StateError
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import EosEvent, Event, FlushEvent

@@ -7,11 +7,10 @@ from collections.abc import Callable
 
 from typing_extensions import override
 
-from streamkit.element.branching import Combine
+from streamkit.element.branching import Combine, check_active_pad
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
-from streamkit.elements.activepad import check_active_pad
 from streamkit.flow.caps import ANY
 from streamkit.flow.events import EOS, EndOfStream, Event
 from streamkit.flow.frame import Frame

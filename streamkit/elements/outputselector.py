@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping
 
 from typing_extensions import override
 
-from streamkit.element.branching import Split
+from streamkit.element.branching import Split, check_active_pad
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.property import Property
 from streamkit.element.property_text import Choice
-from streamkit.elements.activepad import check_active_pad
 from streamkit.flow.caps import ANY, Caps
 from streamkit.flow.events import SegmentEvent
 from streamkit.flow.frame import Frame

@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from streamkit.errors import CapsTooLarge
-from streamkit.flow.caps_serialize import write_structure
 from streamkit.flow.caps_values import (
     FULL_MASK,
     SCALARS,
@@ -25,6 +24,7 @@ from streamkit.flow.caps_values import (
     Value,
     ValueArray,
     ValueList,
+    write_structure,
 )
 
 NO_FIELDS: Mapping[str, Value] = MappingProxyType({})

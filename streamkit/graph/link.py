@@ -1,4 +1,4 @@
-"""Links: selects the pads for a `!`, and says in words why none fit."""
+"""Links: selects the pads for a `!`, and says in words why none fit, or that one is missing."""
 
 from __future__ import annotations
 
@@ -18,54 +18,13 @@ from streamkit.flow.video import (
     misspelt_formats,
     misspelt_media,
 )
+from streamkit.graph.graph import Graph
 
 RAW = "video/x-raw"
 CODED_VIDEO = ("video/", "image/")  # begin the media types of coded packets
 MEDIA_SHOWN = 3
-RAW_VIDEO = Caps("video/x-raw")
+RAW_VIDEO = Caps(RAW)
 Choice = Pad | PadTemplate
-
-
-def caps_conflict(
-    left: str, offered: Caps, right: str, accepted: Caps, place: Place | None, sink: Element
-) -> DescriptionError:
-    """The error for two pads, by path, whose caps have nothing in common; `sink` is the second's element."""
-    text = f"could not link {left} to {right}: they "
-    misspelt = dict.fromkeys([*misspelt_media(offered), *misspelt_media(accepted)])
-    if remedy := "; ".join(misspelt) or _codec_remedy(offered, accepted, sink):
-        text += f"disagree on media type: {left} offers {_media(offered)}; {right} takes {_media(accepted)}"
-        return DescriptionError("link", text, place, remedy)
-    text += offered.disagreement(accepted, left, right)
-    fields = [*misspelt_fields(offered), *misspelt_fields(accepted)]
-    formats = [*misspelt_formats(offered), *misspelt_formats(accepted)]
-    hints = dict.fromkeys(fields + formats)
-    return DescriptionError("link", text, place, "; ".join(hints) or conversion_remedy(offered, accepted))
-
-
-def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:
-    """What to change where raw video meets an element for coded packets, or the other way; "" elsewhere."""
-    if is_raw_video(offered) and _is_coded_video(accepted):
-        converter, done = "encode", "decoded"
-    elif _is_coded_video(offered) and is_raw_video(accepted):
-        converter, done = "decode", "encoded"
-    else:
-        return ""
-    made = [template.caps for template in sink.pad_templates.values() if template.direction is Direction.SRC]
-    if any(not caps.is_any and offered.can_intersect(caps) for caps in made):
-        return f"the video is {done} before {sink.name}: leave {sink.name} out"
-    return f"put {converter} between"
-
-
-def _is_coded_video(caps: Caps) -> bool:
-    names = {structure.name for structure in caps.structures}
-    return bool(names) and RAW not in names and all(name.startswith(CODED_VIDEO) for name in names)
-
-
-def _media(caps: Caps) -> str:
-    """The media types of caps; of many, the first."""
-    names = list(dict.fromkeys(structure.name for structure in caps.structures))
-    left_out = len(names) - MEDIA_SHOWN
-    return ", ".join(names[:MEDIA_SHOWN]) + (f" and {left_out} others" if left_out > 0 else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,3 +206,73 @@ def _nothing_free(element: Element, direction: Direction, place: Place) -> Descr
         )
     kind = "sink" if direction is Direction.SINK else "source"
     return DescriptionError("link", f"link has no {kind}: {element.name} has no {direction} pad", place)
+
+
+def caps_conflict(
+    left: str, offered: Caps, right: str, accepted: Caps, place: Place | None, sink: Element
+) -> DescriptionError:
+    """The error for two pads, by path, whose caps have nothing in common; `sink` is the second's element."""
+    text = f"could not link {left} to {right}: they "
+    misspelt = dict.fromkeys([*misspelt_media(offered), *misspelt_media(accepted)])
+    if remedy := "; ".join(misspelt) or _codec_remedy(offered, accepted, sink):
+        text += f"disagree on media type: {left} offers {_media(offered)}; {right} takes {_media(accepted)}"
+        return DescriptionError("link", text, place, remedy)
+    text += offered.disagreement(accepted, left, right)
+    fields = [*misspelt_fields(offered), *misspelt_fields(accepted)]
+    formats = [*misspelt_formats(offered), *misspelt_formats(accepted)]
+    hints = dict.fromkeys(fields + formats)
+    return DescriptionError("link", text, place, "; ".join(hints) or conversion_remedy(offered, accepted))
+
+
+def _codec_remedy(offered: Caps, accepted: Caps, sink: Element) -> str:
+    """What to change where raw video meets an element for coded packets, or the other way; "" elsewhere."""
+    if is_raw_video(offered) and _is_coded_video(accepted):
+        converter, done = "encode", "decoded"
+    elif _is_coded_video(offered) and is_raw_video(accepted):
+        converter, done = "decode", "encoded"
+    else:
+        return ""
+    made = [template.caps for template in sink.pad_templates.values() if template.direction is Direction.SRC]
+    if any(not caps.is_any and offered.can_intersect(caps) for caps in made):
+        return f"the video is {done} before {sink.name}: leave {sink.name} out"
+    return f"put {converter} between"
+
+
+def _is_coded_video(caps: Caps) -> bool:
+    names = {structure.name for structure in caps.structures}
+    return bool(names) and RAW not in names and all(name.startswith(CODED_VIDEO) for name in names)
+
+
+def _media(caps: Caps) -> str:
+    """The media types of caps; of many, the first."""
+    names = list(dict.fromkeys(structure.name for structure in caps.structures))
+    left_out = len(names) - MEDIA_SHOWN
+    return ", ".join(names[:MEDIA_SHOWN]) + (f" and {left_out} others" if left_out > 0 else "")
+
+
+def open_ends(graph: Graph) -> Iterator[str]:
+    """A note for each."""
+    for element in graph.elements:
+        if element.factory == "appsink":
+            effect = "drops frames" if getattr(element, "drop", False) else "fills up"
+            yield f"{element.name} {effect}, as only a Python program takes its frames; write fakesink here"
+        elif element.factory == "appsrc":
+            yield f"{element.name} waits, as only a Python program gives it frames; write fakesrc here"
+        outputs = list(element.src_pads())
+        # Those on request follow the element's own, and are made when they are linked.
+        if outputs and any(element.sink_pads()) and outputs[0].peer is None:
+            yield f"{outputs[0].path} is not linked, its frames go nowhere; link it to a sink"
+        if not graph.delayed_links:
+            yield from _missing_input(element)
+
+
+def _missing_input(element: Element) -> Iterator[str]:
+    """A note if no frame can come: the pad `sink` is not linked, or no input was requested."""
+    sink = element.pads.get("sink")
+    if sink is not None and sink.peer is None:
+        takes_video = not sink.template.caps.is_any and sink.template.caps.can_intersect(RAW_VIDEO)
+        source = "filesrc location=FILE ! decode" if takes_video else "a source"
+        yield f"{sink.path} is not linked, no frame comes; write {source} ! before {element.factory}"
+    templates = element.pad_templates.values()
+    if not any(element.sink_pads()) and any(item.direction is Direction.SINK for item in templates):
+        yield f"{element.name} has no input, no frame comes; write a source ! {element.name}."

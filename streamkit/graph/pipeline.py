@@ -9,7 +9,7 @@ from os import PathLike
 from typing import Any, Self
 
 from streamkit.element.base import Element
-from streamkit.element.timing import Timing
+from streamkit.element.waits import Timing
 from streamkit.errors import StateError
 from streamkit.flow.clock import Clock, SystemClock
 from streamkit.flow.messages import Message, MessageKind

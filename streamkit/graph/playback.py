@@ -12,7 +12,7 @@ from streamkit.element.pad import Pad
 from streamkit.element.pad_owner import walk
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
-from streamkit.element.timing import Timing
+from streamkit.element.waits import Timing
 from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind

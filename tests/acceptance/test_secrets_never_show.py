@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from streamkit import Pipeline
-from streamkit.cli.drawing import Counters, as_dot, as_mermaid
+from streamkit.cli.graph import Counters, as_dot, as_mermaid
 from streamkit.cli.graph import graph as graph_command
 from streamkit.cli.main import make_app
 from streamkit.element.registry import available_elements, element_class, make_element

@@ -25,11 +25,11 @@ from streamkit import (
     write_remedy,
 )
 from streamkit.masking import presentable
-from streamkit.output.claim import Claim
+from streamkit.output.file import Claim
 
 if TYPE_CHECKING:
     from streamkit_fleet.batch.driver import FileResult
-    from streamkit_fleet.batch.plan import BatchRecipe
+    from streamkit_fleet.batch.work import BatchRecipe
 
 SET_BY_BATCH = ("input", "output")
 RECORDS = ".jsonl"  # the results whose parts can be joined
@@ -67,7 +67,7 @@ def batch(
     files = files_and_results(pattern, suffix)
     if not files:
         exit_with_error(f"no file matches {pattern!r}", 2)
-    from streamkit_fleet.cluster import connected
+    from streamkit_fleet.local_ray import connected
 
     folder_claim = _claim_folder(output)
     try:
@@ -147,7 +147,7 @@ class BatchProgress:
 
 def _recipe(file: Path, settings: list[str], suffix: str, part_s: float, overlap_s: float) -> BatchRecipe:
     """What is done with each file; exits with code 2 if the description is invalid."""
-    from streamkit_fleet.batch.plan import BatchRecipe
+    from streamkit_fleet.batch.work import BatchRecipe
 
     source = read_description(None, file, settings)
     text, variables = source.text, source.variables

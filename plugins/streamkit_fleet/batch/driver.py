@@ -17,9 +17,17 @@ from ray.exceptions import RayError
 
 from streamkit.masking import mask_secrets, presentable
 from streamkit.output.file import write_whole
-from streamkit_fleet.batch.plan import BatchRecipe, Plan, plan_file
-from streamkit_fleet.batch.work import PARTS, UNFINISHED, Outcome, finish, run_part
-from streamkit_fleet.cluster import cluster_cores
+from streamkit_fleet.batch.work import (
+    PARTS,
+    UNFINISHED,
+    BatchRecipe,
+    Outcome,
+    Plan,
+    finish,
+    plan_file,
+    run_part,
+)
+from streamkit_fleet.local_ray import cluster_cores
 
 SUMMARY = "batch.json"
 AHEAD = 3  # files at work for each core: workers never wait, and a long archive is no long queue

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import override
@@ -23,8 +24,8 @@ from streamkit import (
     TrackState,
     Transform,
 )
+from streamkit.output.file import write_whole
 from streamkit_video.trackoverlay import drawing
-from streamkit_video.trackoverlay.snapshot import check_target, write_snapshot
 from streamkit_video.trackoverlay.trails import Trails
 
 STYLES = {
@@ -174,3 +175,32 @@ def _status_text(frame: Frame, registration: Registration | None, tracks: Tracks
         confirmed, coasting = states.count(TrackState.CONFIRMED), states.count(TrackState.COASTING)
         words.append(f"tracks {confirmed}" + (f", {coasting} coasting" if coasting else ""))
     return "   ".join(words)
+
+
+def check_target(path: Path) -> None:
+    """Checks that an image can be written to a path.
+
+    Raises:
+        OSError: the folder does not exist, or the suffix is of no image format.
+    """
+    if not path.parent.is_dir():
+        raise OSError(f"{path}: the folder {path.parent} does not exist; make it first")
+    if path.is_dir():
+        raise OSError(f"{path}: is a folder; give the name of an image file")
+    if not path.suffix or not cv2.haveImageWriter(str(path)):
+        raise OSError(f"{path}: no image format has the ending {path.suffix!r}; take .png or .jpg")
+
+
+def write_snapshot(path: Path, image: NDArray[np.uint8]) -> None:
+    """Writes a BGR image; an existing file is replaced when the new one is complete.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    try:
+        encoded, content = cv2.imencode(path.suffix, image)
+    except cv2.error as error:
+        raise OSError(f"{path}: {error.err}") from error
+    if not encoded:
+        raise OSError(f"{path}: the image cannot be encoded as {path.suffix}; take .png or .jpg")
+    write_whole(path, content.tobytes())

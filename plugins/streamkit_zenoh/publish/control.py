@@ -11,14 +11,14 @@ from streamkit import Element, StreamkitError
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.keys import CONTROL
 from streamkit_zenoh.publish.numbered_stream import Publisher
-from streamkit_zenoh.wire.control import (
+from streamkit_zenoh.wire.messages import (
     CONTROL_SCHEMA,
     ControlReply,
     ControlRequest,
     LiveProperty,
+    PropertyChange,
     read_request,
 )
-from streamkit_zenoh.wire.status import PropertyChange
 
 # More requests than a person makes; the oldest of more stays without reply.
 CAPACITY = 32

@@ -13,8 +13,8 @@ from streamkit import Frame
 from streamkit.handoff.background_executor import BackgroundExecutor
 from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.publish.settings import PublicationSettings
+from streamkit_zenoh.wire.messages import DropCount, StreamStatus
 from streamkit_zenoh.wire.numbering import RecentDict, Stamp
-from streamkit_zenoh.wire.status import DropCount, StreamStatus
 
 
 @dataclass(frozen=True)

@@ -9,16 +9,27 @@ import zenoh
 
 from streamkit import Element, ResourceError
 from streamkit_zenoh.keys import LISTENING, RECEIVER, SCHEMA, STATUS, alive_key, listens_to
-from streamkit_zenoh.presence import LivelinessWatch, wait_until_delivered
+from streamkit_zenoh.presence import (
+    EXCLUSIVE,
+    Claimant,
+    KeyInUse,
+    LivelinessWatch,
+    RivalWatch,
+    refuse_rivals,
+    wait_until_delivered,
+)
 from streamkit_zenoh.publish.control import Control
-from streamkit_zenoh.publish.media_sender import MEDIA_SENDERS
 from streamkit_zenoh.publish.numbered_stream import NumberedStream, Publisher, Reply, Sender
-from streamkit_zenoh.publish.record_sender import RecordSender
-from streamkit_zenoh.publish.rivals import EXCLUSIVE, Claimant, KeyInUse, RivalWatch, refuse_rivals
+from streamkit_zenoh.publish.senders import MEDIA_SENDERS, RecordSender
 from streamkit_zenoh.session import close_session
 from streamkit_zenoh.wire.encodings import Codec
-from streamkit_zenoh.wire.schemas import schema_files, schema_index
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, ElementStatus, StatusRecord
+from streamkit_zenoh.wire.messages import (
+    STATUS_SCHEMA,
+    ElementStatus,
+    StatusRecord,
+    schema_files,
+    schema_index,
+)
 
 JOIN_LIMIT_S = 1.0
 

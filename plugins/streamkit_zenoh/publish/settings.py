@@ -7,7 +7,7 @@ import zenoh
 
 from streamkit.settings import setting
 from streamkit_zenoh.keys import FRAME, MOSAIC, STATUS, TRACK, TRACKS, VIDEO
-from streamkit_zenoh.publish.rivals import EXCLUSIVE, SHARED, TAKEOVER
+from streamkit_zenoh.presence import EXCLUSIVE, SHARED, TAKEOVER
 from streamkit_zenoh.wire.encodings import Encoding
 from streamkit_zenoh.wire.images import ImageFormat
 

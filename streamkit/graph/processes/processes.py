@@ -11,7 +11,7 @@ from concurrent.futures import Future, wait
 from typing import TYPE_CHECKING, Any, Literal
 
 from streamkit.element.base import Element
-from streamkit.element.timing import Timing
+from streamkit.element.waits import Timing
 from streamkit.errors import (
     ElementFailure,
     HangDetected,

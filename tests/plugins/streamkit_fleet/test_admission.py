@@ -3,7 +3,7 @@
 import time
 
 from streamkit import Pipeline, Transform
-from streamkit_fleet.admission import WINDOW_FRAMES, CostMeter, excess
+from streamkit_fleet.feed import WINDOW_FRAMES, CostMeter, excess
 from streamkit_fleet.feeds import FeedSpec
 
 WORK_S = 0.004

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
-from streamkit_fleet import cluster, local_ray
+from streamkit_fleet import local_ray
 from streamkit_fleet.feed import FeedStatus
 from streamkit_fleet.local_ray import LocalRay
 
@@ -51,7 +51,7 @@ def test_status_prints_columns(monkeypatch: pytest.MonkeyPatch) -> None:
         FeedStatus(name="harbour-north", state="waiting", reason="[red] no frame", node="0123456789abcdef"),
     ]
     monkeypatch.setattr("streamkit_fleet.control.statuses", lambda: rows)
-    monkeypatch.setattr("streamkit_fleet.cluster.connected", lambda *_, **__: nullcontext())
+    monkeypatch.setattr("streamkit_fleet.local_ray.connected", lambda *_, **__: nullcontext())
     done = CliRunner().invoke(make_app(), ["fleet", "status", "--address", "127.0.0.1:1"])
     assert done.stdout.splitlines() == [
         "feed           state    node      cores  frames  dropped  restarts  metrics         missing",
@@ -71,7 +71,7 @@ def test_a_fleet_that_ends_takes_no_command(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     monkeypatch.setattr(local_ray, "_is_running", lambda _local: True)
-    monkeypatch.setattr(cluster, "connected", lambda *_, **__: pytest.fail("it connects"))
+    monkeypatch.setattr(local_ray, "connected", lambda *_, **__: pytest.fail("it connects"))
     (tmp_path / "streamkit").mkdir()
     local_ray.begin_end(LocalRay("127.0.0.1:1", 1))
     done = CliRunner().invoke(make_app(), ["fleet", *arguments], env={"COLUMNS": "200"})

@@ -18,9 +18,9 @@ import pytest
 
 from streamkit import ResourceError
 from streamkit_fleet import control
-from streamkit_fleet.cluster import connected
 from streamkit_fleet.feed import FeedStatus
 from streamkit_fleet.feeds import FeedSpec
+from streamkit_fleet.local_ray import connected
 from streamkit_zenoh import TrackSubscriber
 from tests.slowness import patience
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from streamkit_telemetry_formats.dji_cameras import camera_view, focal_view
+from streamkit_telemetry_formats.dji import camera_view, focal_view
 
 
 @pytest.mark.parametrize("model", ["DJI Mini 2", "mini-2", "MINI2", "FC7303", "fc7303 "])

@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from streamkit import Pipeline, RecordFile, TrackState
 from streamkit_tracks.command import TargetSummary, list_targets, table_lines
-from streamkit_tracks.file_readers import MISSING
+from streamkit_tracks.recorded_runs import MISSING
 from tests.command_line import run
 from tests.slowness import patience
 

@@ -29,8 +29,7 @@ from selenium.webdriver.chrome.service import Service
 from streamkit import Frame, Registration, raw_video_caps
 from streamkit_view.access import Access
 from streamkit_view.basemap import read_basemap
-from streamkit_view.server import ViewServer
-from streamkit_view.session import run_server
+from streamkit_view.server import ViewServer, run_server
 from streamkit_zenoh.configuration import SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from streamkit_zenoh.wire.frame_header import frame_header

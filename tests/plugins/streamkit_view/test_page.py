@@ -25,8 +25,8 @@ from streamkit import Frame, Pipeline, raw_video_caps
 from streamkit_video import TrueTargets
 from streamkit_zenoh.wire.frame_header import frame_header
 from streamkit_zenoh.wire.images import ImageFormat, encode_image
+from streamkit_zenoh.wire.messages import DropCount, ElementDrop, ElementStatus, StatusRecord
 from streamkit_zenoh.wire.numbering import Stamp
-from streamkit_zenoh.wire.status import DropCount, ElementDrop, ElementStatus, StatusRecord
 from tests.slowness import patience
 
 pytestmark = pytest.mark.long

@@ -23,7 +23,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from streamkit import Pipeline
 from streamkit.cli.main import make_app
-from streamkit_view import viewer
+from streamkit_view import hub
 from streamkit_view.messages import InvalidAnswer, read_answer
 from streamkit_view.server import page_files
 
@@ -270,7 +270,7 @@ def test_a_page_that_reads_nothing_is_cut_off_and_holds_up_no_other(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     """Another page goes on getting packets; the connection of the stuck one is reset."""
-    monkeypatch.setattr(viewer, "ANSWER_LIMIT_S", 2.0)
+    monkeypatch.setattr(hub, "ANSWER_LIMIT_S", 2.0)
     address = "127.0.0.1", urlsplit(serve_keys(key)).port
     launch = (
         "videotestsrc is-live=true pattern=snow ! video/x-raw, width=640, height=480, framerate=25/1 "

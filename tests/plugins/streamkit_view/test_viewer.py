@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_view import viewer as module
+from streamkit_view import hub as module
+from streamkit_view.hub import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
 from streamkit_view.messages import (
     BACK,
     CONTROL,
@@ -19,7 +20,6 @@ from streamkit_view.messages import (
     VIDEO,
     PageMessage,
 )
-from streamkit_view.viewer import WAITING_BYTES, WINDOW_MESSAGES, InvalidAnswer, Viewer
 
 
 def packet(number: int, *, is_keyframe: bool = False, size: int = 100) -> PageMessage:

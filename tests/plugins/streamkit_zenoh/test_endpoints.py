@@ -3,7 +3,7 @@
 import pytest
 
 from streamkit import mask_secrets
-from streamkit_zenoh.endpoints import InvalidEndpoint, endpoints, is_local
+from streamkit_zenoh.configuration import InvalidEndpoint, endpoints, is_local
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ from typing import Literal
 
 import pytest
 
-from streamkit_zenoh.publisher_states import PublisherStates
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord
+from streamkit_zenoh.receiver import PublisherStates
+from streamkit_zenoh.wire.messages import STATUS_SCHEMA, StatusRecord
 
 
 def _status(state: Literal["starting", "playing", "ended"], run: int) -> StatusRecord:

@@ -22,8 +22,8 @@ from streamkit_zenoh.keys import InvalidKey, alive_key
 from streamkit_zenoh.presence import is_matching
 from streamkit_zenoh.subscriber import TrackSubscriber
 from streamkit_zenoh.wire.encodings import Codec, Encoding
+from streamkit_zenoh.wire.messages import STATUS_SCHEMA, StatusRecord, StreamStatus
 from streamkit_zenoh.wire.numbering import Stamp
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, StatusRecord, StreamStatus
 from tests.waiting import wait_for
 
 Opener = Callable[..., zenoh.Session]

@@ -29,10 +29,10 @@ from streamkit import (
     raw_video_caps,
 )
 from streamkit.testing import Harness
-from streamkit_zenoh.publish.media_sender import FrameSender
+from streamkit_zenoh.publish.senders import FrameSender
 from streamkit_zenoh.wire.encodings import Codec, Encoding
+from streamkit_zenoh.wire.messages import StatusRecord
 from streamkit_zenoh.wire.numbering import read_attachment
-from streamkit_zenoh.wire.status import StatusRecord
 from tests.waiting import wait_for
 
 Opener = Callable[..., zenoh.Session]

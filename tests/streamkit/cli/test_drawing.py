@@ -9,7 +9,7 @@ from typer.testing import CliRunner, Result
 
 from streamkit import Pipeline
 from streamkit.cli.main import make_app
-from streamkit.cli.results import to_json
+from streamkit.cli.summary import to_json
 from streamkit.flow.statistics import RunStatistics
 
 TEXT = "fakesrc num-buffers=40 ! queue name=q ! identity name=half drop-probability=1 ! fakesink"

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from streamkit import Element, Property, Sink, Source, Transform
-from streamkit.cli.drawing import Counters, as_text
+from streamkit.cli.graph import Counters, as_text
 from streamkit.cli.main import make_app
 from streamkit.graph.build import build
 

@@ -6,7 +6,7 @@ from rich.console import Console
 
 from streamkit import Pipeline
 from streamkit.cli.display import Display
-from streamkit.cli.table import COLUMNS, HEADS, as_tables
+from streamkit.cli.summary import COLUMNS, HEADS, as_tables
 
 
 def test_every_column_is_seen_on_a_narrow_terminal() -> None:

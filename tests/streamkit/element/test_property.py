@@ -10,9 +10,8 @@ import pytest
 
 from streamkit import Caps, Element, Message, Property, PropertyError, Sink, Source, Transform
 from streamkit.element.branching import Combine
-from streamkit.element.output_sink import NumberedFilesSink
+from streamkit.element.output_sink import NumberedFilesSink, TextFileSink
 from streamkit.element.reserved_names import NAME, use_of
-from streamkit.element.text_sink import TextFileSink
 
 
 class Mode(enum.StrEnum):

@@ -5,8 +5,7 @@ from datetime import date
 import pytest
 
 from streamkit.flow.caps import Caps
-from streamkit.flow.caps_serialize import write_value
-from streamkit.flow.caps_values import Float32, NullText, UChar, UInt64, Value
+from streamkit.flow.caps_values import Float32, NullText, UChar, UInt64, Value, write_value
 
 
 @pytest.mark.parametrize(

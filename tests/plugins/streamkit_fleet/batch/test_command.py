@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from streamkit.cli.main import make_app
-from streamkit.output.claim import Claim
+from streamkit.output.file import Claim
 from streamkit_fleet.batch.command import files_and_results, missing_variable, unused_variables
 
 

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from streamkit import Pipeline
 from streamkit.cli.main import make_app
 from streamkit.service.supervisor import STREAMKIT_COMMAND
-from streamkit_fleet.cluster import connected
+from streamkit_fleet.local_ray import connected
 from tests.slowness import patience
 
 PAGE = Path(__file__).parents[4] / "docs" / "fleet.md"

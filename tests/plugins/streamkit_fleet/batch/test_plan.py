@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from streamkit import Pipeline
-from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, keyframes_s, plan_file, split
+from streamkit_fleet.batch.work import BatchRecipe, ClipPart, keyframes_s, plan_file, split
 
 RECIPE = BatchRecipe("filesrc location=${input} ! filesink location=${output}", {}, ".jsonl", 1.0, 0.5)
 

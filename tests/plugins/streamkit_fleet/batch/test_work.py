@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from streamkit_fleet.batch.plan import BatchRecipe, ClipPart, Plan
-from streamkit_fleet.batch.work import PARTS, finish, run_part
+from streamkit_fleet.batch.work import PARTS, BatchRecipe, ClipPart, Plan, finish, run_part
 
 
 def test_a_part_of_an_interrupted_batch_keeps_its_shortfalls(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit_video.trackoverlay.snapshot import check_target, write_snapshot
+from streamkit_video.trackoverlay.element import check_target, write_snapshot
 
 IMAGE = np.full((6, 8, 3), 77, np.uint8)
 

@@ -12,8 +12,7 @@ import pytest
 import zenoh
 
 from streamkit import MessageKind, Pipeline, PropertyError
-from streamkit_zenoh.wire.control import ControlReply, read_request
-from streamkit_zenoh.wire.status import StatusRecord
+from streamkit_zenoh.wire.messages import ControlReply, StatusRecord, read_request
 
 Ask = Callable[..., list[ControlReply]]
 LAUNCH = (

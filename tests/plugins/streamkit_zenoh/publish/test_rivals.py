@@ -11,8 +11,7 @@ import zenoh
 
 from streamkit import ElementFailure, Frame, StreamkitError, Tracks, raw_video_caps
 from streamkit.testing import Harness
-from streamkit_zenoh.presence import LivelinessWatch
-from streamkit_zenoh.publish.rivals import Claimant, KeyInUse, RivalWatch, refuse_rivals
+from streamkit_zenoh.presence import Claimant, KeyInUse, LivelinessWatch, RivalWatch, refuse_rivals
 from streamkit_zenoh.subscriber import TrackSubscriber
 from tests.slowness import patience
 

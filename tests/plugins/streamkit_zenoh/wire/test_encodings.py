@@ -9,7 +9,7 @@ import pytest
 
 from streamkit import TRACKS_SCHEMA, TrackRecord, decode_record
 from streamkit_zenoh.wire.encodings import RECORD_LIMIT_BYTES, BadPayload, Codec, Encoding, encoding_of
-from streamkit_zenoh.wire.status import STATUS_SCHEMA, DropCount, StatusRecord, StreamStatus
+from streamkit_zenoh.wire.messages import STATUS_SCHEMA, DropCount, StatusRecord, StreamStatus
 
 FULL = b"""{"schema": "streamkit.tracks/1", "source": "uav/1", "seq": 120, "epoch": 2,
  "pts_ns": -4800000000, "capture_ns": 1763690000123456789, "capture_origin": "rtcp",

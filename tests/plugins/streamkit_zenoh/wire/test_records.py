@@ -21,7 +21,7 @@ from streamkit import (
     record_line,
     track_record,
 )
-from streamkit_zenoh.wire.records import record_frame
+from streamkit_zenoh.zenohsrc import record_frame
 
 
 def _track(number: int, velocity: tuple[float, float] = (3.0, -1.5)) -> Track:

@@ -6,8 +6,8 @@ import pytest
 import zenoh
 
 from streamkit_zenoh.publish.publication import schema_replies
+from streamkit_zenoh.wire.messages import RECORD_TYPES, json_schemas, schema_files, schema_index
 from streamkit_zenoh.wire.protobuf import COLUMNS, PROTO_FILE, file_descriptor
-from streamkit_zenoh.wire.schemas import RECORD_TYPES, json_schemas, schema_files, schema_index
 
 # Fields of the published schemas, optional ones with a question mark. A field may be added as an optional one
 # at the end; any other change needs a new schema number, `streamkit.tracks/2`.

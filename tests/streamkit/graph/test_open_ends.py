@@ -2,8 +2,8 @@
 
 import pytest
 
-from streamkit.cli.open_ends import open_ends
 from streamkit.graph.build import build
+from streamkit.graph.link import open_ends
 
 
 @pytest.mark.parametrize(

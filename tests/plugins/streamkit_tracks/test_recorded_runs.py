@@ -8,7 +8,7 @@ import pytest
 
 from streamkit import StreamError, decode_record
 from streamkit_tracks.file_formats import FORMATS, FileKind, RecordFormat
-from streamkit_tracks.file_readers import READERS, read_csv, read_mot
+from streamkit_tracks.recorded_runs import READERS, read_csv, read_mot
 
 TARGET = {
     "id": 7, "state": "coasting", "x": 20.1, "y": 30.0, "length": 8.0, "width": 4.25, "angle": 0.5,

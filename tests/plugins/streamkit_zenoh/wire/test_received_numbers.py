@@ -6,14 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_zenoh.wire.numbering import LossTracker, Stamp
-from streamkit_zenoh.wire.sequence import (
+from streamkit_zenoh.wire.numbering import (
     JUMP_LIMIT,
     OLDER_LIMIT,
     RANGE_LIMIT,
     Continuity,
+    LossTracker,
     NumberSet,
     ReceivedNumbers,
+    Stamp,
 )
 
 LARGEST = 10**19 - 1
