@@ -148,31 +148,27 @@ class Source(Element):
                 close()
 
     def _push(self, item: Frame | tuple[str, Frame] | Event, main: Pad | None) -> None:
-        """Pushes a frame through its pad, or sends an event through all pads.
+        """Pushes a frame, completed and after the events that precede it; sends an event through all pads.
 
         Raises:
             TypeError: the item is none of them.
         """
         if self.is_live and self._is_paused():
             self.count_drop("paused")  # stale by the time the pipeline resumes
-        elif isinstance(item, Frame):
-            pad = main or self.src_pad
-            pad.push(self._prepared(pad, item))
-        elif isinstance(item, Event):
+            return
+        if isinstance(item, Event):
             for pad in list(self.src_pads()):
                 pad.send_event(item)
-        elif isinstance(item, tuple) and len(item) == 2 and isinstance(item[1], Frame):
-            pad = self.pads[item[0]]
-            if pad is main or pad.peer is not None:
-                pad.push(self._prepared(pad, item[1]))
-        else:
+            return
+        name, frame = item if isinstance(item, tuple) and len(item) == 2 else (None, item)
+        if not isinstance(frame, Frame):
             raise TypeError(
                 f"frames() yields Frame, (pad name, Frame) or Event, got {type(item).__name__}: "
                 "put data into a frame with Frame(data, caps)"
             )
-
-    def _prepared(self, pad: Pad, frame: Frame) -> Frame:
-        """Checks a frame and sends the events that precede it; returns it with caps, number, arrival time."""
+        pad = main or self.src_pad if name is None else self.pads[name]
+        if name is not None and pad is not main and pad.peer is None:
+            return
         try:
             check_layout(frame)
         except ValueError as error:
@@ -186,7 +182,7 @@ class Source(Element):
         if frame.epoch != self._epochs.get(pad.name, -1):
             self._begin_epoch(pad, frame)
         self.position_ns = frame.pts
-        return frame
+        pad.push(frame)
 
     def _begin_epoch(self, pad: Pad, frame: Frame) -> None:
         """Sends the segment of the first frame or of a new epoch."""
