@@ -1,4 +1,4 @@
-"""Displays of `launch`: none, a progress line, a table, or a line every second."""
+"""Displays of `launch`: lines, on a terminal also a progress line or a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import typer
 from typing_extensions import override
@@ -32,19 +32,28 @@ SHARE_OF_BAR, MIN_BAR_COLUMNS = 0.25, 8  # of the columns; columns
 
 
 class Display:
-    """Prints lines only; base class of the other displays.
+    """Prints lines; base class of the displays of a terminal.
+
+    Args:
+        pipeline: whose counters it shows.
+        counters: "lines" prints them as a line every second and as a table at the end, "end" only then.
 
     Attributes:
         every_s: minimum interval between updates, s.
         is_timed: whether each line begins with the time.
+        before: the counters since which rates are shown.
     """
 
     every_s = REDRAW_EVERY_S
     is_timed = False
 
-    def __init__(self, pipeline: Pipeline) -> None:
+    def __init__(self, pipeline: Pipeline, counters: Literal["", "end", "lines"] = "") -> None:
         self.pipeline = pipeline
         self.began_s = self._drawn_s = time.monotonic()
+        self.before: RunStatistics | None = None
+        self._counters = counters
+        if counters == "lines":
+            self.every_s = LINE_EVERY_S
 
     def starting(self) -> AbstractContextManager[object]:
         """Held while elements start, which compiles loops once on a machine; shows nothing."""
@@ -71,6 +80,10 @@ class Display:
 
     def draw(self) -> None:
         """Redraws the display."""
+        if self._counters == "lines":
+            now = self.measure()
+            self.print_line(as_line(now, self.before))
+            self.before = now
 
     def print_line(self, line: str) -> None:
         """Prints a line on stderr, above the display."""
@@ -86,6 +99,10 @@ class Display:
 
     def end(self, whole: RunStatistics) -> None:
         """Draws the final state, with the statistics of the whole run."""
+        if self._counters:
+            from rich.console import Console
+
+            Console(stderr=True, width=160).print(as_tables(whole))
 
     def abandon(self) -> None:
         """Restores the terminal before the process ends at once."""
@@ -189,33 +206,9 @@ def bar(share: float, width: int) -> str:
     return drawn.get()
 
 
-class Totals(Display):
-    """A table of the whole run at the end."""
-
-    @override
-    def end(self, whole: RunStatistics) -> None:
-        from rich.console import Console
-
-        Console(stderr=True, width=160).print(as_tables(whole))
-
-
-class Lines(Totals):
-    """A line with all counters every second, for logs; a table at the end."""
-
-    every_s = LINE_EVERY_S
-    before: RunStatistics | None = None
-
-    @override
-    def draw(self) -> None:
-        now = self.measure()
-        self.print_line(as_line(now, self.before))
-        self.before = now
-
-
 class Table(Display):
     """A table on the terminal, redrawn in place, with rates over about the last second."""
 
-    before: RunStatistics | None = None
     _live: Live | None = None
 
     @override

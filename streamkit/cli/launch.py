@@ -246,16 +246,13 @@ def serve_metrics(monitor: Monitor, address: str | None) -> contextlib.AbstractC
 
 def choose_display(pipeline: Pipeline, stats: Form | None, log_format: LogFormat, *, quiet: bool) -> Display:
     """The display for a terminal, a file or a program."""
-    from streamkit.cli.display import Display, JsonDisplay, Lines, Progress, Table, Totals
+    from streamkit.cli.display import Display, JsonDisplay, Progress, Table
 
     if log_format == "json":
         return JsonDisplay(pipeline)
-    for_terminal, for_file = (Table, Lines) if stats == "text" else (Progress, Display)
-    if quiet:
-        chosen = Totals if stats == "text" else Display
-    else:
-        chosen = for_terminal if sys.stderr.isatty() else for_file
-    display = chosen(pipeline)
+    display = Display(pipeline, "" if stats != "text" else "end" if quiet else "lines")
+    if not quiet and sys.stderr.isatty():
+        display = Table(pipeline) if stats == "text" else Progress(pipeline)
     display.is_timed = log_format == "timed"
     return display
 
