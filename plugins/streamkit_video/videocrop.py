@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from typing_extensions import override
 
-from streamkit import Caps, IntRange, NotNegotiated, Property, Structure, ValueList
+from streamkit import Caps, IntRange, NotNegotiated, Property, ValueList
 from streamkit.geometry.homography import translation
 from streamkit_video.pixel_formats import ByteArray, map_planes
 from streamkit_video.reframing import FloatArray, ReframingTransform, Size
@@ -38,14 +38,12 @@ class VideoCrop(ReframingTransform):
             return caps
         sign = -1 if direction == "sink" else 1
         changes = {"width": sign * (self.left + self.right), "height": sign * (self.top + self.bottom)}
-        structures = []
-        for structure in caps.structures:
-            fields = {
+        return caps.map_fields(
+            lambda fields: {
                 name: _shifted(value, change) if (change := changes.get(name)) else value
-                for name, value in structure.fields.items()
+                for name, value in fields.items()
             }
-            structures.append(Structure(structure.name, fields, structure.features))
-        return Caps(structures)
+        )
 
     @override
     def mapping(self, before: Size, after: Size) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from typing_extensions import override
 
-from streamkit import Caps, Choice, Property, Structure
+from streamkit import Caps, Choice, Property
 from streamkit_video.pixel_formats import ByteArray, map_planes
 from streamkit_video.reframing import FloatArray, ReframingTransform, Size
 
@@ -59,15 +59,8 @@ class VideoFlip(ReframingTransform):
         if caps.is_any or not swaps_sides(self.video_direction):
             return caps
         other = {"width": "height", "height": "width"}
-        return Caps(
-            [
-                Structure(
-                    structure.name,
-                    {other.get(name, name): value for name, value in structure.fields.items()},
-                    structure.features,
-                )
-                for structure in caps.structures
-            ]
+        return caps.map_fields(
+            lambda fields: {other.get(name, name): value for name, value in fields.items()}
         )
 
     @override

@@ -6,7 +6,7 @@ Source: GStreamer's documentation of GstCaps; results as in GStreamer 1.22.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 
 from streamkit.errors import CapsTooLarge
@@ -163,17 +163,19 @@ class Caps(Nested):
 
     def with_fields(self, **fields: Value) -> Caps:
         """The same caps with these fields set in every structure."""
-        return Caps([Structure(s.name, {**s.fields, **fields}, s.features) for s in self.structures])
+        return self.map_fields(lambda known: {**known, **fields})
+
+    def map_fields(self, change: Callable[[Mapping[str, Value]], Mapping[str, Value]]) -> Caps:
+        """The same caps, each structure with the fields that a function makes of its own."""
+        return Caps([Structure(s.name, change(s.fields), s.features) for s in self.structures])
 
     def without_fields(self, *names: str) -> Caps:
         """The same caps with any value for these fields."""
         if self.is_any:
             return self
-        found = Caps()
-        for structure in self.structures:
-            kept = {name: value for name, value in structure.fields.items() if name not in names}
-            found = found | Caps((Structure(structure.name, kept, structure.features),))
-        return found
+        return EMPTY | self.map_fields(
+            lambda fields: {name: value for name, value in fields.items() if name not in names}
+        )
 
     def conflict(self, other: Caps) -> str:
         """The name of the field in which two caps conflict, for errors."""

@@ -168,3 +168,13 @@ def test_too_many_structures_are_refused() -> None:
 def test_parsed_texts_are_cached() -> None:
     """Caps of equal text share immutable structures."""
     assert Caps("x/y, z=1").structures is Caps("x/y, z=1").structures
+
+
+def test_fields_are_changed_in_every_structure() -> None:
+    """By a function of the fields; media types, features and their order stay. Of equal ones one is left."""
+    caps = Caps("a/b(memory:A), width=2, rate=1; a/c, rate=5; a/b(memory:A), width=2, rate=3")
+    halved = caps.map_fields(lambda fields: {name: 2 if name == "rate" else fields[name] for name in fields})
+    assert str(halved) == (
+        "a/b(memory:A), width=(int)2, rate=(int)2; a/c, rate=(int)2; a/b(memory:A), width=(int)2, rate=(int)2"
+    )
+    assert str(caps.without_fields("rate")) == "a/b(memory:A), width=(int)2; a/c"
