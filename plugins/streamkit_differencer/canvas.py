@@ -135,9 +135,10 @@ class Canvas:
         change, canvas_change = CanvasChange.NEW, IDENTITY
         if known is not None:
             change, canvas_change = self._canvas_change(placed, corners)
-        placed = self._margin if known is None else normalised(canvas_change @ placed)
-        self._plane_to_canvas = normalised(placed @ inverse(on_plane))
-        self._reference = motion.reference
+        if change is not CanvasChange.NONE:
+            placed = self._margin if known is None else normalised(canvas_change @ placed)
+            known = normalised(placed @ inverse(on_plane))
+        self._plane_to_canvas, self._reference = known, motion.reference
         return FramePosition(change, canvas_change, placed)
 
     def _canvas_change(self, placed: FloatArray, corners: FloatArray) -> tuple[CanvasChange, FloatArray]:

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from streamkit.geometry.homography import project
-from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
-from streamkit_differencer.warping import mapped_into
-from streamkit_kernels import FLOAT64, UINT8_STRIDED, kernel
+from streamkit_differencer.arrays import ByteImage, FloatArray
+from streamkit_differencer.warping import mapped_into, mapped_point
+from streamkit_kernels import FLOAT64, FLOAT64_1D, UINT8_STRIDED, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
@@ -33,17 +32,36 @@ class Persistence:
 
     def update(self, boxes: FloatArray) -> FloatArray:
         """Ages of the objects of a frame, float64[n], 1 for new ones; boxes float64[n, 4] x0 y0 x1 y1."""
-        ages = np.ones(len(boxes))
-        if len(boxes) and len(self.boxes):
-            ages += np.where(overlaps(boxes, self.boxes), self._ages, 0.0).max(axis=1)
-        self.boxes, self._ages = boxes, ages
-        return ages
+        self._ages = grown_ages(boxes, self.boxes, self._ages)
+        self.boxes = boxes
+        return self._ages
 
 
+@kernel(FLOAT64, FLOAT64, FLOAT64_1D)
+def grown_ages(boxes: FloatArray, earlier: FloatArray, ages: FloatArray) -> FloatArray:
+    """One more than the largest age of the earlier boxes that each box overlaps, float64[n]; 1 for none."""
+    found = np.ones(len(boxes))
+    for number in range(len(boxes)):
+        left, top, right, bottom = boxes[number]
+        for index in range(len(earlier)):
+            first, upper, last, lower = earlier[index]
+            if left < last and first < right and top < lower and upper < bottom:
+                found[number] = max(found[number], 1.0 + ages[index])
+    return found
+
+
+@kernel(FLOAT64, FLOAT64)
 def mapped_boxes(matrix: FloatArray, boxes: FloatArray) -> FloatArray:
     """Bounding boxes of boxes under a homography, float64[n, 4] x0 y0 x1 y1."""
-    outlines = project(matrix, boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2)).reshape(-1, 4, 2)
-    return np.hstack([outlines.min(axis=1), outlines.max(axis=1)])
+    found = np.empty_like(boxes)
+    for number in range(len(boxes)):
+        left, top, right, bottom = boxes[number]
+        found[number, :2], found[number, 2:] = np.inf, -np.inf
+        for x, y in ((left, top), (right, top), (right, bottom), (left, bottom)):
+            across, down = mapped_point(matrix, x, y)
+            found[number, 0], found[number, 1] = min(found[number, 0], across), min(found[number, 1], down)
+            found[number, 2], found[number, 3] = max(found[number, 2], across), max(found[number, 3], down)
+    return found
 
 
 @kernel(FLOAT64, FLOAT64, *[UINT8_STRIDED] * 3)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import types
 
 from streamkit_differencer.arrays import ByteImage, FloatImage, FloatLine
+from streamkit_kernels import FLOAT32_STRIDED, UINT8_STRIDED, kernel
 
 SAMPLE_STEP = 8
 SAMPLES = 600
@@ -55,12 +57,17 @@ def exposure_change(model: FloatImage, current: ByteImage, known: ByteImage) -> 
     return (gain, offset) if is_sound else None
 
 
+@kernel(FLOAT32_STRIDED, *[UINT8_STRIDED] * 2, types.int64)
 def sampled(
     model: FloatImage, current: ByteImage, known: ByteImage, step: int
 ) -> tuple[FloatLine, FloatLine]:
     """The values of both images, float32[n] each, at the points of a grid where neither is clipped."""
-    grid = slice(step // 2, None, step), slice(step // 2, None, step)
-    before, after = model[grid], current[grid].astype(np.float32)
-    is_clipped = (np.minimum(before, after) <= DARKEST) | (np.maximum(before, after) >= BRIGHTEST)
-    kept = (known[grid] > 0) & ~is_clipped
-    return before[kept], after[kept]
+    most = (len(current) // step + 1) * (current.shape[1] // step + 1)
+    before, after, count = np.empty(most, np.float32), np.empty(most, np.float32), 0
+    for row in range(step // 2, current.shape[0], step):
+        for column in range(step // 2, current.shape[1], step):
+            value, now = model[row, column], np.float32(current[row, column])
+            if known[row, column] and min(value, now) > DARKEST and max(value, now) < BRIGHTEST:
+                before[count], after[count] = value, now
+                count += 1
+    return before[:count].copy(), after[:count].copy()

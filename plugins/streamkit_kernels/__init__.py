@@ -14,6 +14,7 @@ from streamkit_kernels.calling_thread import MAX_PRODUCT as MAX_PRODUCT
 from streamkit_kernels.calling_thread import product as product
 from streamkit_kernels.compilation import BOOL_1D as BOOL_1D
 from streamkit_kernels.compilation import FLOAT32 as FLOAT32
+from streamkit_kernels.compilation import FLOAT32_STRIDED as FLOAT32_STRIDED
 from streamkit_kernels.compilation import FLOAT64 as FLOAT64
 from streamkit_kernels.compilation import FLOAT64_1D as FLOAT64_1D
 from streamkit_kernels.compilation import INT32 as INT32

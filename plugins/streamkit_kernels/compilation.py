@@ -31,8 +31,9 @@ FLOAT64_1D = types.Array(types.float64, 1, "C")
 FLOAT64 = types.Array(types.float64, 2, "C")
 # A read-only image.
 UINT8_READONLY = types.Array(types.uint8, 2, "C", readonly=True)
-# A read-only image of any strides.
+# Read-only images of any strides.
 UINT8_STRIDED = types.Array(types.uint8, 2, "A", readonly=True)
+FLOAT32_STRIDED = types.Array(types.float32, 2, "A", readonly=True)
 
 # Warning where a start waits for the compiler.
 _COMPILING = (
