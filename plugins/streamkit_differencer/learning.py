@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from streamkit_differencer.arrays import ByteLine, CountLine, FloatLine, Indices, find_set
+from streamkit_differencer.arrays import ByteImage, ByteLine, CountLine, FloatLine, Indices, find_set
 from streamkit_differencer.comparison import COMPARISON, Comparison
 from streamkit_differencer.equations import SET, find_changes, update_background
 from streamkit_differencer.foreground import STOPPED
@@ -33,8 +33,8 @@ from streamkit_differencer.ground import (
     CanvasFrame,
     Ground,
 )
-from streamkit_differencer.noise import learn_noise
-from streamkit_kernels import compiled, kernel, named_tuple
+from streamkit_differencer.noise import find_measured, learn_noise
+from streamkit_kernels import UINT8, compiled, kernel, named_tuple
 
 # Frames are counted up to this, or up to `absorb_frames` if that is more.
 MAX_FRAMES = 255
@@ -76,12 +76,15 @@ RATES = named_tuple(Rates, *[types.float64] * 3)
 LIMITS = named_tuple(Limits, *[types.int64] * 4)
 
 
-@kernel(CANVAS_FRAME, COMPARISON, GROUND, RATES, LIMITS)
-def learn(frame: CanvasFrame, found: Comparison, ground: Ground, rates: Rates, limits: Limits) -> None:
+@kernel(CANVAS_FRAME, UINT8, COMPARISON, GROUND, RATES, LIMITS)
+def learn(
+    frame: CanvasFrame, previous: ByteImage, found: Comparison, ground: Ground, rates: Rates, limits: Limits
+) -> None:
     """Learns a frame: equation 3, noise, and the values of pixels that are foreground or not yet known.
 
     Args:
         frame: f(t).
+        previous: uint8, f(t - 1) on the canvas, `UNSEEN` where it shows nothing.
         found: the frame compared with the ground; values that differ by no more than T_F are the same. What
             is quiet of its foreground becomes `STOPPED`.
         ground: updated in place, all but its counter D; quiet pixels become known.
@@ -91,7 +94,7 @@ def learn(frame: CanvasFrame, found: Comparison, ground: Ground, rates: Rates, l
     top, bottom, left, right = frame.bounds
     alpha, noise_rates = np.float32(rates.background), (np.float32(rates.noise), np.float32(rates.restless))
     averaged, columns = np.empty(right - left, np.uint8), np.empty(right - left, np.int64)
-    is_open = np.empty_like(averaged)
+    is_open, changed = np.empty_like(averaged), np.empty_like(averaged)
     for row in range(top, bottom):
         line, (first, last) = row - top, frame.spans[row - top]
         part, here, size = slice(first, last), slice(first - left, last - left), slice(0, last - first)
@@ -105,7 +108,10 @@ def learn(frame: CanvasFrame, found: Comparison, ground: Ground, rates: Rates, l
         known, candidates = averaged[size], is_open[size]
         _find_averaged(marks[0], marks[1], states, known)
         update_background(background, values, known, alpha)
-        learn_noise(values, rounded, known, marks[0], states, noise_rates, ground.deviation[row, part])
+        measured = changed[size]
+        find_measured(values, previous[row, part], measured)
+        noise = ground.deviation[row, part]
+        learn_noise(values, rounded, measured, known, marks[0], states, noise_rates, noise)
         # The test of equation 2, against the background: what shows another value than that.
         find_changes(values, rounded, np.uint8(limits.same), candidates)
         _add_provisional(values, states, candidates, known)

@@ -110,7 +110,8 @@ class BackgroundModel:
         limits = Limits(settings.quiet_frames, settings.absorb_frames, same, min_frames)
         is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
         rates = Rates(settings.learning_rate, LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0)
-        learn(frame, found, self.ground, rates, limits)
+        last = self._history[-1] if self._history else np.full_like(frame.image, UNSEEN)
+        learn(frame, last, found, self.ground, rates, limits)
 
     def _follow_exposure(self, frame: CanvasFrame) -> bool:
         """Adapts the brightness of the model and of the last frames to the frame's."""

@@ -1,7 +1,8 @@
 """Noise of each pixel of the background, the unit of equation 4's threshold.
 
 A road is quiet, leaves are not, and an edge with a registration error flickers: one threshold for all pixels
-is too high for the first or too low for the others.
+is too high for the first or too low for the others. At a low rate a codec repeats what hardly changes, and
+shows it a few grey levels off when it codes it anew: such a pixel is not as quiet as it seems.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit_differencer.arrays import ByteLine
+from streamkit_differencer.equations import SET
 from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL
 from streamkit_kernels import compiled
 
@@ -19,6 +21,8 @@ DEVIATION_RATIO = 1.2533
 FIRST_DEVIATION, EDGE_SHARE = np.float32(1.5), np.float32(0.04)
 # Weight of a frame in a pixel's noise, and in that of a pixel that was never quiet.
 LEARNING_RATE, RESTLESS_RATE = 0.1, 0.15
+# So many pixels in a row that stay exactly the same are repeated; of single ones noise leaves a quarter the same.
+REPEATED_PX = 8
 # Where more of a frame is foreground, what passes for background may be part of what moves.
 MAX_FOREGROUND = 0.3
 
@@ -33,9 +37,27 @@ def find_thresholds(deviation: ByteLine, gain: np.float32, lowest: np.float32, t
 
 
 @compiled
+def find_measured(image: ByteLine, last: ByteLine, measured: ByteLine) -> None:
+    """The pixels of a line that show noise: blocks that a codec repeats show none until it codes them anew.
+
+    Args:
+        image: uint8[w], f(t).
+        last: uint8[w], f(t - 1).
+        measured: uint8[w], becomes their mask.
+    """
+    for start in range(0, measured.size, REPEATED_PX):
+        stop = min(start + REPEATED_PX, measured.size)
+        differs = np.uint8(0)
+        for index in range(start, stop):
+            differs |= image[index] ^ last[index]
+        measured[start:stop] = SET if differs > 0 else np.uint8(0)
+
+
+@compiled
 def learn_noise(
     image: ByteLine,
     background: ByteLine,
+    measured: ByteLine,
     averaged: ByteLine,
     mask: ByteLine,
     valid: ByteLine,
@@ -47,6 +69,7 @@ def learn_noise(
     Args:
         image: uint8[w], f(t).
         background: uint8[w], B(t - 1) in whole grey levels.
+        measured: uint8[w], see `find_measured`.
         averaged: uint8[w], mask of known background at rest.
         mask: uint8[w], foreground.
         valid: uint8[w], see `ground`.
@@ -59,5 +82,6 @@ def learn_noise(
         difference = steps * np.float32(np.uint8(max(value, other) - min(value, other)))
         is_restless = (valid[index] == np.uint8(PROVISIONAL)) & (mask[index] == np.uint8(0))
         weight = rate if averaged[index] > 0 else (restless_rate if is_restless else np.float32(0.0))
+        weight = weight if measured[index] > 0 else np.float32(0.0)
         mean = difference * weight + np.float32(deviation[index]) * (np.float32(1.0) - weight)
         deviation[index] = np.uint8(np.int32(min(np.rint(mean), np.float32(255.0))))

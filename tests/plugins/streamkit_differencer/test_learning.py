@@ -20,7 +20,7 @@ def learn_frame(state, image, mask, quiet, quiet_frames=4, absorb_frames=10, min
     frame = CanvasFrame(image, (0, SHAPE[0], 0, SHAPE[1]), spans, is_resampled=True)
     found = Comparison(rounded, state["thresholds"], quiet, mask, follows_exposure=False)
     limits = Limits(quiet_frames, absorb_frames, SAME, min_frames)
-    learn(frame, found, ground, Rates(0.0, 0.0, 0.0), limits)
+    learn(frame, np.zeros_like(image), found, ground, Rates(0.0, 0.0, 0.0), limits)
 
 
 def a_state(seed, valid):
