@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import socket
 import struct
 import threading
@@ -14,8 +13,10 @@ from collections.abc import Callable, Sequence
 LENGTH = struct.Struct("<I")
 MAX_MESSAGE = 1 << 28  # bytes; a longer one is not read, so that the other side cannot exhaust memory
 READ_BYTES = 1 << 16
-MAX_DESCRIPTORS = 64
+DESCRIPTOR = struct.Struct("i")
+ANCILLARY_BYTES = socket.CMSG_SPACE(64 * DESCRIPTOR.size)
 POLL_S = 0.2  # interval at which waits check whether they are cancelled
+TIMEOUT = struct.pack("@ll", 0, int(POLL_S * 1e6))  # as the kernel has it: s, us
 
 
 class ChannelClosed(Exception):
@@ -33,15 +34,15 @@ class Channel:
     """
 
     def __init__(self, end: socket.socket) -> None:
-        end.setblocking(False)
+        end.settimeout(None)  # the kernel's limits spare a call of poll before each transfer
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            end.setsockopt(socket.SOL_SOCKET, option, TIMEOUT)
         self.is_closed = False
         self._socket = end
         self._lock = threading.Lock()
-        self._received = bytearray()
+        self._buffer = memoryview(bytearray(READ_BYTES))
+        self._received = bytearray()  # of messages that are not complete
         self._descriptors: deque[int] = deque()
-        self._readable, self._writable = select.poll(), select.poll()
-        self._readable.register(end, select.POLLIN)
-        self._writable.register(end, select.POLLOUT)
 
     @staticmethod
     def pair() -> tuple[socket.socket, socket.socket]:
@@ -65,7 +66,7 @@ class Channel:
         """
         if len(message) > MAX_MESSAGE:
             raise ValueError(f"a message has at most {MAX_MESSAGE} bytes, got {len(message)}")
-        data = memoryview(LENGTH.pack(len(message)) + message)
+        data: bytes | memoryview = LENGTH.pack(len(message)) + message
         has_begun = False
         while not self._lock.acquire(timeout=POLL_S):  # another thread may wait for a full socket
             if is_cancelled():
@@ -82,36 +83,34 @@ class Channel:
                         if has_begun:
                             self.shut_down()
                         return False
-                    self._writable.poll(POLL_S * 1000)
                 except OSError:
                     raise self._closed() from None
                 else:
                     has_begun = True
-                    data = data[sent:]
+                    data = memoryview(data)[sent:]
         finally:
             self._lock.release()
         return True
 
-    def receive(self, wait_s: float) -> list[bytes]:
-        """The complete messages that have arrived, after at most `wait_s`.
+    def receive(self) -> list[bytes]:
+        """The complete messages that have arrived, after at most `POLL_S`.
 
         Raises:
             ChannelClosed: the other side has ended, and every message before that was returned.
         """
-        if messages := self._take():
-            return messages
-        if wait_s and not self._readable.poll(wait_s * 1000):
-            return []
         try:
-            data, descriptors, _, _ = socket.recv_fds(self._socket, READ_BYTES, MAX_DESCRIPTORS)
+            size, ancillary, _, _ = self._socket.recvmsg_into(
+                [self._buffer], ANCILLARY_BYTES, socket.MSG_CMSG_CLOEXEC
+            )
         except BlockingIOError:
             return []
         except OSError:
             raise self._closed() from None
-        self._descriptors.extend(descriptors)
-        if not data:
+        for _, _, descriptors in ancillary:  # of no other kind on a Unix socket
+            self._descriptors.extend(number for (number,) in DESCRIPTOR.iter_unpack(descriptors))
+        if not size:
             raise self._closed()
-        self._received += data
+        self._received += self._buffer[:size]
         return self._take()
 
     def take_descriptor(self) -> int:

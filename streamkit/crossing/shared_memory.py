@@ -72,6 +72,32 @@ def map_numbers(descriptor: int, count: int) -> memoryview:
     return memoryview(map_memory(descriptor, 8 * count, writable=True)).cast("B").cast("q")
 
 
+class NumberRing:
+    """Numbers from one process to another, in order, in integers that both have; each side has its own ring.
+
+    A word is 0 while it is free, so that no order between two words matters.
+    """
+
+    def __init__(self, words: memoryview) -> None:
+        self._words = words
+        self._at = 0
+
+    def put(self, numbers: deque[int]) -> None:
+        """Moves numbers, none negative, into the ring while there is room."""
+        while numbers and not self._words[self._at]:
+            self._words[self._at] = numbers.popleft() + 1
+            self._at = (self._at + 1) % len(self._words)
+
+    def take(self) -> list[int]:
+        """The numbers in the ring."""
+        taken: list[int] = []
+        while len(taken) < len(self._words) and (word := self._words[self._at]):
+            self._words[self._at] = 0
+            self._at = (self._at + 1) % len(self._words)
+            taken.append(word - 1)
+        return taken
+
+
 class ArrayPlace(NamedTuple):
     """The place of an array: number of the slot, and the layout in it."""
 
@@ -112,6 +138,8 @@ class SlotWriter:
         self._kept: dict[int, list[NDArray[Any]]] = {}  # by slot that is forwarded, the arrays in use
         self._known: set[int] = set()  # to the reader
         self._size = self._next = 0
+        # Of the last array that was copied: data type, shape and strides, and how it is laid out.
+        self._layout: tuple[Any, tuple[str, tuple[int, ...], int]] | None = None
 
     def write(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
         """Puts an array into shared memory, with its strides: another order can change sums of floats."""
@@ -128,22 +156,25 @@ class SlotWriter:
     def _copy(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
         import numpy as np
 
-        strides, size = _layout(array)
+        like = array.dtype, array.shape, array.strides
+        if self._layout is None or self._layout[0] != like:
+            self._layout = like, (array.dtype.str, *_layout(array))
+        dtype, strides, size = self._layout[1]
         if size > self._size:  # the caps have changed
             self._slots.clear()  # the reader's mappings stay while arrays use them
             self._free.clear()
             self._size = size
         made = None if self._free else self._make()
         number = self._free.pop() if made is None else made.number
-        place = ArrayPlace(number, array.dtype.str, array.shape, strides)
+        place = ArrayPlace(number, dtype, array.shape, strides)
         np.copyto(np.ndarray(array.shape, array.dtype, self._slots[number], 0, strides), array)
         return place, made
 
     def _forward(self, array: NDArray[Any], memory: Any) -> tuple[ArrayPlace, NewSlot | None]:
-        made, number = None, next((n for n, known in self._forwarded.items() if known is memory), None)
+        made, number = None, memory.numbers.get(self)
         if number is None:
             made = self._announce(len(memory), os.dup(memory.descriptor))
-            number = made.number
+            number = memory.numbers[self] = made.number
             self._forwarded[number], self._kept[number] = memory, []
         self._kept[number].append(array)
         return ArrayPlace(number, array.dtype.str, array.shape, array.strides), made
@@ -176,6 +207,7 @@ class SlotReader:
         self.released: deque[int] = deque()
         self._slots: dict[int, Any] = {}
         self._descriptors: set[int] = set()  # those that are kept
+        self._uses: dict[int, weakref.ref[NDArray[Any]]] = {}
 
     def add(self, slot: NewSlot) -> None:
         """Maps a new slot; takes the descriptor, which a few slots keep to be sent on.
@@ -193,6 +225,7 @@ class SlotReader:
             memory = map_memory(descriptor, slot.size, writable=False)
             if len(self._descriptors) < MAX_KEPT_DESCRIPTORS:
                 memory.descriptor = descriptor
+                memory.numbers = weakref.WeakKeyDictionary[SlotWriter, int]()
                 self._descriptors.add(descriptor)
                 weakref.finalize(memory, _close, descriptor, self._descriptors).atexit = False
             self._slots[slot.number] = memory
@@ -215,8 +248,18 @@ class SlotReader:
         # Views of a view have the outermost array of memory as base, so it lives as long as any of them.
         array: NDArray[Any] = np.ndarray(place.shape, dtype, memory, 0, place.strides)
         array.flags.writeable = False
-        weakref.finalize(array, self.released.append, place.slot).atexit = False
+        self._release_after(array, place.slot)
         return array
+
+    def _release_after(self, array: NDArray[Any], slot: int) -> None:
+        """Releases a slot once an array is gone; `weakref.finalize` takes twice as long, for each frame."""
+
+        def release(use: weakref.ref[NDArray[Any]]) -> None:
+            del self._uses[id(use)]
+            self.released.append(slot)
+
+        use = weakref.ref(array, release)
+        self._uses[id(use)] = use
 
 
 def _close(descriptor: int, kept: set[int]) -> None:
@@ -229,10 +272,10 @@ def _memory_to_forward(array: NDArray[Any]) -> Any:
     """The memory of a `SlotReader` that an array begins in and whose descriptor is kept; else None."""
     import numpy as np
 
-    base: Any = array.base.base if isinstance(array.base, np.ndarray) else array.base
-    if not isinstance(base, ctypes.Array) or array.ctypes.data != ctypes.addressof(base):
-        return None
-    return base if hasattr(base, "descriptor") else None
+    base: Any = array.base
+    if isinstance(base, np.ndarray):  # a view may begin inside
+        base = base.base if array.ctypes.data == base.ctypes.data else None
+    return base if isinstance(base, ctypes.Array) and hasattr(base, "descriptor") else None
 
 
 def _layout(array: NDArray[Any]) -> tuple[tuple[int, ...], int]:

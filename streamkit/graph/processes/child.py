@@ -38,7 +38,6 @@ from streamkit.graph.processes.orders import (
 )
 from streamkit.graph.processes.process_link import ProcessLink
 from streamkit.graph.processes.sandbox import enter_sandbox
-from streamkit.handoff.bounded_queue import POLL_S
 from streamkit.handoff.endwithparent import end_with_parent
 from streamkit.output.names import local_path
 
@@ -117,7 +116,7 @@ class Child:
                     self._in_order.submit(self._execute, order)
                 else:
                     self._execute(order)
-            messages = self._control.receive(POLL_S)
+            messages = self._control.receive()
 
     def _execute(self, order: Order) -> None:
         answer = OrderResult(order.number)
@@ -199,7 +198,7 @@ def main() -> None:
     faulthandler.enable()
     control = Channel(socket.socket(fileno=int(sys.argv[1])))
     try:
-        while not (messages := control.receive(POLL_S)):
+        while not (messages := control.receive()):
             continue
         setup = ORDERS.decode(messages[0])
         assert isinstance(setup, Setup)

@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.channel import POLL_S, Channel, ChannelClosed
 from streamkit.errors import ProcessDied
 from streamkit.graph.processes.orders import (
     ENCODER,
@@ -29,7 +29,6 @@ from streamkit.graph.processes.orders import (
 from streamkit.handoff.library_threads import thread_variables
 
 CHILD = "streamkit.graph.processes.child"
-POLL_S = 0.2
 PING_POLLS = 4  # a silent child is asked for an answer once in so many polls
 END_LIMIT_S = 5.0  # from the end of the control channel to that of the process
 ANSWER_LIMIT_S = 30.0  # a loaded machine may need long
@@ -177,7 +176,7 @@ class ChildProcess(threading.Thread):
         """
         silent_polls: int | None = None
         while True:
-            messages = self._control.receive(POLL_S)
+            messages = self._control.receive()
             for message in messages:
                 self._take_report(REPORTS.decode(message))
             if messages:

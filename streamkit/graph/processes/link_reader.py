@@ -12,8 +12,8 @@ from streamkit.crossing.stream_codec import StreamDecoder
 from streamkit.errors import StreamkitError
 from streamkit.flow.events import DiscontinuityEvent, EndOfStream, EosEvent, Event, FlowStop, Flushing
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.graph.processes.connection import FLUSHED, REFUSED, TAKEN, Connection
-from streamkit.handoff.bounded_queue import POLL_S, wait_until
+from streamkit.graph.processes.connection import FLUSHED, REFUSED, TAKEN, WAITING, Connection
+from streamkit.handoff.bounded_queue import wait_until
 
 if TYPE_CHECKING:
     from streamkit.graph.processes.process_link import ProcessLink
@@ -86,21 +86,22 @@ class LinkReader:
         while True:
             if link.stopping.is_set():
                 raise Flushing(link.name)
-            for message in link.receive(connection.channel, POLL_S):
+            for message in link.receive(connection.channel):
                 item = decoder.decode(message, connection.channel)
                 link.begin_ns = decoder.begin_ns
                 if isinstance(item, EosEvent):
                     link.before_end()
                     return
                 if item is not None:
-                    self._forward_item(item, decoder, connection)
+                    self._forward_item(item, connection)
                 item = None  # else its slot would be in use until the next one
+                connection.released.put(decoder.slots.released)
 
-    def _forward_item(self, item: Frame | Event, decoder: StreamDecoder, connection: Connection) -> None:
+    def _forward_item(self, item: Frame | Event, connection: Connection) -> None:
         """Forwards a frame or an event; a flush drops it."""
         try:
             if isinstance(item, Frame):
-                self._push(item, decoder, connection)
+                self._push(item, connection)
             elif isinstance(item, DiscontinuityEvent):
                 self._pad.send_event(dataclasses.replace(item, epoch=item.epoch + self._epoch_offset))
             else:
@@ -111,7 +112,7 @@ class LinkReader:
             if isinstance(item, Frame):
                 self._link.count_drop("flushed")
 
-    def _push(self, frame: Frame, decoder: StreamDecoder, connection: Connection) -> None:
+    def _push(self, frame: Frame, connection: Connection) -> None:
         frame = self._pad.announce_caps(self._continued(frame))
         try:
             self._begin_push()
@@ -124,13 +125,13 @@ class LinkReader:
             connection.counts[REFUSED] = 1
             raise
         finally:
-            del frame  # its slot may be free now
             with self._link.changed:
                 self._pushing_thread = 0
                 self._link.changed.notify_all()
             connection.counts[TAKEN] += 1
-            with contextlib.suppress(ChannelClosed):
-                connection.channel.send(decoder.taken(), (), self._link.stopping.is_set)
+            if connection.counts[WAITING]:
+                with contextlib.suppress(ChannelClosed):
+                    connection.channel.send(b"", (), self._link.stopping.is_set)
 
     def _begin_push(self) -> None:
         """Waits until no flush is in progress; one that begins from now on waits for the frame.
@@ -139,15 +140,13 @@ class LinkReader:
             Flushing: the pipeline stops; the frame has not been forwarded.
         """
         link = self._link
-        while not self._pushing_thread:
-            try:
-                link.wait_while_flushing()
-            except Flushing:
-                link.count_drop("pipeline stopped")
-                raise
-            with link.changed:
-                if not link.is_flushing:
-                    self._pushing_thread = threading.get_ident()
+        with link.changed:
+            wait_until(link.changed, lambda: not link.is_flushing, None, link.stopping)
+            if not link.stopping.is_set():
+                self._pushing_thread = threading.get_ident()
+                return
+        link.count_drop("pipeline stopped")
+        raise Flushing(link.name)
 
     def _continued(self, frame: Frame) -> Frame:
         """The frame with the epoch and number that follow those from before a restart."""

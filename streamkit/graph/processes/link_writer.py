@@ -6,7 +6,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from streamkit.crossing.channel import ChannelClosed
-from streamkit.crossing.stream_codec import StreamEncoder, read_released
+from streamkit.crossing.stream_codec import StreamEncoder
 from streamkit.flow.events import (
     EOS,
     CapsEvent,
@@ -19,8 +19,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.graph.processes.connection import REFUSED, SENT, TAKEN, Connection
-from streamkit.handoff.bounded_queue import POLL_S
+from streamkit.graph.processes.connection import REFUSED, SENT, TAKEN, WAITING, Connection
 
 if TYPE_CHECKING:
     from streamkit.graph.processes.process_link import ProcessLink
@@ -36,7 +35,6 @@ class LinkWriter:
         self._link = link
         self._pad = link.pads["sink"]
         self._used: Connection | None = None
-        self._encoder = StreamEncoder()
         self._has_sent_eos = self._is_refused = self._has_gap = False
 
     def send_event(self, event: Event) -> None:
@@ -89,9 +87,6 @@ class LinkWriter:
                 frame = frame.replace(flags=frame.flags | FrameFlags.DISCONTINUITY)
             if self._send(frame, connection, flushes):
                 self._has_gap = False
-                # Now, while the reader has something to do: before the frame was sent, this would delay it.
-                with contextlib.suppress(ChannelClosed):
-                    self._read_released(connection, 0.0)
                 return True
         return False
 
@@ -106,9 +101,9 @@ class LinkWriter:
         if self._is_refused:
             raise EndOfStream(link.name)
         connection = link.connection()
-        if self._used is not None and self._used is not connection:
-            self._encoder, self._has_gap = StreamEncoder(), True
-            if pad.caps is not None:
+        if self._used is not connection:
+            self._encoder, self._has_gap = StreamEncoder(connection.released), self._used is not None
+            if self._has_gap and pad.caps is not None:
                 for event in (CapsEvent(pad.caps), SegmentEvent(pad.segment)):
                     message = self._encoder.event(event, link.query_begin_ns())
                     connection.channel.send(message, (), link.stopping.is_set)
@@ -129,14 +124,11 @@ class LinkWriter:
             if link.must_give_up(flushes):
                 raise Flushing(link.name)
             if counts[SENT] - counts[TAKEN] < link.capacity:
+                counts[WAITING] = 0
                 return
-            self._read_released(connection, POLL_S)
-
-    def _read_released(self, connection: Connection, wait_s: float) -> None:
-        """Reads which slots are free; there is a message of each frame that was taken."""
-        for message in self._link.receive(connection.channel, wait_s):
-            for number in read_released(message):
-                self._encoder.slots.release(number)
+            if counts[WAITING]:
+                link.receive(connection.channel)
+            counts[WAITING] = 1  # then look again: the reader may have taken a frame before it sees this
 
     def _send(self, frame: Frame, connection: Connection, flushes: int) -> bool:
         """Sends a frame, and counts it; False if that was cancelled."""

@@ -10,12 +10,13 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.crossing.channel import Channel
+from streamkit.crossing.shared_memory import NumberRing
 from streamkit.element.base import Element
 from streamkit.element.pad import Pad
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import EndOfStream, Event
 from streamkit.flow.frame import Frame
-from streamkit.graph.processes.connection import FLUSHED, SENT, TAKEN, Connection
+from streamkit.graph.processes.connection import FLUSHED, SENT, TAKEN, WAITING, Connection
 from streamkit.graph.processes.link_reader import LinkReader
 from streamkit.graph.processes.link_writer import LinkWriter
 
@@ -116,7 +117,7 @@ class ProcessLink(Element):
             del self._channels[:-1]
             for old in self._channels:
                 old.shut_down()
-            self._newest = Connection(Channel(end), counts)
+            self._newest = Connection(Channel(end), counts, NumberRing(counts[WAITING + 1 :]))
             self._channels.append(self._newest.channel)
             self.changed.notify_all()
         self._writer.reconnected()
@@ -159,10 +160,10 @@ class ProcessLink(Element):
             assert self._newest is not None
             return self._newest
 
-    def receive(self, channel: Channel, wait_s: float) -> list[bytes]:
+    def receive(self, channel: Channel) -> list[bytes]:
         """Receives messages; the wait for them is counted."""
         began_ns = time.perf_counter_ns()
         try:
-            return channel.receive(wait_s)
+            return channel.receive()
         finally:
             self.link_wait_ns += time.perf_counter_ns() - began_ns

@@ -1,6 +1,7 @@
 """Channel: messages of any length and descriptors, in order, and the end of the other side."""
 
 import os
+import select
 import threading
 
 import pytest
@@ -21,7 +22,7 @@ def receive(channel: Channel, count: int) -> list[bytes]:
     """The next messages."""
     found: list[bytes] = []
     while len(found) < count:
-        found += channel.receive(5.0)
+        found += channel.receive()
     return found
 
 
@@ -60,7 +61,7 @@ def test_the_end_comes_after_the_last_message(ends: tuple[Channel, Channel]) -> 
     ours.shut_down()
     assert receive(theirs, 1) == [b"last"]
     with pytest.raises(ChannelClosed):
-        theirs.receive(5.0)
+        theirs.receive()
     with pytest.raises(ChannelClosed):
         ours.send(b"more")
 
@@ -80,7 +81,7 @@ def test_a_message_that_must_not_wait(ends: tuple[Channel, Channel]) -> None:
     is_cancelled = threading.Event()
     sender = threading.Thread(target=lambda: ours.send(bytes(1 << 22), (), is_cancelled.is_set))
     sender.start()
-    assert theirs._readable.poll(5000)
+    assert select.select([theirs._socket], [], [], 5.0)[0]
     assert not ours.send(b"now", (), lambda: True)
     is_cancelled.set()
     sender.join()

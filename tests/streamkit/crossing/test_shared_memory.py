@@ -1,6 +1,7 @@
 """Slots: arrays in shared memory keep values, layout and life."""
 
 import os
+from collections import deque
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from streamkit.crossing.shared_memory import (
     MAX_KEPT_DESCRIPTORS,
     NewSlot,
+    NumberRing,
     SlotReader,
     SlotWriter,
     make_numbers,
@@ -164,3 +166,15 @@ def test_integers_are_shared_and_outlive_the_descriptor() -> None:
     assert ours.tolist() == [0, 0, 0]
     ours[0], theirs[2] = -1, 2**40
     assert theirs.tolist() == ours.tolist() == [-1, 0, 2**40]
+
+
+def test_numbers_of_a_ring_arrive_in_order() -> None:
+    """However many there are: those for which there is no room wait for their turn."""
+    words = memoryview(bytearray(8 * 4)).cast("q")
+    ours, theirs, waiting = NumberRing(words), NumberRing(words), deque(range(11))
+    found = []
+    while waiting:
+        ours.put(waiting)
+        found.append(theirs.take())
+    assert found == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10]]
+    assert theirs.take() == []

@@ -132,7 +132,7 @@ def test_no_frame_is_sent_once_the_reader_wants_no_more() -> None:
     counts = writer.connection().counts
     with pytest.raises(EndOfStream):
         put(Frame(b"", Caps("a/b"), seq=1))
-    assert counts.tolist() == [1, 1, 0, 1]
+    assert counts[:5].tolist() == [1, 1, 0, 1, 0]
     for link in (writer, reader):
         link.disconnect()
 
