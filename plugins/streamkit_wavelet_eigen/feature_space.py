@@ -149,7 +149,7 @@ def validated_patches(patches: FloatBatch, patch_size: tuple[int, int]) -> Float
 def flat_windows(patches: FloatBatch) -> NDArray[np.bool_]:
     """bool[n]: windows of float32[n, h, w] without structure."""
     # With sums in float32, rounding would decide on windows at the limit.
-    result: NDArray[np.bool_] = patches.std(axis=(1, 2), dtype=np.float64) < FLAT_DEVIATION
+    result: NDArray[np.bool_] = patches.astype(np.float64).std(axis=(1, 2)) < FLAT_DEVIATION
     return result
 
 

@@ -84,12 +84,13 @@ def cut_windows(
             patches[index] = _cut_rotated(image, x, y, side, angle, patch)
             clipped[index] = _rotated_share(x, y, side, angle, width, height)
         else:
-            patches[index] = _cut_upright(image, x, y, side, patch)
+            _cut_upright(image, x, y, side, patches[index])
+    np.rint(patches, out=patches)
     return Windows(patches, flat_windows(patches), clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
 
 
-def _cut_upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch: int) -> NDArray[np.float32]:
-    """Shifted by part of a pixel, then scaled, then rounded; without rotation that is sharper than a warp."""
+def _cut_upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch: NDArray[np.float32]) -> None:
+    """Shifted by part of a pixel, then scaled; without rotation that is sharper than a warp."""
     height, width = image.shape
     left, top = x - (side - 1) / 2, y - (side - 1) / 2
     # At least one pixel of the image; a square farther out would show the same.
@@ -97,12 +98,13 @@ def _cut_upright(image: NDArray[np.uint8], x: float, y: float, side: int, patch:
     row = min(max(math.floor(top), -side), height - 1)
     part = image[max(row, 0) : row + side + 1, max(column, 0) : column + side + 1]
     above, before = max(-row, 0), max(-column, 0)
-    below, after = side + 1 - above - part.shape[0], side + 1 - before - part.shape[1]
-    square = cv2.copyMakeBorder(part, above, below, before, after, cv2.BORDER_REPLICATE)
+    border = above, side + 1 - above - part.shape[0], before, side + 1 - before - part.shape[1]
+    if any(border):
+        part = np.asarray(cv2.copyMakeBorder(part, *border, cv2.BORDER_REPLICATE), np.uint8)
     across, down = np.array([1 - left % 1, left % 1]), np.array([1 - top % 1, top % 1])
-    shifted = cv2.sepFilter2D(square, cv2.CV_32F, across, down, anchor=(0, 0))[:side, :side]
-    scaling = cv2.INTER_AREA if side > patch else cv2.INTER_LINEAR
-    return np.rint(np.asarray(cv2.resize(shifted, (patch, patch), interpolation=scaling), np.float32))
+    shifted = cv2.sepFilter2D(part, cv2.CV_32F, across, down, anchor=(0, 0))[:side, :side]
+    scaling = cv2.INTER_AREA if side > len(patch) else cv2.INTER_LINEAR
+    cv2.resize(shifted, patch.shape, patch, interpolation=scaling)
 
 
 def _cut_rotated(
