@@ -123,12 +123,11 @@ def _assign_group(
     taken, columns = assign(found.costs)
     left = np.ones(len(free), np.bool_)
     left[columns] = False
-    owners, mismatch = rows[members[taken]], found.mismatch[taken, columns]
-    crowded = (found.touched[columns] > 1) & (owners["state"] != TENTATIVE) & ~owners["whole"]
-    owners["detection"], owners["crowded"] = free[columns], crowded
-    owners["detection_std"] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
-    owners["gate"] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
-    rows[members[taken]] = owners
+    owners, mismatch = members[taken], found.mismatch[taken, columns]
+    crowded = (found.touched[columns] > 1) & (rows["state"][owners] != TENTATIVE) & ~rows["whole"][owners]
+    rows["detection"][owners], rows["crowded"][owners] = free[columns], crowded
+    rows["detection_std"][owners] += np.where(crowded, CROWDED_MISMATCH_STD, MISMATCH_STD) * mismatch
+    rows["gate"][owners] = np.sqrt(np.maximum(found.distances[taken, columns], 0.0))
     return free[left]
 
 
@@ -206,10 +205,10 @@ def _learn_features(table: TargetTable, unlike: FloatArray, observation: Observa
         if detection < 0:
             continue
         model = table.models[row]
-        vector = vectors[detection].copy()  # by itself: a row would keep all of them
-        difference = unlike.item(row, detection)
+        vector, difference = vectors[detection], unlike.item(row, detection)
         if model.features is None or math.isnan(difference):
-            model.features = MeanFeatures(vector, observation.features_version)
+            # by itself: a row would keep all of them
+            model.features = MeanFeatures(vector.copy(), observation.features_version)
         else:
             model.features.learn(vector, difference, rate)
 

@@ -85,7 +85,7 @@ def end_duplicates(table: TargetTable) -> None:
     What a detection shows whole is no duplicate, whatever lies upon it.
     """
     members = np.flatnonzero(table.followed & ~table.dormant)
-    rows, known, table.closeness = table.rows[members], table.closeness, {}
+    rows, known, table.closeness = table.rows.take(members), table.closeness, {}
     for older, younger in np.argwhere(find_close(rows)).tolist():
         both = (rows["id"].item(older), rows["id"].item(younger))
         table.closeness[both] = known.get(both, 0) + 1

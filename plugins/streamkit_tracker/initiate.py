@@ -82,7 +82,7 @@ def sightings(observation: Observation, detections: IndexArray) -> FloatArray:
 
 def find_obstacle(table: TargetTable, index: int) -> str:
     """Why the detected target in a row is not confirmed, whatever it is: rule, colon, numbers; or empty."""
-    settings, hits = table.settings, np.nansum(table.rows["hits"][index])
+    settings, hits = table.settings, np.count_nonzero(table.rows["hits"][index] == 1.0)
     if hits < settings.needed_hits:
         frames = f"{hits:g} of the last {settings.birth_window} frames"
         return f"detected too seldom: {frames}, needs {settings.needed_hits}"
@@ -98,16 +98,14 @@ def find_doubt(model: TargetModel, settings: TrackerSettings, likelihood: float)
     against the ground, as relief does under a camera that moves, leave regions that are faint, or that break
     up and grow together. `likelihood` is that of reaching `lasting_hits`.
     """
-    travel, straight = math.hypot(*span(model.trail)), straightness(model.trail)
-    scores, areas = model.sightings[-SIGHTINGS:].T
-    score, size_std = scores.mean(), areas.std()
-    if travel < settings.min_travel:
+    if (travel := math.hypot(*span(model.trail))) < settings.min_travel:
         return f"hardly moved: {travel:.1f} px, min-travel={settings.min_travel:g}"
-    if straight < JITTER:
+    if (straight := straightness(model.trail)) < JITTER:
         return f"moves to and fro: straightness {straight:.2f}, needs {JITTER:g}"
-    if score < settings.birth_score:
+    scores, areas = model.sightings[-SIGHTINGS:].T
+    if (score := scores.mean()) < settings.birth_score:
         return f"faint: mean score {score:.2f}, birth-score={settings.birth_score:g}"
-    if size_std > MAX_SIZE_STD:
+    if (size_std := areas.std()) > MAX_SIZE_STD:
         return f"its size changes: deviation {size_std:.2f} of the log area, at most {MAX_SIZE_STD:g}"
     if likelihood <= LIKELY:
         return f"may end soon: {likelihood:.0%} last for lasting-hits={settings.lasting_hits}"

@@ -39,7 +39,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
     rows, are_objects = table.rows, table.are_objects
     hidden = rows["state"] == COASTING
     if hidden.any():
-        hidden[hidden] = position_doubt(rows[hidden]) >= (OBJECT_DOUBT if are_objects else MAX_DOUBT)
+        hidden[hidden] = position_doubt(rows)[hidden] >= (OBJECT_DOUBT if are_objects else MAX_DOUBT)
     if are_objects:
         hidden &= table.dormant
     else:
@@ -47,7 +47,7 @@ def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
         hidden |= absent & (rows["credit_s"] < SETTLED_S)
         hidden &= table.followed & ~rows["drawn"]
     index = np.flatnonzero(~hidden)
-    rows, models = rows[index], [table.models[row] for row in index.tolist()]
+    rows, models = rows.take(index), [table.models[row] for row in index.tolist()]
     _, jacobians = map_points(observation.to_reference, rows["mean"][:, :2])
     velocities = np.matvec(jacobians, rows["mean"][:, 2:])
     velocities = np.where(np.isfinite(velocities), velocities, np.nan)
@@ -61,8 +61,8 @@ def report(table: TargetTable, observation: Observation) -> tuple[Track, ...]:
     # the window of a target drawn by hand is where it was recognised, else where it is predicted
     predicted = ~(rows["drawn"] & rows["recognised"] & (rows["state"] == CONFIRMED))
     covariances[predicted] += rows["covariance"][predicted, :2, :2]
-    if tentative.any():
-        rows["score"][tentative] = np.nanmean(rows["hits"][tentative], axis=1)
+    hits = rows["hits"][tentative]
+    rows["score"][tentative] = (hits == 1.0).sum(axis=1) / (hits >= 0.0).sum(axis=1)  # NaN before it began
     rows["score"] = np.clip(rows["score"], 0.0, 1.0)
     # whole columns: reading one field of one row takes as long as reading all rows
     columns = zip(*(rows[name].tolist() for name in REPORTED), velocities.tolist(), covariances, strict=True)

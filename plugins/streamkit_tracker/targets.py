@@ -72,6 +72,8 @@ TARGET = np.dtype(
         ("visible", np.float64),  # part of the window inside the frame, 0 to 1
     ]
 )
+# Bytes of a row. NumPy joins and indexes rows field by field; `take` and `compress` copy bytes, in a tenth.
+ROW = np.dtype((np.void, TARGET.itemsize))
 
 
 @dataclass(eq=False)
@@ -155,7 +157,7 @@ class TargetTable:
         rows["detection"], rows["detections"] = -1, 1
         rows["hits"] = np.nan
         rows["hits"][:, 0] = 1.0
-        self.rows = np.concatenate([self.rows, rows])
+        self.rows = np.concatenate([self.rows.view(ROW), rows.view(ROW)]).view(TARGET)
         for number, window in zip(rows["id"].tolist(), windows, strict=True):
             self.causes[number] = cause
             generator = np.random.default_rng((self.settings.seed, number))
@@ -179,7 +181,7 @@ class TargetTable:
         """Removes the rows of lost targets, which were reported, and resets the fields of the last frame."""
         kept = self.rows["state"] != LOST
         if not kept.all():
-            self.rows = self.rows[kept]
+            self.rows = self.rows.compress(kept)
             self.models = [model for model, keep in zip(self.models, kept.tolist(), strict=True) if keep]
         rows, self.causes = self.rows, {}
         rows["last_position"][rows["recognised"]] = rows["window"][rows["recognised"], :2]

@@ -71,7 +71,7 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
     index = np.flatnonzero(targets["led"])
     if not len(index):
         return
-    rows = targets[index]
+    rows = targets.take(index)
     if are_objects:
         targets["window"][index] = np.column_stack([rows["mean"][:, :2], rows["box"], np.zeros(len(index))])
     else:

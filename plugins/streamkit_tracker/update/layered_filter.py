@@ -120,10 +120,10 @@ def layered_step(
     weights = np.concatenate([each.weights for each in held])
     first_windows(positions, weights, counts, offsets, searches, noise, windows)
     scores = score(windows)
-    order = np.argsort(-scores, axis=1, kind="stable")[:, :keep]
-    best = np.take_along_axis(scores, order, axis=1)
-    contrasts = best[:, 0] - np.median(scores, axis=1)
-    survivors = np.take_along_axis(windows, order[..., None], axis=1)
+    order = np.argsort(-scores, axis=1, kind="stable")
+    ranked, last = np.take_along_axis(scores, order, axis=1), scores.shape[1] - 1
+    best, survivors = ranked[:, :keep].copy(), np.take_along_axis(windows, order[:, :keep, None], axis=1)
+    contrasts = best[:, 0] - (ranked[:, last // 2] + ranked[:, (last + 1) // 2]) / 2  # less the median
     # later layers also step a little, px
     scatter = np.sqrt(survivors[..., :2].var(axis=1).mean(axis=1))
     polish = POLISH * np.minimum(searches["spread"], scatter)

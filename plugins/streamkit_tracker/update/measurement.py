@@ -67,7 +67,7 @@ def measure(
         groups.setdefault(group, []).append(number)
     for group, members in groups.items():
         alike = [models[number] for number in members]
-        found = search(sampler, alike, searches[members], group, settings.sigma**2)
+        found = search(sampler, alike, searches.take(members), group, settings.sigma**2)
         _judge(table, searched[members], *found)
     for region in set(rows["detection"][rows["shared"]].tolist()):
         sharing = np.flatnonzero(rows["shared"] & (rows["detection"] == region))
@@ -116,7 +116,7 @@ def _expectations(
     table: TargetTable, searched: IndexArray, observation: Observation, sampler: WindowSampler
 ) -> SearchRows:
     """Rows of `SEARCH`; the correlation filter is asked before any particle is moved."""
-    rows, searches = table.rows[searched], np.zeros(len(searched), SEARCH)
+    rows, searches = table.rows.take(searched), np.zeros(len(searched), SEARCH)
     found, covariance = rows["detection"] >= 0, rows["covariance"]
     searches["window"], searches["displacement"] = rows["window"], rows["mean"][:, 2:] * observation.step_s
     searches["seed"][found] = observation.centroids[rows["detection"][found]]
