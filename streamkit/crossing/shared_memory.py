@@ -14,6 +14,8 @@ import weakref
 from collections import deque
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import msgspec
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -107,14 +109,14 @@ class ArrayPlace(NamedTuple):
     strides: tuple[int, ...]
 
 
-class NewSlot(NamedTuple):
+class NewSlot(msgspec.Struct, array_like=True, tag=2):
     """A slot that the reader does not know yet.
 
     Attributes:
         number: by which messages name it.
         size: bytes.
         forgotten: numbers of earlier slots that will not be named again.
-        descriptor: to be sent with the rest, then closed.
+        descriptor: of this process: to be sent with the rest, then closed; or received with the rest.
     """
 
     number: int
@@ -138,8 +140,6 @@ class SlotWriter:
         self._kept: dict[int, list[NDArray[Any]]] = {}  # by slot that is forwarded, the arrays in use
         self._known: set[int] = set()  # to the reader
         self._size = self._next = 0
-        # Of the last array that was copied: data type, shape and strides, and how it is laid out.
-        self._layout: tuple[Any, tuple[str, tuple[int, ...], int]] | None = None
 
     def write(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
         """Puts an array into shared memory, with its strides: another order can change sums of floats."""
@@ -156,18 +156,15 @@ class SlotWriter:
     def _copy(self, array: NDArray[Any]) -> tuple[ArrayPlace, NewSlot | None]:
         import numpy as np
 
-        like = array.dtype, array.shape, array.strides
-        if self._layout is None or self._layout[0] != like:
-            self._layout = like, (array.dtype.str, *_layout(array))
-        dtype, strides, size = self._layout[1]
+        strides, size = _layout(array)
         if size > self._size:  # the caps have changed
             self._slots.clear()  # the reader's mappings stay while arrays use them
             self._free.clear()
             self._size = size
         made = None if self._free else self._make()
         number = self._free.pop() if made is None else made.number
-        place = ArrayPlace(number, dtype, array.shape, strides)
-        np.copyto(np.ndarray(array.shape, array.dtype, self._slots[number], 0, strides), array)
+        place = ArrayPlace(number, array.dtype.str, array.shape, strides)
+        np.ndarray(array.shape, array.dtype, self._slots[number], 0, strides)[...] = array
         return place, made
 
     def _forward(self, array: NDArray[Any], memory: Any) -> tuple[ArrayPlace, NewSlot | None]:

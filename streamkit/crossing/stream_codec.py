@@ -48,14 +48,6 @@ class EventMessage(msgspec.Struct, array_like=True, tag=1):
     fields: list[Any]
 
 
-class SlotMessage(msgspec.Struct, array_like=True, tag=2):
-    """A new slot, whose descriptor goes with the message."""
-
-    number: int
-    size: int
-    forgotten: tuple[int, ...]
-
-
 class StreamEncoder:
     """The writer's side of a link; a new one for each reader, which knows nothing yet.
 
@@ -83,8 +75,7 @@ class StreamEncoder:
         place, data, made = self._data(frame.data)
         if made is not None:
             try:
-                message = self._encoder.encode(SlotMessage(made.number, made.size, made.forgotten))
-                if not channel.send(message, (made.descriptor,), is_cancelled):
+                if not channel.send(self._encoder.encode(made), (made.descriptor,), is_cancelled):
                     return False
             finally:
                 os.close(made.descriptor)
@@ -142,7 +133,7 @@ class StreamDecoder:
         self.slots = SlotReader()
         self._values = ValueDecoder(packages)
         self.begin_ns = 0
-        self._decoder = msgspec.msgpack.Decoder(FrameMessage | EventMessage | SlotMessage)
+        self._decoder = msgspec.msgpack.Decoder(FrameMessage | EventMessage | NewSlot)
         self._caps: Caps | None = None
         self._last: dict[str, tuple[type, object]] = {}
 
@@ -154,8 +145,9 @@ class StreamDecoder:
         """
         try:
             read = self._decoder.decode(message)
-            if isinstance(read, SlotMessage):
-                self.slots.add(NewSlot(read.number, read.size, read.forgotten, channel.take_descriptor()))
+            if isinstance(read, NewSlot):
+                read.descriptor = channel.take_descriptor()
+                self.slots.add(read)
                 return None
             return (
                 self._frame(read) if isinstance(read, FrameMessage) else self._event(read.name, read.fields)

@@ -141,7 +141,8 @@ class LinkReader:
         """
         link = self._link
         with link.changed:
-            wait_until(link.changed, lambda: not link.is_flushing, None, link.stopping)
+            if link.is_flushing:
+                wait_until(link.changed, lambda: not link.is_flushing, None, link.stopping)
             if not link.stopping.is_set():
                 self._pushing_thread = threading.get_ident()
                 return

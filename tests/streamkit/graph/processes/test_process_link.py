@@ -13,7 +13,7 @@ from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, EndOfStream, Flushing, GapEvent
-from streamkit.graph.processes.connection import COUNTS
+from streamkit.graph.processes.connection import COUNTS, WAITING
 from streamkit.graph.processes.link_writer import LinkWriter
 from streamkit.graph.processes.process_link import ProcessLink
 
@@ -133,6 +133,40 @@ def test_no_frame_is_sent_once_the_reader_wants_no_more() -> None:
     with pytest.raises(EndOfStream):
         put(Frame(b"", Caps("a/b"), seq=1))
     assert counts[:5].tolist() == [1, 1, 0, 1, 0]
+    for link in (writer, reader):
+        link.disconnect()
+
+
+def test_a_writer_that_waits_for_room_is_woken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a message of the reader, not by the end of a time limit."""
+    reader = ProcessLink("reader")
+    reader.reads = True
+    received: queue.Queue[Frame] = queue.Queue()
+    reader.pads["src"].push = received.put
+    writer = writer_to(reader)
+    writer.capacity = 1
+    messages: list[bytes] = []
+    receive = writer.receive
+
+    def receive_and_keep(channel: Channel) -> list[bytes]:
+        found = receive(channel)
+        messages.extend(found)
+        return found
+
+    monkeypatch.setattr(writer, "receive", receive_and_keep)
+    thread = threading.Thread(target=reader.stream)
+    put = writer.receiver(writer.pads["sink"])
+    blocked = threading.Thread(target=lambda: [put(Frame(b"", Caps("a/b"), seq=seq)) for seq in range(100)])
+    blocked.start()
+    counts = writer.connection().counts
+    while not counts[WAITING]:  # the second frame has no room until the reader runs
+        assert blocked.is_alive()
+    thread.start()
+    blocked.join(LIMIT_S)
+    assert [received.get(timeout=LIMIT_S).seq for _ in range(100)] == list(range(100))
+    assert messages
+    writer.receive_event(writer.pads["sink"], EOS)
+    thread.join(LIMIT_S)
     for link in (writer, reader):
         link.disconnect()
 
