@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
+import time
 from bisect import bisect_right
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
@@ -17,10 +19,11 @@ from streamkit.masking import mask_secrets
 if TYPE_CHECKING:
     from streamkit.element.base import Element
     from streamkit.errors import Place
+    from streamkit.flow.statistics import ElementStatistics
     from streamkit.graph.graph import Graph
     from streamkit.graph.pipeline import Pipeline
 
-MEASURE_S = 5.0
+MEASURE_S, SETTLE_S = 5.0, 1.0  # the second is part of the first
 MIN_GAIN = 0.1  # of the time of a frame: a process takes about 120 MiB, and times vary by some percent
 CROSSING_NS = 150_000  # of a 1080p frame, in each of two processes; see benchmarks/process_bins.py
 RAW_VIDEO = "video/x-raw"  # side data of packets does not cross
@@ -50,8 +53,9 @@ def with_processes(source: Description, pipeline: Pipeline) -> Description:
     nodes = [node for node in chain.nodes if isinstance(node, ElementNode)]
     if pipeline.graph.processes or len(nodes) < len(chain.nodes):
         return source
-    work, allowed, frames = measure(pipeline, [head.name for head in pipeline.graph.elements[: len(nodes)]])
-    cuts = balanced_cuts(work, allowed, available_cores(), frames * CROSSING_NS)
+    heads = [head.name for head in pipeline.graph.elements[: len(nodes)]]
+    work, allowed, frames, present = measure(pipeline, heads)
+    cuts = balanced_cuts(work, allowed, available_cores(), frames * CROSSING_NS, present)
     if not cuts:
         return source
     starts = [nodes[number].place for number in (0, *cuts[:-1])]
@@ -59,7 +63,7 @@ def with_processes(source: Description, pipeline: Pipeline) -> Description:
     return dataclasses.replace(source, text=_bracketed(source.text, starts, ends))
 
 
-def measure(pipeline: Pipeline, heads: list[str]) -> tuple[list[int], list[int], int]:
+def measure(pipeline: Pipeline, heads: list[str]) -> tuple[list[float], list[int], int, float]:
     """Runs a pipeline for some seconds, without its sinks.
 
     Args:
@@ -67,7 +71,8 @@ def measure(pipeline: Pipeline, heads: list[str]) -> tuple[list[int], list[int],
         heads: names of the elements that begin the parts of its first chain.
 
     Returns:
-        The working time of each part, ns, numbers of the parts before which it may be cut, and frames.
+        The working time of each part, ns, numbers of the parts before which it may be cut, frames, and the
+        time that these take as it is, ns; 0 if it is live and has dropped nothing.
     """
     graph = pipeline.graph
     leave_out_sinks(graph)
@@ -76,20 +81,40 @@ def measure(pipeline: Pipeline, heads: list[str]) -> tuple[list[int], list[int],
             element.set_property("threads", 1)  # work in threads of its own is not in its working time
     pipeline.play()
     try:
-        message = pipeline.wait(MEASURE_S)
+        message, began = pipeline.wait(SETTLE_S), _progress(pipeline, heads)
+        message = message or pipeline.wait(MEASURE_S - SETTLE_S)
         if message is not None and message.error is not None:
             raise message.error
-        rows = {row.element: row for row in pipeline.statistics()}
+        ended, rows = _progress(pipeline, heads), {row.element: row for row in pipeline.statistics()}
         ordered = list(reversed(graph.from_sinks()))  # the stream may have brought links
         begins = [ordered.index(graph.element(head)) for head in heads]
         allowed = [number for number, begin in enumerate(begins) if _is_raw_video(graph, ordered[:begin])]
     finally:
         pipeline.stop()
-    work = [0] * len(heads)
-    for index, element in enumerate(ordered):
-        row = rows[element.name]
-        work[max(0, bisect_right(begins, index) - 1)] += row.busy_ns if row.queue is None else 0
-    return work, allowed, max((rows[heads[number]].frames_in for number in allowed), default=0)
+    work = _work_of_parts([rows[element.name] for element in ordered], begins)
+    frames = max((rows[heads[number]].frames_in for number in allowed), default=0)
+    spent, through, dropped = (after - before for after, before in zip(ended, began, strict=True))
+    present = spent / through * frames if through else math.inf
+    is_fast_enough = pipeline.is_live and through and not dropped
+    return work, allowed, frames, 0.0 if is_fast_enough else present
+
+
+def _work_of_parts(rows: list[ElementStatistics], begins: list[int]) -> list[float]:
+    """The work of the parts that begin at some of the elements in order, with what queues have dropped."""
+    work, passed = [0.0] * len(begins), 1.0
+    for index, row in enumerate(rows):
+        if row.queue is None:
+            work[max(0, bisect_right(begins, index) - 1)] += row.busy_ns / passed
+        elif row.total_dropped < row.frames_in:
+            passed *= 1 - row.total_dropped / row.frames_in
+    return work
+
+
+def _progress(pipeline: Pipeline, heads: list[str]) -> tuple[int, int, int]:
+    """The time, ns, the frames of the part that has had least, and how many were dropped anywhere."""
+    rows = pipeline.statistics()
+    frames = (row.frames_in for row in rows if row.element in heads[1:])
+    return time.perf_counter_ns(), min(frames, default=0), sum(row.total_dropped for row in rows)
 
 
 def leave_out_sinks(graph: Graph) -> None:
@@ -118,7 +143,9 @@ def _is_raw_video(graph: Graph, before: list[Element]) -> bool:
     return not waiting and len(sources) == 1 and str(sources[0].caps).startswith(RAW_VIDEO)
 
 
-def balanced_cuts(work: Sequence[float], cuts: Collection[int], cores: int, crossing: float) -> list[int]:
+def balanced_cuts(
+    work: Sequence[float], cuts: Collection[int], cores: int, crossing: float, present: float = math.inf
+) -> list[int]:
     """The places at which to cut a chain, such that the busiest process has least to do.
 
     Args:
@@ -126,9 +153,10 @@ def balanced_cuts(work: Sequence[float], cuts: Collection[int], cores: int, cros
         cuts: numbers of the parts before which it may be cut.
         cores: largest number of processes.
         crossing: what a cut costs each of the two processes, in the unit of `work`.
+        present: what all of it takes uncut, in threads of its own, likewise.
 
     Returns:
-        Some of `cuts`, in order; none if that would save less than a tenth.
+        Some of `cuts`, in order; none if that would save less than a tenth of `present`, or of all work.
     """
 
     @functools.cache
@@ -143,7 +171,7 @@ def balanced_cuts(work: Sequence[float], cuts: Collection[int], cores: int, cros
         return min(found)
 
     most, _, places = split(0, cores)
-    return list(places) if most <= (1 - MIN_GAIN) * sum(work) else []
+    return list(places) if most <= (1 - MIN_GAIN) * min(sum(work), present) else []
 
 
 def _bracketed(text: str, starts: list[Place], ends: list[Place]) -> str:

@@ -93,9 +93,41 @@ def test_work_in_threads_of_an_element_is_measured(register) -> None:
     """As a decoder has them: the time that it keeps its caller waiting is a part only."""
     register(parallel=Parallel)
     pipeline = Pipeline.parse(f"{VIDEO} ! parallel ! fakesink")
-    work, _, frames = processes.measure(pipeline, ["videotestsrc0", "parallel0"])
+    work, _, frames, _ = processes.measure(pipeline, ["videotestsrc0", "parallel0"])
     assert frames == 20
     assert work[1] >= 8_000_000 * frames
+
+
+def test_what_a_queue_drops_is_work_that_was_not_done() -> None:
+    """What is behind a queue that drops frames has less to do than it would have with all of them."""
+    video = "videotestsrc num-buffers=40 ! video/x-raw, width=64, height=48, format=GRAY8"
+    queue = "queue leaky=downstream max-size-buffers=1"
+    text = f"{video} ! identity sleep-time=5000 ! {queue} ! identity sleep-time=20000 ! fakesink"
+    heads = ["videotestsrc0", "capsfilter0", "identity0", "queue0", "identity1"]
+    work, _, frames, _ = processes.measure(Pipeline.parse(text), heads)
+    assert frames == 40
+    assert work[4] >= 20_000_000 * 39
+
+
+def test_a_live_pipeline_that_drops_nothing_stays_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However its work could be divided: it cannot get faster than its source."""
+    monkeypatch.setattr(processes, "MEASURE_S", 2.0)
+    text = (
+        VIDEO.replace("num-buffers=20", "is-live=true") + ", framerate=10/1 ! identity ! identity ! fakesink"
+    )
+    heads = ["videotestsrc0", "capsfilter0", "identity0", "identity1"]
+    _, _, frames, present = processes.measure(Pipeline.parse(text), heads)
+    assert present == 0.0
+    assert frames > 0
+
+
+def test_what_threads_of_its_own_already_do_is_no_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two like parts with a queue between them, the time together is that of one."""
+    text = VIDEO.replace("=20 ", "=100 ") + f" ! {WORK} ! queue ! {WORK} ! fakesink"
+    monkeypatch.setattr(processes, "MEASURE_S", 2.0)
+    heads = ["videotestsrc0", "capsfilter0", "identity0", "queue0", "identity1"]
+    work, _, _, present = processes.measure(Pipeline.parse(text), heads)
+    assert present < 0.75 * sum(work)
 
 
 def test_what_is_chosen_is_a_line_of_the_log(launch: Callable[..., Result]) -> None:
@@ -134,3 +166,9 @@ def test_a_failure_while_measuring_is_a_line_of_the_log(launch: Callable[..., Re
 def test_cuts(work: list[float], cuts: list[int], cores: int, crossing: float, wanted: list[int]) -> None:
     """The busiest process has as little to do as possible, with as few processes as that needs."""
     assert processes.balanced_cuts(work, cuts, cores, crossing) == wanted
+
+
+def test_a_cut_has_to_save_a_tenth_of_the_present_time() -> None:
+    """A pipeline with threads of its own may be as fast already."""
+    assert processes.balanced_cuts([4, 4], [1], 2, 0.0, 4.4) == []
+    assert processes.balanced_cuts([4, 4], [1], 2, 0.0, 4.5) == [1]
