@@ -154,10 +154,10 @@ def luma(frame: Frame) -> NDArray[np.uint8]:
     )
 
 
-def check_layout(frame: Frame) -> None:
+def check_layout(frame: Frame, *, needs_array: bool = False) -> None:
     """Checks that the array of a raw video frame is what its caps say.
 
-    Unknown formats and data that is not an array are not checked.
+    Unknown formats are not checked, nor, unless `needs_array`, is data that is no array: sinks may store it.
 
     Raises:
         ValueError: shape or type differ.
@@ -167,7 +167,7 @@ def check_layout(frame: Frame) -> None:
         raise TypeError(f"the caps of a frame must be Caps, got {frame.caps!r}: write Caps({frame.caps!r})")
     data, structures = frame.data, frame.caps.structures
     shape = getattr(data, "shape", None)
-    if shape is None or not structures or structures[0].name != "video/x-raw":
+    if (shape is None and not needs_array) or not structures or structures[0].name != "video/x-raw":
         return
     pixel_format, width, height = (structures[0].fields.get(name) for name in ("format", "width", "height"))
     if not isinstance(width, int) or not isinstance(height, int):
@@ -179,9 +179,14 @@ def check_layout(frame: Frame) -> None:
         wanted = (height, width, CHANNELS[pixel_format])
     else:
         return
-    if shape != wanted or data.dtype != "uint8":
+    kind = getattr(data, "dtype", None)
+    if shape != wanted or kind != "uint8":
         rule = f"{pixel_format} of {width} x {height} px is uint8{list(wanted)}"
         remedy = "give the frame the caps of what it holds"
+        if shape is None or kind is None:
+            make = "frombuffer" if isinstance(data, bytes | bytearray | memoryview) else "array"
+            remedy = f"make it an array, as np.{make}(data, np.uint8).reshape{wanted} does"
+            raise ValueError(f"{rule}, got {type(data).__name__}: {remedy}")
         if shape == wanted:
             remedy = "make it uint8, as np.clip(data, 0, 255).astype(np.uint8) does"
-        raise ValueError(f"{rule}, got {data.dtype}{list(shape)}: {remedy}")
+        raise ValueError(f"{rule}, got {kind}{list(shape)}: {remedy}")

@@ -17,6 +17,7 @@ from streamkit.graph.bins import Bin
 from streamkit.graph.parse import Assignment, ElementNode, resolve_escapes, unquote_value
 from streamkit.masking import mask_secrets
 
+ATTACHED = "a '!' that touches a value is part of it, as in gst-launch: put blanks around it"
 Warnings = list[tuple[str, str]]
 PendingProperty = tuple[Bin, Assignment]  # a child property whose child does not exist yet
 
@@ -75,7 +76,7 @@ def set_property(element: Element, item: Assignment, warnings: Warnings) -> Prop
     except Exception as error:
         if not isinstance(error, StreamkitError):
             error = declaration.refusal(value, f"{type(error).__name__}: {error}", element.name)
-        hint = did_you_mean(value or "", declaration.choices)
+        hint = ATTACHED if "!" in written else did_you_mean(value or "", declaration.choices)
         raise DescriptionError("could-not-set-property", str(error), item.place, hint) from None
     finally:
         element.poster = None
@@ -90,6 +91,8 @@ def _doubts(written: str, value: str) -> Iterator[tuple[str, str]]:
         yield "quotes", "keeps its single quotes, as in gst-launch: use double ones"
     if written.startswith('"') and (written == '"' or not written.endswith('"')):
         yield "quotes", "has an opening quote, but does not end with one, as in gst-launch: close it"
+    if '"' not in written and written.partition("!")[2].partition("!")[0] in available_elements():
+        yield "attached-link", f"takes in what follows it: {ATTACHED}"
     if value == "!":
         rule = 'has no value and takes the next word, "!", as in gst-launch: give it one, if only ""'
         yield "no-value", rule

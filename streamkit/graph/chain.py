@@ -12,7 +12,7 @@ from streamkit.element.base import AT_WORK, IDLE, Element
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
 from streamkit.element.transform import Transform
-from streamkit.errors import ElementFailure, NotNegotiated, StreamError
+from streamkit.errors import ElementFailure, NotNegotiated, StreamError, StreamkitError
 from streamkit.flow.events import EndOfStream, FlowStop
 from streamkit.flow.frame import Frame
 from streamkit.flow.video import check_layout
@@ -165,6 +165,12 @@ class Chain:
         if isinstance(cause, ElementFailure | NotNegotiated):
             raise cause
         element.has_failed = True
+        if called is not None and not isinstance(cause, StreamkitError):
+            try:
+                check_layout(frame, needs_array=True)
+            except (ValueError, TypeError) as fault:
+                met = f"{type(cause).__name__}: {str(cause).partition(chr(10))[0]}"
+                cause = StreamError(f"{fault}; see the element that made the frame ({met})")
         raise element.failure(cause, frame) from cause
 
     def _push_each(self, stage: Stage, results: Any) -> None:

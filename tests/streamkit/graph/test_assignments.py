@@ -139,3 +139,20 @@ def test_a_second_name_is_reported() -> None:
 def test_names(text: str, name: str) -> None:
     """q31, q41: any text can be a name; automatic ones have no dashes."""
     assert build(text, {}).elements[0].name == name
+
+
+@pytest.mark.parametrize(
+    ("text", "is_refused"), [("speed=1", True), ("quality=low", True), ("label=x", False)]
+)
+def test_a_link_that_touches_a_value_is_explained(register: Register, text: str, is_refused: bool) -> None:
+    """It is part of the value, as in gst-launch: a number refuses it, a text takes it in with a warning."""
+    register(coder=Coder)
+    remedy = "a '!' that touches a value is part of it, as in gst-launch: put blanks around it"
+    if is_refused:
+        with pytest.raises(DescriptionError, match="cannot be") as caught:
+            build(f"coder {text}!fakesink", {})
+        assert caught.value.hint == remedy
+    else:
+        warned = f"coder0: label takes in what follows it: {remedy}"
+        assert build(f"coder {text}!fakesink", {}).warnings == [("attached-link", warned)]
+        assert build('coder label=wow!1 place="x!fakesink"', {}).warnings == []

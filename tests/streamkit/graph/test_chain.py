@@ -1,5 +1,6 @@
 """Chains: the transforms behind a src pad, called, counted and timed in one loop."""
 
+import re
 import time
 from collections.abc import Callable, Iterable
 
@@ -7,7 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from streamkit import Caps, Direction, ElementFailure, Frame, PadTemplate, Pipeline, Property, Transform
+from streamkit import (
+    Caps,
+    Direction,
+    ElementFailure,
+    Frame,
+    PadTemplate,
+    Pipeline,
+    Property,
+    Transform,
+    raw_video_caps,
+)
 from streamkit.element.registry import make_element
 from streamkit.graph.chain import Chain
 
@@ -150,6 +161,24 @@ def test_an_array_that_contradicts_its_caps_is_an_error(register: Register, seve
     fault = r"^crops0: .*GRAY8 of 8 x 4 px is uint8\[4, 8\], got uint8\[2, 8\]: give the frame the caps"
     with pytest.raises(ElementFailure, match=fault):
         Pipeline.parse(text).run(timeout_s=30)
+
+
+@pytest.mark.parametrize("tail", ["videoconvert ! video/x-raw,format=BGR ! fakesink", "stitch ! fakesink"])
+@pytest.mark.parametrize(
+    ("data", "fault"),
+    [
+        ([[0] * 8] * 4, "got list: make it an array, as np.array"),
+        (bytes(32), "got bytes: make .* np.frombuffer"),
+    ],
+)
+def test_raw_video_that_is_no_array_is_explained(tail: str, data: object, fault: str) -> None:
+    """An element that fails at it says what the frame should hold, not what its own code ran into."""
+    with Pipeline.parse(f"appsrc name=in ! {tail}") as pipeline:
+        pipeline.play()
+        pipeline["in"].push(Frame(data, raw_video_caps("GRAY8", 8, 4)))
+        message = pipeline.wait(30)
+    assert message is not None
+    assert re.search(rf"GRAY8 of 8 x 4 px is uint8\[4, 8\], {fault}", message.text)
 
 
 class Masks(Transform):
