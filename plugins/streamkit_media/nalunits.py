@@ -92,9 +92,10 @@ def typed_units(codec: str, data: bytes, length_bytes: int = 0) -> Iterator[tupl
             yield unit[0] & 31 if codec == "h264" else unit[0] >> 1 & 63, unit
 
 
-def holds_slice(codec: str, data: bytes) -> bool:
-    """Whether a slice of a picture begins in a packet, or in a piece of one; it has start codes."""
-    return any(kind in SLICE_TYPES[codec] for kind, _ in typed_units(codec, data))
+def holds_slice(codec: str, data: bytes, *, is_first: bool = False) -> bool:
+    """Whether a slice, or the first of a picture, begins in a packet or piece of one; it has start codes."""
+    slices = (unit for kind, unit in typed_units(codec, data) if kind in SLICE_TYPES[codec])
+    return any(not is_first or begins_picture(codec, unit) for unit in slices)
 
 
 def without_inner_parameter_sets(codec: str, data: bytes) -> bytes:

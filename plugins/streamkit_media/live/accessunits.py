@@ -82,6 +82,10 @@ class AccessUnits:
         has_start = START_CODES.match(data) is not None
         if has_start and (piece.pts is None or piece.pts != self._pts):
             yield from self.drain()
+        elif has_start and holds_slice(self._codec, data, is_first=True):  # the server's time stands still
+            before = self._taken_before_slice()
+            yield from self.drain()
+            self._pieces = before
         elif self._is_ended and (not has_start or holds_slice(self._codec, data)):
             self.trusts_marks = False
         if not self._pieces:
@@ -90,6 +94,17 @@ class AccessUnits:
         self._is_ended = is_marked and self.trusts_marks and self._holds_slice()
         if self._is_ended:
             yield from self.drain()
+
+    def _taken_before_slice(self) -> list[Packet[Stream]]:
+        """Takes the units behind the last slice, such as parameter sets, which belong to the next frame."""
+        pieces, at = self._pieces, 0
+        for index, data in enumerate(map(bytes, pieces)):
+            if holds_slice(self._codec, data):
+                at = len(pieces)
+            elif at == len(pieces) and START_CODES.match(data):
+                at = index
+        self._pieces = pieces[:at]
+        return pieces[at:]
 
     def _holds_slice(self) -> bool:
         """Whether the pieces are more than parameter sets and the like."""

@@ -28,6 +28,7 @@ from streamkit_media.live.timeline import PacketStamps
 from streamkit_media.streams import StreamKind
 
 VIDEO_PAD = PadTemplate("video", Direction.SRC, Caps(CODED_CAPS), Presence.SOMETIMES)
+STANDSTILL = "the server gives all frames one time; from here on theirs is that of arrival: speeds are rough"
 STOP_LIMIT_S = 1.8
 LEAVE_LIMIT_S = 0.5
 # Most connections that are still in a call of FFmpeg; each ends at its own time limit.
@@ -179,6 +180,8 @@ class LiveSource(Endpoint, Source):
                     )
                 caps = connection.found[StreamKind.VIDEO]
                 self._post_state("connected", epoch=self._epoch, caps=str(caps))
+            if self._stamps.stand_still:
+                self.warn_once(f"{self._where}: {STANDSTILL}")
             own = frame.replace(epoch=self._epoch)
             is_named = self.is_linked(kind.value)
             if is_named:

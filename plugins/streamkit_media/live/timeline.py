@@ -6,12 +6,14 @@ import struct
 
 from av.packet import Packet
 from av.stream import Stream
+from av.video.stream import VideoStream
 
 from streamkit import Caps, Capture, Clock, Frame
 from streamkit_media.streams import nanoseconds, packet_frame
 
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000  # at least, from one connection to the next
+STANDSTILL = 10  # frames of one time in a row; fields of a frame and parts of one are fewer
 PRFT = struct.Struct("=q")
 
 
@@ -67,10 +69,17 @@ class PacketStamps:
         clock: of the pipeline.
         timeline: of the stream.
         next_seq: number of the next packet.
+        repeats: frames of video in a row with the time of the one before.
     """
 
     def __init__(self, clock: Clock) -> None:
-        self.clock, self.timeline, self.next_seq = clock, Timeline(), 0
+        self.clock, self.timeline, self.next_seq, self.repeats = clock, Timeline(), 0, 0
+        self._video_pts: int | None = None
+
+    @property
+    def stand_still(self) -> bool:
+        """Whether the server gives all frames one time; those of arrival then take its place."""
+        return self.repeats >= STANDSTILL
 
     def stamped(self, packet: Packet[Stream], caps: Caps) -> Frame:
         """A packet that arrives now, as a frame."""
@@ -78,7 +87,11 @@ class PacketStamps:
         capture = Capture(self.clock.utc_ns(), "arrival") if sent_ns is None else Capture(sent_ns, "rtcp")
         frame = packet_frame(packet, caps)
         dts = None if packet.dts is None else nanoseconds(packet.dts, packet.time_base)
-        pts, seq = self.timeline.timestamp(frame.pts, now_ns, dts), self.next_seq
+        if isinstance(packet.stream, VideoStream):
+            self.repeats = self.repeats + 1 if frame.pts is not None and frame.pts == self._video_pts else 0
+            self._video_pts = frame.pts
+        served, dts = (None, None) if self.stand_still else (frame.pts, dts)
+        pts, seq = self.timeline.timestamp(served, now_ns, dts), self.next_seq
         self.next_seq += 1
         return frame.replace(seq=seq, arrival_ns=now_ns, capture=capture, pts=pts)
 

@@ -106,6 +106,7 @@ class FakeServer:
         telemetry: KLV packets sent beside the video_frames, one with each, again and again; none where empty.
         loses_every: of so many RTP packets of the video one is not sent; 0 loses none.
         codec: of the units, h264 or h265.
+        stands_still: give every frame the same RTP time stamp.
         connections: clients accepted so far.
         frames_sent: over all clients.
     """
@@ -119,6 +120,7 @@ class FakeServer:
     telemetry: Sequence[bytes] = ()
     loses_every: int = 0
     codec: str = "h264"
+    stands_still: bool = False
     connections: int = 0
     frames_sent: int = 0
     _closing: threading.Event = field(default_factory=threading.Event)
@@ -293,7 +295,8 @@ class Client:
 
     def stamp(self, frames: int) -> int:
         """The RTP time stamp of a frame."""
-        return (self.first_stamp + round(frames * CLOCK / self.server.rate)) & 0xFFFFFFFF
+        ticks = 0 if self.server.stands_still else round(frames * CLOCK / self.server.rate)
+        return (self.first_stamp + ticks) & 0xFFFFFFFF
 
     def play(self) -> None:
         """Sends frames in real time."""

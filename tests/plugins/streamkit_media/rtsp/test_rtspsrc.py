@@ -236,3 +236,21 @@ def test_a_slow_consumer_gets_the_newest(real_server: Any) -> None:
     assert gaps
     assert all(frame.flags & FrameFlags.KEYFRAME and frame.flags & FrameFlags.DISCONTINUITY for frame in gaps)
     assert sum(b.seq - a.seq - 1 for a, b in pairwise(taken)) <= dropped
+
+
+@pytest.mark.parametrize("transport", ["tcp", "udp"])
+@pytest.mark.parametrize("low_latency", [True, False])
+def test_a_server_whose_time_stands_still(fake: ModuleType, transport: str, low_latency: bool) -> None:
+    """Every frame comes out by itself; after some of one time theirs is that of arrival, with a warning."""
+    with fake.FakeServer(fake.access_units((320, 240)), stands_still=True) as server:
+        source = f"rtspsrc location={server.url} transport={transport} low-latency={low_latency}"
+        with Pipeline.parse(f"{source} ! decode ! appsink name=out max-buffers=0") as pipeline:
+            pipeline.play()
+            frames = list(islice(pipeline["out"], 40))
+            warning = pipeline.bus.pop(5, (MessageKind.WARNING,))
+    assert not any(frame.flags & FrameFlags.CORRUPT for frame in frames)
+    times = [frame.pts for frame in frames]
+    assert times[:10] == [times[0]] * 10
+    assert times[12:] == sorted(set(times[12:]))
+    assert warning is not None
+    assert "the server gives all frames one time" in warning.text
