@@ -207,10 +207,13 @@ class LiveMosaic:
             self._element.post_warning(f"{written.path} is not georeferenced: {written.geo_refused}")
         if self._largest is None or written.pictures >= self._largest.pictures:
             self._largest = written
+        path, paths = str(written.path), self._element.written_paths
+        if path not in paths:
+            self._element.written_paths = (*paths[:1], path)
         counts = self._element.outcomes
         weak, lost = counts[RegistrationStatus.WEAK], counts[RegistrationStatus.LOST]
         placed = counts.total() - weak - lost
-        fields = {**asdict(written), "path": str(written.path), "placed": placed, "weak": weak, "lost": lost}
+        fields = {**asdict(written), "path": path, "placed": placed, "weak": weak, "lost": lost}
         self._element.post_message("mosaic", **fields)
 
 

@@ -74,6 +74,7 @@ class Element(PadOwner, PropertyOwner, Waits):
         drops: number of frames not delivered, by reason.
         results: number of things that the element has made, such as tracks, by name in the plural.
         outcomes: number of frames by what the element has found of each, such as "lost".
+        written_paths: of the first and the last file of the run; of a single one, or none, just those.
         has_failed: whether a call by the engine has raised in this run; the element is then not drained.
         at_work: one byte, "1" during a call, else "0"; in memory shared with the crash reporter.
     """
@@ -91,6 +92,7 @@ class Element(PadOwner, PropertyOwner, Waits):
         self.drops: Counter[str] = Counter()
         self.results: Counter[str] = Counter()
         self.outcomes: Counter[str] = Counter()
+        self.written_paths: tuple[str, ...] = ()
         self._warned_of: set[str] = set()
         self.at_work = memoryview(bytearray(b"0"))
         self.poster: Callable[[Message], None] | None = None
@@ -179,7 +181,7 @@ class Element(PadOwner, PropertyOwner, Waits):
         for counts in (self.drops, self.results, self.outcomes):
             counts.clear()
         self._warned_of.clear()
-        self.has_failed, self.waited_ns = False, 0
+        self.has_failed, self.waited_ns, self.written_paths = False, 0, ()
 
     def enter(self, call: str, now_ns: int, frame: Frame | None = None) -> None:
         """Records the start of a call by the engine: its name, time (perf_counter, ns) and frame."""

@@ -38,7 +38,6 @@ class OutputFileSink(Sink):
         write_errors: exceptions by which writing fails.
         has_begun: whether a frame was given to `write`.
         number: of the next file, where several are written.
-        written_paths: paths of the first and the last file of the run; of a single one, or none, just those.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = ()
@@ -57,7 +56,6 @@ class OutputFileSink(Sink):
     )
 
     file: OutputFile | None = None
-    written_paths: tuple[str, ...] = ()
     _written_before: tuple[str, ...] = ()
 
     # Overridden by authors.
@@ -151,7 +149,7 @@ class OutputFileSink(Sink):
         """Checks the name and the folder; nothing is written before the first frame."""
         self._writing = threading.Lock()
         self.file = None
-        self.written_paths = self._written_before = ()
+        self._written_before = ()
         self.has_begun = self._is_over = False
         self.number = 0
         if not self.location:

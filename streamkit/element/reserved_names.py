@@ -15,16 +15,14 @@ ATTRIBUTES = {
     },
     "Element": {
         "at_work", "bin", "drops", "factory", "has_failed", "host", "outcomes", "poster", "presets", "rank",
-        "results", "uri_schemes",
+        "results", "uri_schemes", "written_paths",
     },
     "Source": {"over", "position_ns"},
     "Sink": {"position_ns"},
     "Transform": {"keeps_caps"},
     "Combine": {"combine_lock"},
     "FrameHolder": {"limits", "pending"},
-    "OutputFileSink": {
-        "example", "file", "has_begun", "names", "number", "suffixes", "write_errors", "written_paths",
-    },
+    "OutputFileSink": {"example", "file", "has_begun", "names", "number", "suffixes", "write_errors"},
     "NumberedFilesSink": {"remembers_earlier_runs"},
     "TextFileSink": {"content", "file", "formats", "kinds"},
 }  # fmt: skip

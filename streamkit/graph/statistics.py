@@ -10,7 +10,6 @@ from collections.abc import Iterable
 
 from streamkit.element.base import Element
 from streamkit.element.frame_queue import FrameHolder
-from streamkit.element.output_sink import OutputFileSink
 from streamkit.element.pad import Pad
 from streamkit.element.registry import available_elements
 from streamkit.element.source import Source
@@ -114,7 +113,6 @@ def collect_statistics(
     def row(element: Element) -> ElementStatistics:
         name = element.name
         newest_ns = totals.newest_ns[element]
-        paths = element.written_paths if isinstance(element, OutputFileSink) else ()
         return ElementStatistics(
             element=name,
             parent=element.parent,
@@ -131,7 +129,7 @@ def collect_statistics(
             age_ns=max(0, now_ns - newest_ns) if newest_ns else None,
             queue=element.pending.levels() if isinstance(element, FrameHolder) else None,
             pads=[_pad_row(pad, totals.frames[pad]) for pad in list(element.pads.values())],
-            written=[mask_secrets(path) for path in paths],
+            written=[mask_secrets(path) for path in element.written_paths],
             has_failed=element.has_failed,
         )
 

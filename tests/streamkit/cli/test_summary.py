@@ -67,6 +67,9 @@ def test_files_written_are_named_in_place_of_the_pattern(
     done = launch("--summary", f"videotestsrc num-buffers=4 ! filesink location={tmp_path}/at-%Y.raw")
     (path,) = tmp_path.glob("at-*.raw")
     assert done.stderr.endswith(f", wrote {path}\n")
+    small = "dronetestsrc num-buffers=3 ! video/x-raw,width=320,height=240"
+    text = f"{small} ! stitch location={tmp_path}/m-%d.png ! fakesink"
+    assert f", wrote {tmp_path}/m-0.png\n" in launch("--summary", text).stderr
     assert launch("videotestsrc num-buffers=1 ! textoverlay text=a ! fakesink").exit_code == 0
 
 
