@@ -241,6 +241,8 @@ class ElementFailure(StreamkitError, RuntimeError):
             what = f"{kind_of_cause}: {what}"
         if isinstance(cause, ValueError) and what.endswith("is read-only"):  # numpy's words
             what += ": frames are shared, write into the copy of frame.writable()"
+        if isinstance(cause, AttributeError) and what.endswith("immutable type: 'Frame'"):  # msgspec's
+            what += ": frames are shared, frame.replace(pts=...) gives a changed copy"
         kind = f" ({factory})" if factory and factory != element.rstrip("0123456789") else ""
         super().__init__(f"{element}{kind}: {what}" + (f" [at {frame}]" if frame else ""))
         self.element = element

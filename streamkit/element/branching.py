@@ -29,6 +29,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
+from streamkit.flow.video import check_output
 
 
 class Combine(Element):
@@ -74,13 +75,14 @@ class Combine(Element):
                 if pad.is_eos:
                     raise EndOfStream(self.name)
                 result = self.combine(name, frame)
-                for out in (result,) if isinstance(result, Frame) else result or ():
+                for out in (result,) if isinstance(result, Frame) else () if result is None else result:
                     self.push_output(out, pad)
 
         return receive
 
     def push_output(self, frame: Frame, pad: Pad | None = None) -> None:
         """Sends a frame of an input, after the events that precede it."""
+        check_output(frame, "combine")
         self._send_caps_and_segment(frame.caps, pad)
         self.src_pad.push(frame)
 
@@ -190,6 +192,7 @@ class Split(Element):
                 if target is None:
                     self.check_declares_src(name)
                     continue
+                check_output(out, "split")
                 target.push(target.announce_caps(out))
 
         return receive

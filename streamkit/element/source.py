@@ -166,7 +166,10 @@ class Source(Element):
                 f"frames() yields Frame, (pad name, Frame) or Event, got {type(item).__name__}: "
                 "put data into a frame with Frame(data, caps)"
             )
-        pad = main or self.src_pad if name is None else self.pads[name]
+        pad = main or self.src_pad if name is None else self.pads.get(name)
+        if pad is None:
+            self.check_declares_src(name)
+            return
         if name is not None and pad is not main and pad.peer is None:
             return
         try:

@@ -13,7 +13,7 @@ from streamkit.element.pad import Direction, Pad
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EndOfStream, EosEvent, Event
 from streamkit.flow.frame import Frame
-from streamkit.flow.video import check_layout
+from streamkit.flow.video import check_output
 
 T = TypeVar("T")
 Result = Frame | Iterable[Frame | tuple[str, Frame]] | None
@@ -119,7 +119,7 @@ class Transform(Element):
             StateError: the element declares no such pad.
             ValueError: the frame is not what its caps say.
         """
-        check_layout(frame)
+        check_output(frame, "drain")
         pad = self.pads.get(name)
         if pad is self.src_pad:
             pad.push(self.announce_src_caps(frame))
@@ -168,8 +168,8 @@ class Transform(Element):
         return frame
 
 
-def drained_frames(drained: Iterable[T]) -> Iterable[T]:
-    """What `drain` has returned; raises `TypeError` where that is one frame."""
+def drained_frames(drained: Iterable[T] | None) -> Iterable[T]:
+    """What `drain` has returned, where None is none; raises `TypeError` where that is one frame."""
     if isinstance(drained, Frame):
         raise TypeError("drain returns several frames, got one Frame: write yield frame")
-    return drained
+    return () if drained is None else drained

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from streamkit.errors import did_you_mean
 from streamkit.flow.caps import Caps, Structure
 from streamkit.flow.caps_values import Value
+from streamkit.flow.frame import Frame
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from streamkit.flow.frame import Frame
 
 SIDEWAYS = (90, 270)  # degrees
 CHANNELS = {"BGR": 3, "RGB": 3, "BGRA": 4, "RGBA": 4}
@@ -152,6 +151,14 @@ def luma(frame: Frame) -> NDArray[np.uint8]:
         f"luma needs a frame of format {', '.join(LUMA_FORMATS)}, got {pixel_format!r}: "
         "put videoconvert before this element, or ask for one of these formats on its sink pad"
     )
+
+
+def check_output(item: object, method: str) -> None:
+    """Raises `TypeError` or `ValueError` unless a method gave a frame whose array is what its caps say."""
+    if not isinstance(item, Frame):
+        remedy = "put data into a frame with frame.replace(data=...)"
+        raise TypeError(f"{method} gives frames, got {type(item).__name__}: {remedy}")
+    check_layout(item)
 
 
 def check_layout(frame: Frame, *, needs_array: bool = False) -> None:

@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Pipeline, ResourceError, Source, write_remedy
+from streamkit import Caps, ElementFailure, Frame, Pipeline, ResourceError, Source, write_remedy
 from streamkit.errors import did_you_mean
 
 
@@ -64,6 +64,16 @@ def test_a_write_into_a_shared_frame_names_the_remedy() -> None:
     assert str(ElementFailure("trail0", "trail", caught.value)) == (
         "trail0: ValueError: assignment destination is read-only: frames are shared, "
         "write into the copy of frame.writable()"
+    )
+
+
+def test_an_assignment_to_a_frame_names_the_remedy() -> None:
+    """The words of msgspec name none."""
+    frame = Frame(b"", Caps("a/b"))
+    with pytest.raises(AttributeError) as caught:
+        frame.pts = 3  # type: ignore[misc]
+    assert str(ElementFailure("late0", "late", caught.value)).endswith(
+        ": frames are shared, frame.replace(pts=...) gives a changed copy"
     )
 
 

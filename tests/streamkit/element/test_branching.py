@@ -3,9 +3,21 @@
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import numpy as np
 import pytest
 
-from streamkit import Caps, Combine, Direction, ElementFailure, Frame, PadTemplate, Pipeline, Presence, Split
+from streamkit import (
+    Caps,
+    Combine,
+    Direction,
+    ElementFailure,
+    Frame,
+    PadTemplate,
+    Pipeline,
+    Presence,
+    Split,
+    raw_video_caps,
+)
 from streamkit.flow.caps import ANY
 
 Register = Callable[..., None]
@@ -140,6 +152,8 @@ def test_an_error_at_eos_takes_precedence_over_an_end(register: Register) -> Non
     [
         ({"third": Frame(b"", Caps("a/b"))}, "'third', which Wrong does not declare; it has even, odd"),
         (Frame(b"", Caps("a/b")), "split returns frames by the name of their pad, got Frame: write"),
+        ({"even": np.zeros(3)}, "split gives frames, got ndarray: put data into a frame"),
+        ({"even": Frame(np.zeros(3), raw_video_caps("GRAY8", 3, 1))}, "GRAY8 of 3 x 1 px is uint8"),
     ],
 )
 def test_what_no_pad_of_a_split_can_take_is_an_error(register: Register, returned: Any, rule: str) -> None:
@@ -156,3 +170,18 @@ def test_what_no_pad_of_a_split_can_take_is_an_error(register: Register, returne
         Pipeline.parse("fakesrc num-buffers=1 ! wrong name=w  w.even ! fakesink  w.odd ! fakesink").run(
             timeout_s=20
         )
+
+
+@pytest.mark.parametrize("returned", [np.zeros((2, 3)), "text", [b"row"]])
+def test_what_is_no_frame_of_a_combine_is_an_error(register: Register, returned: Any) -> None:
+    """An array has no truth value, and a text no caps: the error says what to return."""
+
+    class Wrong(Join):
+        """Returns something else."""
+
+        def combine(self, pad_name: str, frame: Frame) -> Any:
+            return returned
+
+    register(wrong=Wrong)
+    with pytest.raises(ElementFailure, match=r"combine gives frames, got (ndarray|str|bytes): put data into"):
+        Pipeline.parse("wrong name=w ! fakesink  fakesrc num-buffers=1 ! w.").run(timeout_s=20)

@@ -7,7 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from streamkit import Caps, ElementFailure, Frame, NotNegotiated, Pipeline, Property, Source, Transform
+from streamkit import (
+    Caps,
+    ElementFailure,
+    Frame,
+    NotNegotiated,
+    Pipeline,
+    Presence,
+    Property,
+    Source,
+    Transform,
+)
 from streamkit.errors import ResourceError
 
 RAW = Caps("video/x-raw, format=GRAY8, width=4, height=2, framerate=25/1")
@@ -270,8 +280,9 @@ def test_a_blocked_source_is_woken_by_interrupt(register: Register) -> None:
     assert closed.is_set()
 
 
-def test_a_source_may_feed_several_pads(register: Register) -> None:
-    """(pad name, frame) pairs; each pad numbers its frames; unlinked pads are skipped."""
+@pytest.mark.parametrize("presence", Presence)
+def test_a_source_may_feed_several_pads(register: Register, presence: Presence) -> None:
+    """(pad name, frame) pairs; each pad numbers its frames; unlinked pads, there or not, are skipped."""
     from streamkit import Direction, PadTemplate
 
     class Two(Source):
@@ -279,7 +290,7 @@ def test_a_source_may_feed_several_pads(register: Register) -> None:
 
         templates = (
             PadTemplate("video", Direction.SRC, RAW),
-            PadTemplate("data", Direction.SRC, Caps("meta/x-klv")),
+            PadTemplate("data", Direction.SRC, Caps("meta/x-klv"), presence),
         )
 
         def negotiate(self, allowed: Caps) -> Caps | None:

@@ -365,6 +365,18 @@ def test_frames_of_drain_are_checked_as_those_of_transform() -> None:
             harness.drain()
 
 
+def test_a_drain_that_returns_none_has_nothing() -> None:
+    """As a `transform` that does."""
+
+    class Silent(Passing):
+        def drain(self) -> None:
+            return None
+
+    with Harness(Silent("silent")) as harness:
+        harness.push(frame())
+        assert harness.drain() == []
+
+
 @pytest.mark.parametrize("base", [Transform, Combine])
 def test_one_frame_of_drain_is_an_error_with_the_rule(register: Register, base: type) -> None:
     """`return` where `yield` is meant."""
