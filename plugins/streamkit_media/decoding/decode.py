@@ -158,7 +158,7 @@ class Decode(Transform):
             decoded = stream.decode(frame)
         except FFmpegError as error:
             reason = NO_KEYFRAME if stream.awaits_keyframe else reason_of(error)
-            self._damage.begin(frame.describe())
+            self._damage.begin(frame.seq, frame.describe())
             self._drop_packet(frame, f"undecodable packet: {reason}")
             self._report_error(reason, f" at {frame.describe()}")
             return held
@@ -261,9 +261,8 @@ class Decode(Transform):
         stream, self._stream = self._stream, None
         if stream is None:
             return
-        try:
-            yield from self._shown(stream, stream.decoder.drain())
-        except FFmpegError as error:
+        yield from self._shown(stream, stream.decoder.drain())
+        for error in stream.decoder.drain_errors:
             self.count_drop(f"undecodable packet: {reason_of(error)}")
             self._report_error(reason_of(error))
         if stream.decoder.unaccounted:
@@ -277,7 +276,8 @@ class Decode(Transform):
         for video_frame, origin in decoded:
             number = stream.next_number(origin, video_frame.pts)
             is_corrupt = video_frame.is_corrupt or bool(origin.flags & CORRUPT)
-            is_damaged = self._damage.next_frame(is_corrupt=is_corrupt, is_key=bool(video_frame.key_frame))
+            is_key = bool(video_frame.key_frame)
+            is_damaged = self._damage.next_frame(origin.seq, is_corrupt=is_corrupt, is_key=is_key)
             reason = self._decide_to_hide(stream, origin) if origin.metadata else None
             if reason is None:
                 frames.append(self._frame(stream, video_frame, origin, number, is_damaged))

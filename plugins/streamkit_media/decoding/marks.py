@@ -20,18 +20,19 @@ class Damage:
 
     def __init__(self) -> None:
         self._failed = 0  # packets since the last frame
-        self._failed_from = ""  # the first of them in words
+        self._failed_from = 0, ""  # the number of the first of them, and it in words
         self._frames_left = 0
 
-    def begin(self, packet: str) -> None:
-        """Marks the frames that follow as damaged: a packet that they depend on is lost."""
+    def begin(self, number: int, packet: str) -> None:
+        """Marks the frames that follow as damaged: a packet, of this number, that they depend on is lost."""
         self._frames_left = DAMAGE_LASTS
-        self._failed_from = self._failed_from if self._failed else packet
+        self._failed_from = self._failed_from if self._failed else (number, packet)
         self._failed += 1
 
-    def next_frame(self, *, is_corrupt: bool, is_key: bool) -> bool:
-        """Whether the next decoded frame, or one that it depends on, is damaged; a keyframe has none."""
-        self._failed = 0
+    def next_frame(self, number: int, *, is_corrupt: bool, is_key: bool) -> bool:
+        """Whether the frame of a packet, or one that it depends on, is damaged; a keyframe has none."""
+        if number > self._failed_from[0]:  # it may have been held, for its order
+            self._failed = 0
         if is_corrupt:
             self._frames_left = DAMAGE_LASTS
         elif self._frames_left:
@@ -43,8 +44,8 @@ class Damage:
         if self._failed < LOST_END_PACKETS:
             return ""
         return (
-            f"the last {self._failed} packets gave no frame, from {self._failed_from} on; where recordings "
-            "of different codecs are joined, read them one by one"
+            f"the last {self._failed} packets gave no frame, from {self._failed_from[1]} on; where "
+            "recordings of different codecs are joined, read them one by one"
         )
 
 

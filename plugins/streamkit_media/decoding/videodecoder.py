@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
 from av.codec.context import CodecContext, Flags, ThreadType
 from av.codec.hwaccel import HWAccel, hwdevices_available
 from av.error import FFmpegError
-from av.packet import Packet
+from av.packet import Packet, PacketSideData
 from av.stream import Stream
 from av.video.codeccontext import VideoCodecContext
 from av.video.frame import PictureType, VideoFrame
@@ -25,6 +26,7 @@ Data: TypeAlias = "Packet[Any] | bytes | bytearray | memoryview"
 # Frame threads of these can wait for each other without end where damaged frames come out too; where these do
 # not, a third of all frames of a damaged stream is lost.
 SLICE_THREADS_ONLY = frozenset({"hevc"})
+MPEGTS_STREAM_ID = 19  # AV_PKT_DATA_MPEGTS_STREAM_ID: of one byte, which no decoder reads
 SQUARE_TOLERANCE = 0.01  # a pixel of 400:401 is square to any purpose
 # In this order; each only where the machine has the device, because asking a driver for one may take seconds.
 DEVICES = {
@@ -48,6 +50,7 @@ class VideoDecoder(Generic[Origin]):
     Attributes:
         threading: what it has.
         times: of the frames; says whether those of the packets are wrong.
+        drain_errors: of the packets that could not be decoded in `drain`.
         unaccounted: packets that gave neither a frame nor an error yet; after `drain` they never will.
 
     Raises:
@@ -77,6 +80,7 @@ class VideoDecoder(Generic[Origin]):
         self.times = PresentationTimes()
         self._pending: OrderedDict[int, tuple[Origin, int | None]] = OrderedDict()
         self._count = self.unaccounted = 0
+        self.drain_errors: list[FFmpegError] = []
 
     def _configure(self, caps: Caps) -> None:
         context, (width, height) = self._context, size_of(caps)
@@ -146,12 +150,26 @@ class VideoDecoder(Generic[Origin]):
             raise
 
     def drain(self) -> list[tuple[VideoFrame, Origin]]:
-        """The frames still held; nothing may be decoded after it.
+        """The frames still held, around those of `drain_errors`; nothing may be decoded after it."""
+        fallback, frames = next(reversed(self._pending.values()), None), []
+        for packet in (*self._flushes(), None) if self._count else ():
+            try:
+                frames += self._decoded(packet, fallback)
+            except FFmpegError as error:
+                self.drain_errors.append(error)
+        return frames
 
-        Raises:
-            FFmpegError: a packet could not be decoded; frames of later packets are lost.
+    def _flushes(self) -> Iterator[Packet[Stream]]:
+        """Empty packets, each of which lets one frame thread give its frame or error.
+
+        The end of the stream lets all do so at once, and PyAV leaves out what follows an error then. An empty
+        packet without side data is that end to FFmpeg. Decoders of other codecs may not expect one.
         """
-        return self._decoded(None, next(reversed(self._pending.values()), None)) if self._count else []
+        is_threaded = self.threading is ThreadType.FRAME and not self.is_on_device
+        for _ in range(self._context.thread_count if is_threaded and self._context.name == "h264" else 0):
+            packet: Packet[Stream] = Packet()
+            PacketSideData(MPEGTS_STREAM_ID, 1).to_packet(packet)  # type: ignore[call-arg]
+            yield packet
 
     def _decoded(
         self, packet: Packet[Stream] | None, fallback: tuple[Origin, int | None] | None

@@ -121,6 +121,8 @@ def try_decoding(frames: Sequence[Frame]) -> Decoded:
         except FFmpegError as cause:
             found.error = found.error or reason_of(cause)
             continue
+        if decoder.drain_errors:
+            found.error = found.error or reason_of(decoder.drain_errors[0])
         shown = [image for image, origin in decoded if origin.get(DecodeOnly) is None]
         found.hidden += len(decoded) - len(shown)
         found.frames += len(shown)

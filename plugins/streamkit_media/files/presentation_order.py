@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from itertools import chain
 
 from av.error import FFmpegError
@@ -80,8 +79,7 @@ class _TimeCorrection:
             yield from self._released()
             if self._frames > TRUSTED_FRAMES and not self._decoder.times.are_wrong:
                 break
-        with suppress(FFmpegError):
-            self._note(self._decoder.drain())
+        self._note(self._decoder.drain())
         yield from self._released(is_end=True)
         yield from packets
 

@@ -73,6 +73,25 @@ def test_h265_never_gets_frame_threads(make_video: MakeVideo, threading: ThreadT
     assert decoder.threading is ThreadType.SLICE
 
 
+@pytest.mark.parametrize("place", [-1, -3, -5])
+@pytest.mark.parametrize("bframes", [0, 3])
+def test_a_damaged_packet_among_the_last_costs_no_other_frame(
+    make_video: MakeVideo, place: int, bframes: int
+) -> None:
+    """Frame threads hold the last frames; the error of one of them takes none of the others along."""
+    path = make_video(f"damaged_end_{bframes}.mkv", count=30, bframes=bframes, options={"g": "30"})
+    with open_container(str(path)) as container:
+        stream = video_stream(container, "damaged end")
+        decoder = VideoDecoder[int](video_caps(stream), ThreadType.FRAME, 6)
+        packets = [bytes(packet) for packet in read_packets(container, stream)]
+    packets[place] = packets[place][:5] + b"\xff" * (len(packets[place]) - 5)
+    frames = [origin for number, data in enumerate(packets) for _, origin in decoder.decode(data, number)]
+    frames += [origin for _, origin in decoder.drain()]
+    assert sorted(frames) == sorted(set(range(30)) - {30 + place})
+    assert len(decoder.drain_errors) == 1
+    assert decoder.unaccounted == 0
+
+
 DECODE_MUTANTS = """
 import random, sys
 from av.codec.context import ThreadType
