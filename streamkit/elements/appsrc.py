@@ -8,6 +8,7 @@ from typing import Any
 from typing_extensions import override
 
 from streamkit.element.frame_queue import FrameHolder
+from streamkit.element.pad import Pad
 from streamkit.element.property import Property
 from streamkit.element.property_text import INT, INT64, UINT64, Choice
 from streamkit.element.source import Source
@@ -90,8 +91,11 @@ class AppSrc(FrameHolder, Source):
 
     def negotiate(self, allowed: Caps) -> Caps | None:
         """The property `caps` if fixed, else those of the first frame."""
-        caps = self.caps or ANY
-        return (allowed & caps) if caps.is_fixed else None
+        return self.caps if self.caps is not None and self.caps.is_fixed else None
+
+    @override
+    def query_caps(self, pad: Pad) -> Caps:
+        return self.negotiate(ANY) or ANY  # a converter can be inserted for them
 
     # Called by the application.
 
@@ -115,6 +119,9 @@ class AppSrc(FrameHolder, Source):
                     "Frame(array, raw_video_caps(format, width, height))"
                 )
             item = Frame(item, self.caps or ANY, **fields)
+        whole = getattr(getattr(item, "data", None), "base", None)
+        if isinstance(item, Frame) and getattr(getattr(whole, "flags", None), "writeable", False):
+            item = item.replace(data=item.data.copy())  # the program may write into the whole again
         with self.changed:
             self._check_open()
             is_full = isinstance(item, Frame) and self.is_playing and self.pending.is_full()

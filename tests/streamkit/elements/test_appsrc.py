@@ -157,3 +157,25 @@ def test_an_array_without_caps_is_refused() -> None:
     pipeline["in"].push(b"bytes")
     pipeline["in"].caps = raw_video_caps("GRAY8", 4, 4)
     pipeline["in"].push(np.zeros((4, 4), np.uint8))
+
+
+def test_a_part_of_an_array_that_is_written_into_again_is_copied() -> None:
+    """Only the part would be read-only, and the frames in the pipeline would all show the last picture."""
+    buffer, caps = np.zeros((2, 4, 2), np.uint8), raw_video_caps("GRAY8", 4, 2)
+    with Pipeline.parse("appsrc name=in ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        for number in range(3):
+            buffer[:] = number
+            pipeline["in"].push(Frame(buffer[..., 0], caps))
+        pipeline["in"].end()
+        assert [int(frame.data.max()) for frame in pipeline["out"]] == [0, 1, 2]
+
+
+def test_a_converter_is_inserted_for_its_caps() -> None:
+    """As behind a source that chooses its format; the error was about a media type EMPTY."""
+    caps = "video/x-raw,format=BGR,width=64,height=48"
+    with Pipeline.parse(f"appsrc name=in caps={caps} ! stitch ! appsink name=out") as pipeline:
+        pipeline.play()
+        pipeline["in"].push(np.zeros((48, 64, 3), np.uint8))
+        pipeline["in"].end()
+        assert [str(frame.caps["format"]) for frame in pipeline["out"]] == ["I420"]
