@@ -10,6 +10,7 @@ import socket
 import sys
 import webbrowser
 from contextlib import ExitStack, closing
+from os.path import isdir, isfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -117,10 +118,10 @@ def _check_arguments(what: list[str], sources: list[str], video: str, settings: 
     for text in {*what, video} - {*sources, ""}:
         if lacks_protocol(text):
             _refuse(f"{text} is the address of a server, without its protocol; begin it with rtsp://")
-        if Path(text).is_dir():
+        if isdir(text):
             _refuse(f"{text} is a folder; give a file, or the key of a zenohsink as {text}/tracks")
-        if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_file():
-            _refuse(f"{text}: there is no such file")
+        if Path(text).suffix.lower() in FILE_SUFFIXES and not isfile(text):
+            _refuse(f"{text}: there is no such file, or its folder is closed to you")
     try:
         base_configuration(settings)
         keys = [] if sources else [publication_root(text) for text in what]

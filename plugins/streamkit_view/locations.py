@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os.path import isfile  # unlike Path's, False where a name is too long or a folder is closed
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -21,7 +22,7 @@ PAGE_CODECS = ("video/x-h264", "video/x-h265")  # of packets that browsers decod
 
 def is_source(text: str) -> bool:
     """Whether an argument is a file, or the URL or number of a camera, and not a key."""
-    return "://" in text or Path(text).is_file() or choose_source(text).is_live
+    return "://" in text or isfile(text) or choose_source(text).is_live
 
 
 def is_run(text: str) -> bool:
@@ -42,7 +43,7 @@ def pipeline_for(location: str, *, encodes: bool = False) -> tuple[str, str]:
     name = "camera.pipe" if source.is_live else "file.pipe"
     if source.is_live and (encodes or gives_images(location)):
         name = "encoded_camera.pipe"
-    if Path(location).is_file() and not has_page_codec(caps_of(location)):
+    if isfile(location) and not has_page_codec(caps_of(location)):
         name = "images.pipe"
     return name, f"{source.element} {source.property}"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
+from os.path import exists  # unlike Path's, False where a name is too long or a folder is closed
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,7 +30,7 @@ class FileOfElement:
     def is_same(self, other: FileOfElement) -> bool:
         """Whether both name one file: by path, through links, or by a number's or time's place."""
         mine, its = local_path(self.location), local_path(other.location)
-        if mine.exists() and its.exists():
+        if exists(mine) and exists(its):
             return mine.samefile(its)
         my_names, its_names = FileNames(self.location), FileNames(other.location)
         return my_names.matches(its_names.path(0, 0)) or its_names.matches(my_names.path(0, 0))

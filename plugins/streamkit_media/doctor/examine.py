@@ -232,4 +232,4 @@ def _pose_parts(seen: Seen) -> tuple[str, str]:
 
 def in_description(value: str) -> str:
     """A value as a description within double quotes of a shell needs it: bare, or with blanks escaped."""
-    return re.sub(r"([^\w./:@%+,=-])", r"\\\1", value)
+    return re.sub(r"([^\w./:@%+,=-])", r"\\\1", value.replace("\\", r"\\"))

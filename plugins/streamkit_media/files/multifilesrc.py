@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from fractions import Fraction
+from os import R_OK, X_OK, access
+from os.path import exists  # unlike Path's, False where a name is too long or a folder is closed
 from pathlib import Path
 
 from streamkit import SECOND_NS, Caps, Capture, Frame, FrameFlags, Property, ResourceError, Source
@@ -45,15 +47,15 @@ class MultiFileSrc(Source):
                 f"stop-index={self.stop_index} must not be below start-index={self.start_index}"
             )
         first = str(self._path(self.start_index))
-        if not Path(first).exists() and (numbers := list(self._numbers_there())):
+        if not exists(first) and (numbers := list(self._numbers_there())):
             raise ResourceError(f"{first} is not there; the files begin with start-index={min(numbers)}")
         with open_container(first) as container:
             self._caps = video_caps(video_stream(container, first)).with_fields(framerate=self.framerate)
 
     def _numbers_there(self) -> Iterator[int]:
         """Numbers of the files there are, in any order."""
-        files = FileNames(self.location).existing() if self._path(0).parent.is_dir() else ()
-        return (number for _, number in files if self._path(number).exists())
+        files = FileNames(self.location).existing() if access(self._path(0).parent, R_OK | X_OK) else ()
+        return (number for _, number in files if exists(self._path(number)))
 
     def _warn_of_gap(self, missing: int) -> None:
         """Warns if the video ends at a missing number though more files are there, or are asked for."""

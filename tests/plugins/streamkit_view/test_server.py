@@ -348,6 +348,7 @@ def test_the_end_of_a_publisher_and_a_missing_one_are_told_apart(
     ("arguments", "message"),
     [
         (("flight.mp4",), "flight.mp4: there is no such file"),
+        (("d" * 300 + ".mp4",), "ddd.mp4: there is no such file"),
         (("tracks.jsonl",), "tracks.jsonl: there is no such file"),
         (("uav/1", "--video", "flight.mp4"), "flight.mp4: there is no such file"),
         (("rtsp://a/b", "--video", "/dev/null"), "records and their video go together"),

@@ -130,3 +130,12 @@ def test_files_are_named_by_paths_too(tmp_path: Path) -> None:
     assert (tmp_path / "one.raw").read_bytes() == (tmp_path / "two.raw").read_bytes() != b""
     with pytest.raises(PropertyError, match="property key cannot be PosixPath"):
         make_element("zenohsrc").set_property("key", tmp_path)
+
+
+def test_a_name_that_is_too_long_is_an_error_of_the_sink(tmp_path: Path, small_file: Path) -> None:
+    """Whether it is that of the input cannot be told; the error is one line, at the start."""
+    text = f"filesrc location={small_file} ! filesink location={tmp_path}/{'d' * 300}.raw"
+    with pytest.raises(
+        ElementFailure, match=r"^filesink0: location=.*: cannot be written: File name too long;"
+    ):
+        Pipeline.parse(text).run(timeout_s=10)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from streamkit import Caps, Frame, Pipeline
 from streamkit.cli.main import make_app
 from streamkit_media.doctor.checks import Report, Verdict, _decoding_check, _format_check, stream_checks
-from streamkit_media.doctor.examine import examine
+from streamkit_media.doctor.examine import examine, in_description
 from streamkit_media.doctor.measure import Decoded
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.streams import DECODE_ONLY
@@ -432,3 +432,13 @@ def test_times_in_order_of_coding_are_a_note(make_video: Callable[..., Path], tm
     report = examine(str(wrong), 1, 5, "tcp")
     assert verdicts(report)["times"] == "note"
     assert report.is_usable
+
+
+@pytest.mark.parametrize(
+    "value", [r"back\slash", r"two\\s", 'a "q" b', r"f\"g", r"\$x", "$HOME", "`a`", "a!b;c (1) ü"]
+)
+def test_the_line_is_for_a_shell(value: str) -> None:
+    """What a shell makes of it within double quotes is a description whose value is the name."""
+    line = f'printf %s "location={in_description(value)}"'
+    text = subprocess.run(["sh", "-c", line], capture_output=True, text=True, timeout=20, check=True).stdout
+    assert Pipeline.parse(f"filesrc {text} ! fakesink")["filesrc0"].location == value

@@ -132,3 +132,9 @@ def test_real_frames(streamkit_data: Path) -> None:
     first = cv2.imread(str(streamkit_data / "sot" / "car4" / "img" / "000001.jpg"), cv2.IMREAD_GRAYSCALE)
     assert first is not None
     assert np.abs(frames[0].data.astype(int) - first).max() <= 2
+
+
+def test_a_name_that_is_too_long_is_explained(tmp_path: Path) -> None:
+    """By the path, the reason and what to check, as for filesrc."""
+    with pytest.raises(ElementFailure, match="the file cannot be read: File name too long; check the path"):
+        decoded(f"location={tmp_path}/{'d' * 300}%d.png")
