@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from streamkit.errors import ResourceError
+from streamkit.output.claim import check_unclaimed
 from streamkit.output.names import FileNames
 
 
@@ -41,11 +42,16 @@ class OlderFiles:
 
         Raises:
             ResourceError: there are older ones, which must stay alone.
+            OSError: the newest is being written: its writer would find the run's files in the place of its next.
         """
-        there = [number for _, number in self.names.existing()]
+        there = {number: path for path, number in self.names.existing()}
         if there and self.if_exists is IfExists.FAIL:
             raise ResourceError(f"{self.location}: {len(there)} such files exist; {self._remedy()}")
-        return max(there) + 1 if there and self.if_exists is IfExists.CONTINUE else 0
+        if not there or self.if_exists is not IfExists.CONTINUE:
+            return 0
+        newest = max(there)
+        check_unclaimed(there[newest])
+        return newest + 1
 
     def place(self, path: Path) -> Path:
         """The path of a file of the run: its own, or another one beside an older file of the same second.

@@ -564,6 +564,25 @@ def test_a_recording_is_never_overwritten(make_video: MakeVideo, tmp_path: Path)
     assert len(video_frames(tmp_path / "one.ts")) == 60
 
 
+def test_a_second_recorder_of_the_same_segments_is_refused(small_video: Path, tmp_path: Path) -> None:
+    """When it starts: it would take the next number of the first, which would end with an error."""
+    with Pipeline.parse(f"filesrc location={small_video} ! appsink name=out max-buffers=0") as pipeline:
+        pipeline.play()
+        frames = list(pipeline["out"])
+    text = f"filesrc location={small_video} ! packetsink location={tmp_path}/%d.ts max-size-time=1"
+    (tmp_path / "6.ts").touch()
+    with Harness("packetsink", location=f"{tmp_path}/%d.ts", max_size_time=1) as first:
+        first.push(frames[0])
+        assert (tmp_path / "7.ts").exists()
+        with pytest.raises(ElementFailure, match=r"packetsink0: .*: another process or pipeline is writing"):
+            Pipeline.parse(text).run(timeout_s=20)
+        for frame in frames[1:]:
+            first.push(frame)
+        first.drain()
+    Pipeline.parse(text).run(timeout_s=20)
+    assert {path.name for path in tmp_path.glob("*.ts")} == {"6.ts", "7.ts", "8.ts", "9.ts", "10.ts"}
+
+
 def test_the_oldest_segments_are_deleted(make_video: MakeVideo, tmp_path: Path) -> None:
     """With their arrivals, also those of an earlier run, and nothing else."""
     source = make_video("long_for_segments.mp4", count=60)
