@@ -21,7 +21,7 @@ DEVIATION_RATIO = 1.2533
 FIRST_DEVIATION, EDGE_SHARE = np.float32(1.5), np.float32(0.04)
 # Weight of a frame in a pixel's noise, and in that of a pixel that was never quiet.
 LEARNING_RATE, RESTLESS_RATE = 0.1, 0.15
-# So many pixels in a row that stay exactly the same are repeated; of single ones noise leaves a quarter the same.
+# So many pixels in a row that stay exactly the same are repeated; noise leaves a quarter of single ones so.
 REPEATED_PX = 8
 # Where more of a frame is foreground, what passes for background may be part of what moves.
 MAX_FOREGROUND = 0.3

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from streamkit.errors import ResourceError
-from streamkit.output.claim import check_unclaimed
+from streamkit.output.file import check_unclaimed
 from streamkit.output.names import FileNames
 
 
@@ -42,7 +42,7 @@ class OlderFiles:
 
         Raises:
             ResourceError: there are older ones, which must stay alone.
-            OSError: the newest is being written: its writer would find the run's files in the place of its next.
+            OSError: the newest is being written: its writer would meet the files of this run.
         """
         there = {number: path for path, number in self.names.existing()}
         if there and self.if_exists is IfExists.FAIL:

@@ -166,10 +166,10 @@ class Source(Element):
                 f"frames() yields Frame, (pad name, Frame) or Event, got {type(item).__name__}: "
                 "put data into a frame with Frame(data, caps)"
             )
-        pad = main or self.src_pad if name is None else self.pads.get(name)
-        if pad is None:
+        if name is not None and name not in self.pads:
             self.check_declares_src(name)
             return
+        pad = main or self.src_pad if name is None else self.pads[name]
         if name is not None and pad is not main and pad.peer is None:
             return
         try:
