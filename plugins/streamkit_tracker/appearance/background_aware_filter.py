@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -54,6 +55,12 @@ class BackgroundAwareFilter:
         """Response float32[grid, grid] to a region; no shift is in the middle, cell grid // 2."""
         total = self._scaling * np.sum(self._weights.conj() * spectra, axis=0)
         return np.fft.fftshift(scipy.fft.irfft2(total, s=(GRID, GRID)))
+
+    def mixed(self, earlier: BackgroundAwareFilter, share: float) -> BackgroundAwareFilter:
+        """A filter whose response is the mean of both; `share`, 0 to 1, is the weight of the earlier one."""
+        other = copy.copy(self)
+        other._weights = self._weights + np.float32(share) * (earlier._weights - self._weights)
+        return other
 
     def learn(self, spectra: ComplexArray, share: float) -> None:
         """Learns a region with the target in its middle, as far as `share` says, above 0 to 1."""

@@ -88,6 +88,12 @@ class CorrelationFilter:
         other.sizes = copy.copy(self.sizes)
         return other
 
+    def mixed(self, earlier: CorrelationFilter, share: float) -> CorrelationFilter:
+        """A filter that responds as the mean of both; `share`, 0 to 1, is the weight of the earlier one."""
+        other = self.copy()
+        other._filter = self._filter.mixed(earlier._filter, share)
+        return other
+
     def sharpness(self, region: Region) -> float:
         """Peak to sidelobe ratio in the middle of a region."""
         return _clearness(self._filter.respond(region.spectra), GRID // 2, GRID // 2)[1]

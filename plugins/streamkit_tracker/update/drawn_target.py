@@ -12,6 +12,7 @@ from streamkit_tracker.update.redetection import Redetector
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
 MIN_SHARE = 0.02  # of a region that the filter learns
+OLDEST_SHARE = 0.3  # of the response: a few wrong frames must not decide alone
 
 
 class DrawnTarget:
@@ -25,15 +26,19 @@ class DrawnTarget:
         window: float64[5], the window that was drawn.
 
     Attributes:
-        filter: responds to the target; see `streamkit_tracker.update.response`.
         response: of the filter in this frame, where it is credible, else None.
     """
 
     def __init__(self, sampler: WindowSampler, window: FloatArray) -> None:
-        self.filter = CorrelationFilter(sampler, window)
+        self._latest = CorrelationFilter(sampler, window)
         self.response: Response | None = None
-        self._copies = FilterCopies(self.filter)
+        self._copies = FilterCopies(self._latest)
         self._redetector = Redetector(sampler, window)
+
+    @property
+    def filter(self) -> CorrelationFilter:
+        """Responds to the target as the mean of the latest filter and its oldest copy."""
+        return self._latest.mixed(self._copies.oldest, OLDEST_SHARE)
 
     @property
     def is_sure(self) -> bool:
@@ -45,12 +50,12 @@ class DrawnTarget:
 
         `share`, 0 to 1, is how far the window is believed.
         """
-        region = None if window is None else self.filter.features.read(sampler, window)
+        region = None if window is None else self._latest.features.read(sampler, window)
         if region is not None and share > MIN_SHARE:
-            self.filter.learn(sampler, region, share)
+            self._latest.learn(sampler, region, share)
         self._copies.compare(region)
         if self.is_sure:
-            self._copies.add(self.filter)
+            self._copies.add(self._latest)
 
     def redetect(self, sampler: WindowSampler, window: FloatArray, *, is_seen: bool) -> FloatArray | None:
         """Returns the window float64[5] to follow instead of the present one, or None to go on with that.
@@ -64,6 +69,6 @@ class DrawnTarget:
         apart = math.dist(found[:2], window[:2]) / math.sqrt(found[LENGTH] * found[WIDTH])
         if is_seen and (self.is_sure or apart <= PADDING / 2):
             return None
-        self.filter = self._copies.oldest.copy()
-        self._copies = FilterCopies(self.filter)
+        self._latest = self._copies.oldest.copy()
+        self._copies = FilterCopies(self._latest)
         return found

@@ -11,24 +11,13 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_f
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
-from streamkit_tracker.update.detected_box import (
-    measure_shared,
-    motion_headings,
-    turned_windows,
-)
+from streamkit_tracker.update.detected_box import measure_shared, motion_headings, turned_windows
 from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import SearchGroup, search
-from streamkit_tracker.window_geometry import (
-    ANGLE,
-    IDENTITY,
-    LENGTH,
-    WIDTH,
-    Float32Array,
-    FloatArray,
-)
+from streamkit_tracker.window_geometry import ANGLE, IDENTITY, LENGTH, WIDTH, Float32Array, FloatArray
 
 SIDES_STD = 0.12
 MIN_CONTRAST = 1e-3

@@ -1,5 +1,7 @@
 """The filter with its weights inside the target."""
 
+import copy
+
 import numpy as np
 import pytest
 import scipy
@@ -48,6 +50,18 @@ def test_a_new_look_is_learnt_in_time():
     for _ in range(100):
         learnt.learn(region(target=7), 1.0)
     assert learnt.respond(region(target=7)).max() > 2 * learnt.respond(region()).max()
+
+
+def test_a_mixture_responds_as_the_mean_of_both():
+    """By their weights, and neither of the two is changed."""
+    earlier = BackgroundAwareFilter(region(), EXTENT)
+    latest = copy.copy(earlier)
+    latest.learn(region(target=7), 1.0)
+    both = [each.respond(region()) for each in (latest, earlier)]
+    mixed = latest.mixed(earlier, 0.3).respond(region())
+    assert np.abs(both[0] - both[1]).max() > 0.01
+    assert mixed == pytest.approx(0.7 * both[0] + 0.3 * both[1], abs=1e-5)
+    assert latest.respond(region()) == pytest.approx(both[0])
 
 
 def test_a_flat_region_gives_a_flat_response():
