@@ -6,14 +6,7 @@ import numpy as np
 
 from streamkit_kernels import compiled
 from streamkit_tracker.targets import COASTING, CONFIRMED, TENTATIVE, BoolArray, TargetRows, TargetTable
-from streamkit_tracker.window_geometry import (
-    ANGLE,
-    LENGTH,
-    WIDTH,
-    FloatArray,
-    is_inside,
-    visible_fraction,
-)
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray, is_inside, visible_fraction
 
 MIN_VISIBLE = 0.3  # part of a window in the frame: of the rest a search sees the repeated edge
 MERGE_FRAMES = 3  # in a row: a position or a velocity that is wrong once ends no target

@@ -12,13 +12,14 @@ from streamkit_tracker.appearance.feature_template import FeatureTemplate
 from streamkit_tracker.appearance.window_sampling import WindowSampler
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
-from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetModel, TargetTable
-from streamkit_tracker.trail import JITTER, extended, span, straightness
-from streamkit_tracker.update.detected_box import LARGE_SIDE, motion_headings, turned_windows
+from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
+from streamkit_tracker.trail import JITTER, MAX_POSITIONS, extended, span, straightness
+from streamkit_tracker.update.detected_box import LARGE_SIDE, RATED_S, motion_headings, turned_windows
 from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
 
-SIGHTINGS = 5  # the last detections of a target, by which its regions are judged
+# The last detections of a target, by which its regions are judged; fewer say nothing of their size or path.
+SIGHTINGS = 5
 MAX_SIZE_STD = 0.4  # of the logarithm of the area: parts of a target are half of it, or twice a part
 LIKELY = 0.5  # more than this is more likely than not
 TENTATIVE_SHARE = 4  # tentative targets for each confirmed one: in clutter most detections begin none
@@ -48,7 +49,7 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
     candidates = np.flatnonzero((rows["state"] == TENTATIVE) & (rows["detection"] >= 0))
     if not len(candidates):
         return
-    lasting = table.survival.probabilities()
+    lasting_hits = in_same_time(settings.lasting_hits, observation.step_s)
     found = rows["detection"][candidates]
     positions, seen = observation.centroids[found], sightings(observation, found)
     for index, position, sighting in zip(candidates.tolist(), positions, seen, strict=True):
@@ -57,8 +58,9 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
         model.sightings = extended(model.sightings, sighting)
         obstacle = find_obstacle(table, index)
         if not obstacle and not observation.are_objects:
-            likelihood = lasting.item(min(rows["detections"].item(index), settings.lasting_hits))
-            obstacle = find_doubt(model, settings, likelihood)
+            likelihood = table.survival.probability(rows["detections"].item(index), lasting_hits)
+            recent = model.trail[-in_same_time(MAX_POSITIONS, observation.step_s) :]
+            obstacle = find_doubt(recent, model.sightings, settings, likelihood)
         if obstacle:
             table.causes[rows["id"].item(index)] = f"waits, {obstacle}"
             continue
@@ -91,18 +93,26 @@ def find_obstacle(table: TargetTable, index: int) -> str:
     return ""
 
 
-def find_doubt(model: TargetModel, settings: TrackerSettings, likelihood: float) -> str:
+def in_same_time(detections: int, step_s: float) -> int:
+    """How many detections take as long as so many at 25 frames a second; `SIGHTINGS` at least, but no more.
+
+    What clutter shows lasts for some time, not for some frames.
+    """
+    return min(detections, max(SIGHTINGS, round(detections * RATED_S / step_s)))
+
+
+def find_doubt(trail: FloatArray, sightings: FloatArray, settings: TrackerSettings, likelihood: float) -> str:
     """Why regions of motion are no target yet: rule, colon, numbers; empty if they are.
 
     They have to move over the ground, and the last ones to be clear and of one size. Structures that shift
     against the ground, as relief does under a camera that moves, leave regions that are faint, or that break
     up and grow together. `likelihood` is that of reaching `lasting_hits`.
     """
-    if (travel := math.hypot(*span(model.trail))) < settings.min_travel:
+    if (travel := math.hypot(*span(trail))) < settings.min_travel:
         return f"hardly moved: {travel:.1f} px, min-travel={settings.min_travel:g}"
-    if (straight := straightness(model.trail)) < JITTER:
+    if (straight := straightness(trail)) < JITTER:
         return f"moves to and fro: straightness {straight:.2f}, needs {JITTER:g}"
-    scores, areas = model.sightings[-SIGHTINGS:].T
+    scores, areas = sightings[-SIGHTINGS:].T
     if (score := scores.mean()) < settings.birth_score:
         return f"faint: mean score {score:.2f}, birth-score={settings.birth_score:g}"
     if (size_std := areas.std()) > MAX_SIZE_STD:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit_tracker.window_geometry import FloatArray, IntArray
+from streamkit_tracker.window_geometry import IntArray
 
 MEMORY = 50  # targets, of those that reached a number of detections, by which later ones are judged
 
@@ -34,7 +34,7 @@ class Survival:
         self._reached = self._reached * faded + new
         self._ended = self._ended * faded + new * ended
 
-    def probabilities(self) -> FloatArray:
-        """Of reaching `until` detections, for each number of detections, 0 first: float64[until + 1]."""
-        goes_on = 1 - self._ended / (self._reached + 1)
-        return np.append(np.cumprod(goes_on[::-1])[::-1], 1.0)
+    def probability(self, detections: int, until: int) -> float:
+        """Of reaching `until` detections, for a target that has had so many."""
+        reached = slice(detections, until)
+        return float(np.prod(1 - self._ended[reached] / (self._reached[reached] + 1)))

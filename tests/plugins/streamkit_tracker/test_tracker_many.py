@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from itertools import pairwise
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -462,15 +463,17 @@ def test_a_waiting_target_names_the_rule_and_its_numbers(
     assert reports[-1].provenance.cause.startswith(cause)
 
 
-def flicker(frames: int, car_from: int, **observed: bool) -> Iterator[Observation]:
-    """Regions that move and are detected for four frames each, and from one frame on a car among them."""
+def flicker(
+    frames: int, car_from: int, life: int = 4, step_s: float = 0.04, **observed: bool
+) -> Iterator[Observation]:
+    """Regions that move and are detected for `life` frames each, and from one frame on a car among them."""
     for index in range(frames):
-        age = index % 4
-        corners = [(40.0 + 90 * slot + 4 * age, 40.0 + 70 * (index // 4 % 3)) for slot in range(5)]
+        age = index % life
+        corners = [(40.0 + 90 * slot + 4 * age, 40.0 + 70 * (index // life % 3)) for slot in range(5)]
         if index >= car_from:
             corners.append((30.0 + 4 * (index - car_from), 260.0))
         boxes = np.array([[x, y, x + 24, y + 12] for x, y in corners])
-        yield Observation(0.04, centroids=(boxes[:, :2] + boxes[:, 2:]) / 2, boxes=boxes, **observed)
+        yield Observation(step_s, centroids=(boxes[:, :2] + boxes[:, 2:]) / 2, boxes=boxes, **observed)
 
 
 def test_a_target_that_waits_says_why():
@@ -482,7 +485,7 @@ def test_a_target_that_waits_says_why():
     assert set(waiting) == {TrackState.TENTATIVE}
 
 
-def first_confirmed(settings: TrackerSettings, **observed: bool) -> dict[int, tuple[int, bool]]:
+def first_confirmed(settings: TrackerSettings, **observed: Any) -> dict[int, tuple[int, bool]]:
     """By id the frame in which a target of `flicker` is confirmed first, and whether it is the car."""
     tracker, image = MultiTargetTracker(settings), np.full((300, 500), 90, np.uint8)
     found: dict[int, tuple[int, bool]] = {}
@@ -490,6 +493,13 @@ def first_confirmed(settings: TrackerSettings, **observed: bool) -> dict[int, tu
         for one in confirmed(tracker.step(image, observation)):
             found.setdefault(one.id, (index, one.turned_box[1] > 240))
     return found
+
+
+@pytest.mark.parametrize(("step_s", "are_lasting"), [(0.04, False), (0.08, True)])
+def test_regions_last_for_a_time_not_for_a_number_of_frames(step_s: float, are_lasting: bool):
+    """Ten frames are less than `lasting-hits` at 25 a second, and more than its time at half of that."""
+    found = first_confirmed(TrackerSettings(), life=10, step_s=step_s).values()
+    assert any(not is_car and frame >= 60 for frame, is_car in found) == are_lasting
 
 
 def test_where_regions_flicker_a_target_is_confirmed_once_it_lasts():
