@@ -17,7 +17,7 @@ from streamkit.geometry.homography import (
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import MIN_CORNER_STD, Keyframe, KeyframeMatch
-from streamkit_stitcher.plane.rest import RestBelief, RestEvidence
+from streamkit_stitcher.plane.rest import RestBelief, RestEvidence, probability_beyond
 from streamkit_stitcher.registration.block_sums import SingleArray
 from streamkit_stitcher.registration.dense_alignment import (
     ELSEWHERE,
@@ -37,9 +37,11 @@ _GAIN: Final = 0.1
 _OUTLIER: Final = 3.0
 # Part by which a camera that has rested at the keyframe is preferred there beyond what the frame shows.
 _PERSISTENCE: Final = 0.5
-# Difference of textures that are alike but for noise. Larger ones are due to movers and leaves, which bend
-# the motion: they do not average out.
+# Difference of textures that are alike but for noise.
 _NOISE_RMSE: Final = 0.17
+# Weight of the deviations by which the fit excludes an error, beside those by which parts of the frame do:
+# movers and leaves bend the fit, noise and compression do not.
+_FIT_WEIGHT: Final = 1 / 3
 # Error of the worst corner that each frame is tested for, px.
 _DOUBTED: Final = 2.0
 _SAME: Final = 1e-6
@@ -160,9 +162,13 @@ class DenseMatcher:
         if found.at_rest:
             std = math.hypot(std, found.away * factor) * (1 - _PERSISTENCE * self._rest.share)
         else:
-            std *= (found.rmse / _NOISE_RMSE) ** 2
-        # A wrong motion is off by as much as the search reaches.
-        reach = math.hypot(ELSEWHERE * factor, before_std)
+            doubt = probability_beyond(found.bent_evidence + _FIT_WEIGHT * _DOUBTED / std)
+            difference = (found.rmse / _NOISE_RMSE) ** 2
+            # Where the parts speak against the motion, textures differ by more than noise: movers bend it.
+            grown = std * max(1.0, difference) if found.bent_evidence < 0 else std
+            std = min(1.0, difference) * math.hypot(grown, _DOUBTED * math.sqrt(doubt))
+        # Four times what is tested, however large the frame is.
+        reach = math.hypot(ELSEWHERE, before_std)
         return math.hypot(MIN_CORNER_STD * factor, std, reach * math.sqrt(wrong))
 
     def _prior(self, before_std: float) -> FloatArray:

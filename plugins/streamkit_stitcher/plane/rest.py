@@ -79,4 +79,9 @@ class RestEvidence:
         kept = 1 - 1 / _MEMORY
         self._sum, self._variance = kept * self._sum + evidence, kept**2 * self._variance + 1
         deviations = float(self._sum.min()) / math.sqrt(self._variance)
-        return math.erfc(deviations / math.sqrt(2)) / 2
+        return probability_beyond(deviations)
+
+
+def probability_beyond(deviations: float) -> float:
+    """Probability that a standard normal variable is larger."""
+    return math.erfc(deviations / math.sqrt(2)) / 2

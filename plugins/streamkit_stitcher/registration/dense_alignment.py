@@ -1,5 +1,6 @@
 """Dense alignment: all of a keyframe votes by area, so that large movers do not outvote weak texture."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -47,6 +48,8 @@ class DenseAlignment:
         tilt: float64[4], shear and perspective that this frame alone shows, see `tilt_of`.
         tilt_variances: float64[4], of these, px squared.
         evidence: float64[8], against each motion that is `doubted` px off, see `DenseLevel.neighbours`.
+        bent_evidence: the least, against the two motions that are as far off where the best one is least
+            certain, see `DenseLevel.least_certain`; infinite at rest.
     """
 
     key_to_frame: FloatArray
@@ -63,6 +66,7 @@ class DenseAlignment:
     tilt: FloatArray
     tilt_variances: FloatArray
     evidence: FloatArray
+    bent_evidence: float
 
     @property
     def away(self) -> float:
@@ -107,10 +111,10 @@ class _Fit:
         alone = np.linalg.inv(self.posterior) - np.linalg.inv(self.prior.covariance)
         return np.asarray(alone + _UNSEEN * np.eye(8))
 
-    def corner_std(self, level: DenseLevel) -> float:
-        """Predicted error at the worst corner, px."""
-        known = self.information + self.prior.lasting
-        return level.corner_std(np.asarray(np.linalg.inv(known), np.float64))
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the motion, without what earlier frames say of shear and perspective, float64[8, 8]."""
+        return np.asarray(np.linalg.inv(self.information + self.prior.lasting), np.float64)
 
     def tilt(self, level: DenseLevel) -> FloatArray:
         """Shear and perspective where the frame alone has its maximum of likelihood, float64[4]."""
@@ -173,11 +177,15 @@ def align_densely(
         if confirmed.min() > 0:
             best, at_rest, near_rest, evidence = moved, False, False, confirmed
             motion, compared = moved.motion, moved.compared
+    bent_evidence = math.inf
+    if not at_rest:
+        bent = finest.least_certain(best.covariance, doubted)
+        bent_evidence = float(_evidence(finest, image, motion, compared, bent).min())
     outline = corners(finest.shape)
     return DenseAlignment(
         motion,
         _beyond_chance(finest, image, motion, compared),
-        best.corner_std(finest),
+        finest.corner_std(best.covariance),
         best.posterior,
         finest.step_of(inverse(best.prior.start) @ motion),
         np.flatnonzero(compared.weights > _AGREEING),
@@ -189,6 +197,7 @@ def align_densely(
         best.tilt(finest),
         np.diag(np.linalg.inv(best.information))[4:],
         evidence,
+        bent_evidence,
     )
 
 

@@ -181,13 +181,27 @@ class DenseLevel:
 
     def neighbours(self, distance: float) -> list[FloatArray]:
         """Steps by `distance` px at the worst corner, float64[3, 3]: shifts, scale and turn, either way."""
+        return self._steps_along(np.eye(8)[:4], distance)
+
+    def least_certain(self, covariance: FloatArray, distance: float) -> list[FloatArray]:
+        """Steps by `distance` px at the worst corner where a motion is least certain, either way.
+
+        Args:
+            covariance: float64[8, 8], of the motion's parameters.
+            distance: px.
+        """
+        of_corners = np.einsum("ipk,pq,jqk->kij", self._corner_slopes, covariance, self._corner_slopes)
+        variances, directions = np.linalg.eigh(of_corners)
+        worst = int(variances[:, 1].argmax())
+        step = covariance @ (directions[worst, :, 1] @ self._corner_slopes[:, :, worst])
+        return self._steps_along(step[np.newaxis], distance)
+
+    def _steps_along(self, directions: FloatArray, distance: float) -> list[FloatArray]:
+        """Steps along each of float64[n, 8], either way, by `distance` px at the corner that moves most."""
         x, y = self._corner_slopes
-        lengths = distance / np.hypot(x, y).max(axis=1)
-        return [
-            self.matrix_of(way * lengths[number] * np.eye(8)[number])
-            for number in range(4)
-            for way in (1, -1)
-        ]
+        lengths = distance / np.hypot(directions @ x, directions @ y).max(axis=1)
+        steps = lengths[:, np.newaxis] * directions
+        return [self.matrix_of(way * step) for step in steps for way in (1, -1)]
 
     def refine(
         self,

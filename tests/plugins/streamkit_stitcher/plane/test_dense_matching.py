@@ -50,6 +50,35 @@ def test_a_camera_at_rest_is_sure_behind_movers(keyframe, scene):
     assert (found[1:] < OK_STD).all()
 
 
+def moving_deviations(keyframe, ground, seen_from):
+    """The predicted error of frames of a noisy camera that moves by 1.7 px each, px, from the fourth on.
+
+    A frame shows something else left of column `seen_from`.
+    """
+    matcher, before, found = DenseMatcher(), np.eye(3), []
+    for seed in range(10):
+        moved = translation(np.array([1.5 * seed, 0.7 * seed]))
+        view = cv2.warpPerspective(
+            ground, inverse(translation(np.array([300.0, 300.0])) @ moved), SHAPE[::-1]
+        )
+        noise = 10.0 * np.random.default_rng(seed).standard_normal(SHAPE)
+        frame = np.clip(np.rint(view + noise), 0, 255).astype(np.uint8)
+        match = matcher.match(keyframe, hidden(frame, seed, seen_from), before, 0.3, before)
+        before = match.fit.matrix
+        found.append(match.corner_std)
+    return np.array(found[3:])
+
+
+def test_noise_does_not_make_a_moving_frame_weak(keyframe, ground):
+    """Noise is as large everywhere, and the parts of the frame agree on the motion."""
+    assert (moving_deviations(keyframe, ground, 0) < OK_STD).all()
+
+
+def test_a_moving_frame_is_weak_where_a_few_parts_show_the_scene(keyframe, ground):
+    """Five eighths of the frame show something else: the rest does not fix the far corners."""
+    assert (moving_deviations(keyframe, ground, 100) > OK_STD).all()
+
+
 def test_a_camera_that_shakes_about_one_place_is_not_taken_to_rest_there(keyframe, ground):
     """Each frame lies so near its keyframe that rest explains it behind leaves, but not all of them."""
     matcher, errors, shakes = DenseMatcher(), [], []

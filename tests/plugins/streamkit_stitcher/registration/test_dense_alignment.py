@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import corner_shift, inverse, translation
+from streamkit.geometry.homography import corner_shift, corners, inverse, project, translation
 from streamkit_stitcher.registration.dense_alignment import align_densely
 from streamkit_stitcher.registration.dense_level import (
     STEP_RATIOS,
@@ -123,6 +123,23 @@ def test_evidence_speaks_against_motions_two_pixels_off(ground):
     wrong = level.compare(image, off)
     near = [level.compare(image, off @ step) for step in level.neighbours(2.0)]
     assert min(level.evidence(wrong, one) for one in near) < -3
+
+
+def test_the_least_certain_motion_is_tested_where_the_scene_is_hidden(ground):
+    """It moves a hidden corner by the distance asked for, and less speaks against it; rest is not tested."""
+    key, motion = levels(ground[300:480, 300:620]), translation(np.array([-6.0, -3.0]))
+    seen = np.ascontiguousarray(ground[303:483, 306:626])
+    hidden = seen.copy()
+    hidden[:, :200] = ground[1000:1180, 1000:1200]
+    whole, part = (aligned(key, frame, [motion], STEADY) for frame in (seen, hidden))
+    assert part.bent_evidence < 0.7 * whole.bent_evidence
+    assert whole.bent_evidence > 2
+    step, back = key[-1].least_certain(part.covariance, 2.0)
+    shifts = np.hypot(*(project(step, corners(SHAPE)) - corners(SHAPE)).T)
+    assert shifts.max() == pytest.approx(2.0, abs=0.1)
+    assert shifts[[0, 3]].max() > shifts[[1, 2]].max()
+    assert corner_shift(step @ back, SHAPE) < 0.1
+    assert aligned(key, ground[300:480, 300:620], [np.eye(3)], STEADY, rest_share=1.0).bent_evidence == np.inf
 
 
 def test_a_turn_that_was_not_expected_is_found(ground):
