@@ -21,7 +21,7 @@ DEVIATION_RATIO = 1.2533
 FIRST_DEVIATION, EDGE_SHARE = np.float32(1.5), np.float32(0.04)
 # Weight of a frame in a pixel's noise, and in that of a pixel that was never quiet.
 LEARNING_RATE, RESTLESS_RATE = 0.1, 0.15
-# So many pixels in a row that stay exactly the same are repeated; noise leaves a quarter of single ones so.
+# Eight pixels in a row that stay exactly the same are repeated; noise leaves a quarter of single ones so.
 REPEATED_PX = 8
 # Where more of a frame is foreground, what passes for background may be part of what moves.
 MAX_FOREGROUND = 0.3
@@ -37,20 +37,31 @@ def find_thresholds(deviation: ByteLine, gain: np.float32, lowest: np.float32, t
 
 
 @compiled
-def find_measured(image: ByteLine, last: ByteLine, measured: ByteLine) -> None:
+def find_measured(image: ByteLine, last: ByteLine, measured: ByteLine, changed: ByteLine) -> None:
     """The pixels of a line that show noise: blocks that a codec repeats show none until it codes them anew.
 
     Args:
         image: uint8[w], f(t).
         last: uint8[w], f(t - 1).
         measured: uint8[w], becomes their mask.
+        changed: uint8[w + 8 or more], is overwritten.
     """
-    for start in range(0, measured.size, REPEATED_PX):
-        stop = min(start + REPEATED_PX, measured.size)
-        differs = np.uint8(0)
-        for index in range(start, stop):
-            differs |= image[index] ^ last[index]
-        measured[start:stop] = SET if differs > 0 else np.uint8(0)
+    half, size = REPEATED_PX // 2, measured.size
+    changed[:half], changed[half + size : half + size + half] = 0, 0
+    for index in range(size):
+        changed[half + index] = image[index] ^ last[index]
+    # Of each run of two, of four, of eight.
+    _unite_with_next(changed, size + 6, 1)
+    _unite_with_next(changed, size + 4, 2)
+    _unite_with_next(changed, size, 4)
+    for index in range(size):
+        measured[index] = SET if changed[index] > 0 else np.uint8(0)
+
+
+@compiled
+def _unite_with_next(line: ByteLine, count: int, step: int) -> None:
+    for index in range(count):
+        line[index] |= line[index + step]
 
 
 @compiled

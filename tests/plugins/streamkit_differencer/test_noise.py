@@ -45,9 +45,9 @@ def test_thresholds_are_bounded():
 
 
 def test_runs_of_pixels_that_stay_the_same_are_not_measured():
-    """A whole run of eight; the last run of a line may be shorter."""
+    """Of the eight pixels around each, four before and three after it, all stay."""
     last = np.arange(20, dtype=np.uint8)
     image, measured = last.copy(), np.empty_like(last)
-    image[[9, 19]] += 1
-    find_measured(image, last, measured)
-    assert np.flatnonzero(measured).tolist() == list(range(8, 20))
+    image[[4, 19]] += 1
+    find_measured(image, last, measured, np.full(28, 255, np.uint8))
+    assert np.flatnonzero(measured == 0).tolist() == [0, *range(9, 16)]
