@@ -69,17 +69,17 @@ class BackgroundModel:
         follows_exposure = self._follow_exposure(frame)
         self._frames += 1
         # Without an earlier frame no pixel counts as quiet.
-        earlier = self._history[0] if self._history else np.full_like(frame.image, UNSEEN)
+        history = self._history or (np.full_like(frame.image, UNSEEN),)
         gradient_gain = settings.gradient_gain if self.flies else 0.0
         threshold, quiet_frames = settings.change_threshold, settings.quiet_frames
-        quiet = find_quiet_ground(frame, earlier, ground, threshold, gradient_gain, quiet_frames)
+        quiet = find_quiet_ground(frame, history[0], ground, threshold, gradient_gain, quiet_frames)
         background, thresholds, mask = find_foreground(frame, ground, settings)
         found = Comparison(background, thresholds, quiet, mask, follows_exposure)
         if view is not None and self._history:
             self.flies |= view.is_flight
             if view.height > 0.0:
                 self._remove_parallax(frame, found, view)
-        self._learn(frame, found)
+        self._learn(frame, history[-1], found)
         self._history.append(frame.image)
         if self.flies and self._frames <= 2 * settings.quiet_frames + settings.frame_interval:
             # A flight comes to new ground all the time: its first second is not worth the ghosts.
@@ -101,8 +101,8 @@ class BackgroundModel:
         if shifted.any():
             remove_blocks(blocks[shifted], found.mask, found.quiet, image, ground.background[region])
 
-    def _learn(self, frame: CanvasFrame, found: Comparison) -> None:
-        """Equation 3, stationary objects, new pixels, and the noise."""
+    def _learn(self, frame: CanvasFrame, last: ByteImage, found: Comparison) -> None:
+        """Equation 3, stationary objects, new pixels, and the noise; `last` is f(t - 1)."""
         settings = self.settings
         # On new ground there are vehicles that are as even as ground.
         min_frames = settings.quiet_frames if self.flies else MIN_FRAMES
@@ -110,7 +110,6 @@ class BackgroundModel:
         limits = Limits(settings.quiet_frames, settings.absorb_frames, same, min_frames)
         is_calm = cv2.countNonZero(found.mask) < MAX_FOREGROUND * found.mask.size
         rates = Rates(settings.learning_rate, LEARNING_RATE, RESTLESS_RATE if is_calm else 0.0)
-        last = self._history[-1] if self._history else np.full_like(frame.image, UNSEEN)
         learn(frame, last, found, self.ground, rates, limits)
 
     def _follow_exposure(self, frame: CanvasFrame) -> bool:

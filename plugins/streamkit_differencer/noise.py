@@ -51,9 +51,8 @@ def find_measured(image: ByteLine, last: ByteLine, measured: ByteLine, changed: 
     for index in range(size):
         changed[half + index] = image[index] ^ last[index]
     # Of each run of two, of four, of eight.
-    _unite_with_next(changed, size + 6, 1)
-    _unite_with_next(changed, size + 4, 2)
-    _unite_with_next(changed, size, 4)
+    for step in (1, 2, 4):
+        _unite_with_next(changed, size + REPEATED_PX - 2 * step, step)
     for index in range(size):
         measured[index] = SET if changed[index] > 0 else np.uint8(0)
 
