@@ -133,7 +133,7 @@ def test_files_are_named_by_paths_too(tmp_path: Path) -> None:
 
 
 def test_a_name_that_is_too_long_is_an_error_of_the_sink(tmp_path: Path, small_file: Path) -> None:
-    """Whether it is that of the input cannot be told; the error is one line, at the start."""
+    """Whether it is that of the input is not known; the error is one line, at the start."""
     text = f"filesrc location={small_file} ! filesink location={tmp_path}/{'d' * 300}.raw"
     with pytest.raises(
         ElementFailure, match=r"^filesink0: location=.*: cannot be written: File name too long;"
