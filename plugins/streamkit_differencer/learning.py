@@ -33,7 +33,7 @@ from streamkit_differencer.ground import (
     CanvasFrame,
     Ground,
 )
-from streamkit_differencer.noise import REPEATED_PX, find_measured, learn_noise
+from streamkit_differencer.noise import find_measured, learn_noise
 from streamkit_kernels import UINT8, compiled, kernel, named_tuple
 
 # Frames are counted up to this, or up to `absorb_frames` if that is more.
@@ -95,7 +95,6 @@ def learn(
     alpha, noise_rates = np.float32(rates.background), (np.float32(rates.noise), np.float32(rates.restless))
     averaged, columns = np.empty(right - left, np.uint8), np.empty(right - left, np.int64)
     is_open, noisy = np.empty_like(averaged), np.empty_like(averaged)
-    changed = np.empty(right - left + REPEATED_PX, np.uint8)
     for row in range(top, bottom):
         line, (first, last) = row - top, frame.spans[row - top]
         part, here, size = slice(first, last), slice(first - left, last - left), slice(0, last - first)
@@ -110,7 +109,7 @@ def learn(
         _find_averaged(marks[0], marks[1], states, known)
         update_background(background, values, known, alpha)
         measured = noisy[size]
-        find_measured(values, previous[row, part], measured, changed)
+        find_measured(values, previous[row, part], measured)
         noise = ground.deviation[row, part]
         learn_noise(values, rounded, measured, known, marks[0], states, noise_rates, noise)
         # The test of equation 2, against the background: what shows another value than that.

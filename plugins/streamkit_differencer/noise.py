@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit_differencer.arrays import ByteLine
-from streamkit_differencer.equations import SET
 from streamkit_differencer.ground import DEVIATION_STEPS, PROVISIONAL
 from streamkit_kernels import compiled
 
@@ -37,30 +36,26 @@ def find_thresholds(deviation: ByteLine, gain: np.float32, lowest: np.float32, t
 
 
 @compiled
-def find_measured(image: ByteLine, last: ByteLine, measured: ByteLine, changed: ByteLine) -> None:
+def find_measured(image: ByteLine, last: ByteLine, measured: ByteLine) -> None:
     """The pixels of a line that show noise: blocks that a codec repeats show none until it codes them anew.
 
     Args:
         image: uint8[w], f(t).
         last: uint8[w], f(t - 1).
-        measured: uint8[w], becomes their mask.
-        changed: uint8[w + 8 or more], is overwritten.
+        measured: uint8[w], becomes above 0 in the groups of `REPEATED_PX` of which a pixel changed; what is
+            left over at the end is a group.
     """
-    half, size = REPEATED_PX // 2, measured.size
-    changed[:half], changed[half + size : half + size + half] = 0, 0
-    for index in range(size):
-        changed[half + index] = image[index] ^ last[index]
-    # Of each run of two, of four, of eight.
-    for step in (1, 2, 4):
-        _unite_with_next(changed, size + REPEATED_PX - 2 * step, step)
-    for index in range(size):
-        measured[index] = SET if changed[index] > 0 else np.uint8(0)
-
-
-@compiled
-def _unite_with_next(line: ByteLine, count: int, step: int) -> None:
-    for index in range(count):
-        line[index] |= line[index + step]
+    whole = image.size // REPEATED_PX * REPEATED_PX
+    for first in range(0, whole, REPEATED_PX):
+        changes = np.uint8(0)
+        for index in range(REPEATED_PX):
+            changes |= image[first + index] ^ last[first + index]
+        for index in range(REPEATED_PX):
+            measured[first + index] = changes
+    changes = np.uint8(0)
+    for index in range(whole, image.size):
+        changes |= image[index] ^ last[index]
+    measured[whole:] = changes
 
 
 @compiled

@@ -55,8 +55,8 @@ def draw(image: ByteImage, to_image: FloatArray, spans: Spans, canvas: ByteImage
         left, right = spans[row]
         part, found = slice(left, right), slice(0, right - left)
         x, y = across[found], down[found]
-        _find_positions(to_image, np.float64(row), columns[part], (height, width), STEPS, x, y)
-        _number(x, y, width, STEP_BITS, indices[found])
+        _find_positions(to_image, np.float64(row), columns[part], (height, width), x, y)
+        _number(x, y, width, indices[found])
         _fetch_pairs(values, indices[found], width, upper[found], lower[found])
         _mix(upper[found], lower[found], x, y, canvas[row, part])
 
@@ -91,7 +91,9 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
     result, values = np.zeros((height, width), np.uint8), mask.reshape(-1)
     columns, indices = np.arange(width).astype(np.float32), np.empty(TILE, np.int32)
     across, down = np.empty_like(indices), np.empty_like(indices)
-    filled = _filled_tiles(mask)
+    # The nearest pixel is the one to the upper left of a position half a pixel on.
+    to_nearest, filled = to_mask.copy(), _filled_tiles(mask)
+    to_nearest[:2] += np.float64(0.5) * to_mask[2]
     for top in range(0, height, TILE):
         for left in range(0, width, TILE):
             bottom, right = min(top + TILE, height), min(left + TILE, width)
@@ -99,8 +101,8 @@ def fetch(mask: ByteImage, to_mask: FloatArray, height: int, width: int) -> Byte
                 continue
             x, y, pixels = across[: right - left], down[: right - left], indices[: right - left]
             for row in range(top, bottom):
-                _find_positions(to_mask, np.float64(row), columns[left:right], mask.shape, 1, x, y)
-                _number(x, y, mask.shape[1], 0, pixels)
+                _find_positions(to_nearest, np.float64(row), columns[left:right], mask.shape, x, y)
+                _number(x, y, mask.shape[1], pixels)
                 _fetch(values, pixels, result[row, left:right])
     return result
 
@@ -155,7 +157,6 @@ def _find_positions(
     row: float,
     columns: FloatLine,
     shape: tuple[int, int],
-    steps: int,
     across: WholeLine,
     down: WholeLine,
 ) -> None:
@@ -164,8 +165,8 @@ def _find_positions(
     x_first = np.float32(matrix[0, 1] * row + matrix[0, 2])
     y_first = np.float32(matrix[1, 1] * row + matrix[1, 2])
     depth_first = np.float32(matrix[2, 1] * row + matrix[2, 2])
-    right, bottom = np.float32((shape[1] - 1) * steps), np.float32((shape[0] - 1) * steps)
-    none, scale = np.float32(0.0), np.float32(steps)
+    right, bottom = np.float32((shape[1] - 1) * STEPS), np.float32((shape[0] - 1) * STEPS)
+    none, scale = np.float32(0.0), np.float32(STEPS)
     for index in range(columns.size):
         column = columns[index]
         nearness = scale / (depth_first + c * column)
@@ -186,11 +187,12 @@ def _pair(line: ByteLine, pairs: CountLine) -> None:
 
 
 @compiled
-def _number(across: WholeLine, down: WholeLine, width: int, bits: int, indices: WholeLine) -> None:
+def _number(across: WholeLine, down: WholeLine, width: int, indices: WholeLine) -> None:
     """The pixels to the upper left of positions, numbered line by line."""
-    line, shift = np.int32(width), np.int32(bits)
+    line = np.int32(width)
     for index in range(indices.size):
-        row, column = np.int32(down[index] >> shift), np.int32(across[index] >> shift)
+        # A shift that the compiler does not know takes twice as long.
+        row, column = np.int32(down[index] >> STEP_BITS), np.int32(across[index] >> STEP_BITS)
         indices[index] = np.int32(np.int32(row * line) + column)
 
 
