@@ -89,8 +89,7 @@ class ZenohSink(SessionElement, Sink):
                 session, root, settings, self.clock.utc_ns, self.clock.utc_ns(), self._failed,
                 self._count_dropped, self.stopping,
             )  # fmt: skip
-            elements = (lambda: ()) if self.host is None else self.host.elements
-            self._publication = Publication(publisher, streams, elements, self._element_statuses)
+            self._publication = Publication(publisher, streams, self.host.elements, self._element_statuses)
         except (InvalidQos, MissingLibrary, KeyInUse) as error:
             close_session(session, STOP_LIMIT_S)
             raise ResourceError(str(error)) from None
@@ -149,8 +148,6 @@ class ZenohSink(SessionElement, Sink):
         self._has_waited = True
 
     def _element_statuses(self) -> tuple[ElementStatus, ...]:
-        if self.host is None:
-            return ()
         return tuple(
             ElementStatus(
                 name=f"{row.parent}/{row.element}" if row.parent else row.element,

@@ -7,7 +7,7 @@ import logging
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from streamkit.element.code_place import place_of, traceback_of
 from streamkit.element.pad import Pad
@@ -29,18 +29,21 @@ log = logging.getLogger("streamkit")
 AT_WORK, IDLE = ord("1"), ord("0")
 
 
-class Host(Protocol):
-    """The running graph, as elements see it."""
+class Host:
+    """The running graph, as elements see it; this base class is that of an element in no graph."""
 
     @property
     def error(self) -> Exception | None:
         """The failure that has ended the run, or None."""
+        return None
 
     def elements(self) -> Sequence[Element]:
         """All elements of the graph, in textual order."""
+        return ()
 
     def statistics(self, now_ns: int) -> Sequence[ElementStatistics]:
         """Counters of the elements, in textual order; those in other processes have none."""
+        return ()
 
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a pad that was added while the graph streams."""
@@ -53,9 +56,13 @@ class Host(Protocol):
 
     def sink_ended(self, element: Element) -> None:
         """A sink has drained after EOS."""
+        element.post(Message(MessageKind.EOS, element.name))
 
     def prerolled(self, element: Element) -> None:
         """A sink of the paused graph holds its first frame."""
+
+
+NO_HOST = Host()
 
 
 class Element(PadOwner, PropertyOwner, Waits):
@@ -88,7 +95,7 @@ class Element(PadOwner, PropertyOwner, Waits):
         self.factory = type(self).__name__.lower()
         self.name = name or self.factory
         self.bin: Element | None = None
-        self.host: Host | None = None
+        self.host = NO_HOST
         self.drops: Counter[str] = Counter()
         self.results: Counter[str] = Counter()
         self.outcomes: Counter[str] = Counter()
@@ -153,24 +160,21 @@ class Element(PadOwner, PropertyOwner, Waits):
 
     def pipeline_error(self) -> Exception | None:
         """The failure that has ended the pipeline's run, or None."""
-        return None if self.host is None else self.host.error
+        return self.host.error
 
     def add_pad(self, template: str, name: str = "") -> Pad:
         """Makes a sometimes pad and the delayed links that wait for it."""
         pad = self.request_pad(self.pad_templates[template], name)
-        if self.host is not None:
-            self.host.pad_added(pad)
+        self.host.pad_added(pad)
         return pad
 
     def no_more_pads(self) -> None:
         """Reports that all sometimes pads exist; links that still wait for one are warned of."""
-        if self.host is not None:
-            self.host.no_more_pads(self)
+        self.host.no_more_pads(self)
 
     def reconfigure(self) -> None:
         """Makes upstream renegotiate before its next frame, because the accepted caps have changed."""
-        if self.host is not None:
-            self.host.reconfigure(self)
+        self.host.reconfigure(self)
 
     # Called by the engine.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from typing_extensions import override
 
-from streamkit.element.base import Element
+from streamkit.element.base import NO_HOST, Element
 from streamkit.element.pad import Pad, PadTemplate
 from streamkit.element.transform import drained_frames
 from streamkit.errors import PropertyError, StreamkitError
@@ -213,8 +213,7 @@ class Split(Element):
     @override
     def request_pad(self, template: PadTemplate, name: str = "") -> Pad:
         made = super().request_pad(template, name)
-        if self.host is not None:
-            self.pads_changed()
+        self.pads_changed()
         return made
 
     def release_pad(self, pad: Pad) -> None:
@@ -230,7 +229,7 @@ def check_active_pad(element: Element, name: str | None, template_name: str) -> 
         PropertyError: with the names of the pads.
     """
     template = element.pad_templates[template_name]
-    if name is None or name in element.pads or (element.host is None and template.matches(name)):
+    if name is None or name in element.pads or (element.host is NO_HOST and template.matches(name)):
         return
     known = ", ".join(pad for pad in element.pads if template.matches(pad))
     known = known or template_name.replace("%u", "0, ...")

@@ -13,7 +13,6 @@ from streamkit.element.property_text import INT64, UINT64, Choice
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import CapsEvent, EosEvent, Event, Flushing, GapEvent
 from streamkit.flow.frame import Frame
-from streamkit.flow.messages import Message, MessageKind
 
 
 class OnError(Choice):
@@ -142,8 +141,7 @@ class Sink(Element):
         if not self._has_prerolled:
             self._has_prerolled = True
             self.preroll(frame)
-            if self.host is not None:
-                self.host.prerolled(self)
+            self.host.prerolled(self)
         plays = self.wait_while_paused(flushes)
         self._has_prerolled = False
         if not plays:
@@ -182,9 +180,6 @@ class Sink(Element):
                 with self.calling("drain"):
                     self.drain()
             pad.is_eos = True
-            if self.host is not None:
-                self.host.sink_ended(self)
-            else:
-                self.post(Message(MessageKind.EOS, self.name))
+            self.host.sink_ended(self)
         else:
             pad.is_eos = True

@@ -7,7 +7,9 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 
-from streamkit.element.base import Element
+from typing_extensions import override
+
+from streamkit.element.base import Element, Host
 from streamkit.element.pad import Pad
 from streamkit.element.pad_owner import walk
 from streamkit.element.sink import Sink
@@ -30,7 +32,7 @@ from streamkit.graph.streaming import StreamEnd, Streaming, StreamingThread
 log = logging.getLogger("streamkit")
 
 
-class Playback:
+class Playback(Host):
     """The threads and chains of a streaming graph, and the host of its elements.
 
     Attributes:
@@ -191,12 +193,12 @@ class Playback:
     # Called by elements, as their host.
 
     @property
+    @override
     def error(self) -> Exception | None:
-        """The failure that has ended the run, or None."""
         return self.end.error
 
+    @override
     def prerolled(self, element: Element) -> None:
-        """A sink of the paused graph holds its first frame."""
         self.end.sink_prerolled(element)
 
     def reconfigure(self, element: Element) -> None:
@@ -207,16 +209,16 @@ class Playback:
             if isinstance(source, Source):
                 source.renegotiate()
 
+    @override
     def elements(self) -> Sequence[Element]:
-        """All elements of the graph, in textual order."""
         return tuple(self._graph.elements)
 
+    @override
     def statistics(self, now_ns: int) -> list[ElementStatistics]:
-        """Counters of the elements, in textual order; those in other processes have none."""
         return list(self.rows(now_ns).values())
 
     def rows(self, now_ns: int) -> dict[Element, ElementStatistics]:
-        """The same, by element."""
+        """The counters of the elements, in textual order."""
         return collect_statistics(self._graph, self.chains, self._retired, self._bus.counts, now_ns)
 
     def pad_added(self, pad: Pad) -> None:
@@ -276,8 +278,8 @@ class Playback:
 
     # End of the run.
 
+    @override
     def sink_ended(self, element: Element) -> None:
-        """A sink has drained after EOS."""
         self.end.remove([element])
 
     def fail(self, error: Exception) -> None:

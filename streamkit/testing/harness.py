@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Self
 
-from streamkit.element.base import Element
+from streamkit.element.base import Element, Host
 from streamkit.element.pad import Direction, Pad, PadTemplate, Presence
 from streamkit.element.registry import make_element
 from streamkit.element.sink import Sink
@@ -23,8 +23,7 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame
-from streamkit.flow.messages import Message, MessageKind
-from streamkit.flow.statistics import ElementStatistics
+from streamkit.flow.messages import Message
 from streamkit.graph.chain import Chain
 
 
@@ -51,7 +50,7 @@ class _TestSink(Sink):
         self.frames.append(frame)
 
 
-class Harness:
+class Harness(Host):
     """Runs one element in the calling thread, as its host; what a source gives needs a `Pipeline`.
 
     Attributes:
@@ -178,17 +177,9 @@ class Harness:
 
     # Called by the element.
 
-    @property
-    def error(self) -> None:
-        """None: a failure raises in the test."""
-
     def elements(self) -> Sequence[Element]:
         """The element alone."""
         return (self.element,)
-
-    def statistics(self, now_ns: int) -> Sequence[ElementStatistics]:
-        """No counters: only pipelines have them."""
-        return ()
 
     def pad_added(self, pad: Pad) -> None:
         """Connects a new pad."""
@@ -208,10 +199,7 @@ class Harness:
     def sink_ended(self, element: Element) -> None:
         """Sets `has_ended`."""
         self.has_ended = True
-        self.messages.append(Message(MessageKind.EOS, element.name))
-
-    def prerolled(self, element: Element) -> None:
-        """Nothing to do: a harness never pauses."""
+        super().sink_ended(element)
 
     def close(self) -> None:
         """Stops the element."""
