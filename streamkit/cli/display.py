@@ -7,19 +7,17 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Literal
 
-import typer
 from typing_extensions import override
 
-from streamkit.cli.stderr import as_json, time_stamp
+from streamkit.cli.stderr import LogFormat, print_line, time_stamp
 from streamkit.cli.summary import age_text, as_line, as_tables, summarise
 from streamkit.flow.statistics import RunStatistics
 from streamkit.masking import presentable
-from streamkit.output.colour import coloured
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -40,12 +38,12 @@ class Display:
 
     Attributes:
         every_s: minimum interval between updates, s.
-        is_timed: whether each line begins with the time.
+        form: of the lines.
         before: the counters since which rates are shown.
     """
 
     every_s = REDRAW_EVERY_S
-    is_timed = False
+    form: LogFormat = "text"
 
     def __init__(self, pipeline: Pipeline, counters: Literal["", "end", "lines"] = "") -> None:
         self.pipeline = pipeline
@@ -87,15 +85,7 @@ class Display:
 
     def print_line(self, line: str) -> None:
         """Prints a line on stderr, above the display."""
-        typer.echo(self._stamp() + coloured(presentable(line)), err=True)
-
-    def _stamp(self) -> str:
-        return time_stamp() if self.is_timed else ""
-
-    def print_each(self, level: str, texts: Iterable[str]) -> None:
-        """Prints a line "level: text" for each text."""
-        for text in texts:
-            self.print_line(f"{level}: {text}")
+        print_line(line, self.form, [element.name for element in self.pipeline.graph.elements])
 
     def end(self, whole: RunStatistics) -> None:
         """Draws the final state, with the statistics of the whole run."""
@@ -111,10 +101,7 @@ class Display:
 class JsonDisplay(Display):
     """Prints each line as a JSON object, for programs that collect logs: time, level, element, message."""
 
-    @override
-    def print_line(self, line: str) -> None:
-        names = {element.name for element in self.pipeline.graph.elements}
-        super().print_line(as_json(line, names))
+    form = "json"
 
 
 class Progress(Display):
@@ -242,7 +229,8 @@ class Table(Display):
         if self._live is None:
             super().print_line(line)
         else:
-            self._live.console.print(self._stamp() + presentable(line), markup=False, highlight=False)
+            stamp = time_stamp() if self.form == "timed" else ""
+            self._live.console.print(stamp + presentable(line), markup=False, highlight=False)
 
     @override
     def end(self, whole: RunStatistics) -> None:

@@ -24,7 +24,15 @@ from streamkit.cli.description import (
     fail_description,
     read_description,
 )
-from streamkit.cli.stderr import end_process, fail, fail_usage, lines_in, open_threads, print_line
+from streamkit.cli.stderr import (
+    LogFormat,
+    end_process,
+    fail,
+    fail_usage,
+    lines_in,
+    open_threads,
+    print_line,
+)
 from streamkit.errors import DescriptionError, StreamkitError
 from streamkit.handoff.library_threads import share_cores
 from streamkit.output.pipe import STANDARD_INPUT
@@ -37,7 +45,6 @@ if TYPE_CHECKING:
 
 
 Form = Literal["text", "json"]
-LogFormat = Literal["text", "timed", "json"]
 
 
 class LaunchCommand(TyperCommand):
@@ -136,7 +143,7 @@ def launch(
     if supervise:
         if str(file) == STANDARD_INPUT:
             fail_usage("--supervise reads the description again at each start; give a file in place of -f -")
-        _supervise(is_timed=log_format == "timed")
+        _supervise(log_format)
     source = read_description(description, file, settings or [])
     with exit_on_interrupt(quiet=quiet):
         with without_collection():
@@ -160,11 +167,10 @@ def launch(
             share_cores(len(pipeline.graph.processes) + 1)
         pipeline.watchdog_s = watchdog_s
         display = choose_display(pipeline, stats, log_format, quiet=quiet)
-        if not quiet:
-            unused = unused_variables(source.text, source.variables)
-            display.print_each("note", (*unused, *open_ends(pipeline.graph)))
         monitor = Monitor(pipeline)
         run = Run(pipeline, display, eos_on_shutdown=eos, verbose=verbose, quiet=quiet, monitor=monitor)
+        for note in (*unused_variables(source.text, source.variables), *open_ends(pipeline.graph)):
+            run.printer.say("note", note)
     with serve_metrics(monitor, metrics):
         code = run.run()
     result = print_results(run, stats, stats_file, summary, strict=strict)
@@ -222,12 +228,12 @@ def build(source: Description, *, as_json: bool) -> Pipeline:
         fail_description(error, source, as_json=as_json)
 
 
-def _supervise(*, is_timed: bool) -> NoReturn:
+def _supervise(log_format: LogFormat) -> NoReturn:
     """Runs this command in a child, without `--supervise`, until it ends cleanly."""
     from streamkit.service.supervisor import STREAMKIT_COMMAND, Supervisor
 
     words = [word for word in sys.argv[1:] if word != "--supervise"]
-    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], partial(print_line, is_timed=is_timed))
+    supervisor = Supervisor([*STREAMKIT_COMMAND, *words], partial(print_line, form=log_format))
     raise typer.Exit(supervisor.run())
 
 
@@ -253,7 +259,7 @@ def choose_display(pipeline: Pipeline, stats: Form | None, log_format: LogFormat
     display = Display(pipeline, "" if stats != "text" else "end" if quiet else "lines")
     if not quiet and sys.stderr.isatty():
         display = Table(pipeline) if stats == "text" else Progress(pipeline)
-    display.is_timed = log_format == "timed"
+    display.form = log_format
     return display
 
 

@@ -7,7 +7,7 @@ import gc
 import math
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -74,7 +74,8 @@ class Run:
     def run(self) -> int:
         """Plays to the end and stops; returns the exit code."""
         code = 0
-        self.printer.print_notes(text for _, text in self.pipeline.graph.warnings)
+        for _, text in self.pipeline.graph.warnings:
+            self.printer.say("note", text)
         with handling_signals(lambda *_: self.interrupt()):  # starting a process takes some time
             report = CrashReport(self.pipeline.graph.elements, is_json=prints_json())
         try:
@@ -100,7 +101,7 @@ class Run:
             with self.display.starting():
                 self.pipeline.play()
             self.has_played = True
-            self.printer.end_start()
+            self.printer.is_starting = False
             self.display.begin()
             # Garbage collection of imported objects would block a live feed for 60 ms.
             gc.freeze()
@@ -200,7 +201,7 @@ class Run:
     def _print_interrupt(self, text: str) -> None:
         """Answers an interrupt; from now on a further one counts, however soon."""
         self._signalled_s = -math.inf
-        self.printer.print_interrupt(text)
+        self.printer.say("interrupt", text)
 
     def _print_remaining(self) -> None:
         """Prints messages posted while stopping."""
@@ -218,6 +219,7 @@ class MessagePrinter:
 
     Attributes:
         quiet: whether to print errors only.
+        is_starting: whether warnings are printed at once; afterwards the loop that reads the bus prints them.
         shortfalls: warnings that something the pipeline is for was not made.
     """
 
@@ -225,7 +227,7 @@ class MessagePrinter:
         self._pipeline, self._display = pipeline, display
         self._verbose, self.quiet = verbose, quiet
         self.shortfalls: list[str] = []
-        self._is_starting = True
+        self.is_starting = True
         self._printed: list[Message] = []  # while it started
         self._caps: dict[str, str] = {}  # by path of the src pad
         self._lost = LostConnections()
@@ -233,13 +235,9 @@ class MessagePrinter:
 
     def _print_of_start(self, message: Message) -> None:
         """Prints a warning at once: it may announce minutes of compiling loops."""
-        if self._is_starting and message.kind is MessageKind.WARNING:
+        if self.is_starting and message.kind is MessageKind.WARNING:
             self.print(message)
             self._printed.append(message)
-
-    def end_start(self) -> None:
-        """The pipeline plays: from now on the loop that reads the bus prints warnings, too."""
-        self._is_starting = False
 
     def print(self, message: Message) -> None:
         """Prints a message unless it is an error, or was printed while the pipeline started."""
@@ -248,28 +246,21 @@ class MessagePrinter:
         source, name = message.source or "pipeline", message.fields.get("name")
         if message.is_shortfall:
             self.shortfalls.append(f"{message.source}: {message.text}")
-        if self.quiet:
-            return
         if message.kind is MessageKind.WARNING:
-            self._display.print_line(f"warning: {source}: {message.text}")
+            self.say("warning", f"{source}: {message.text}")
         elif name == "note":
-            self._display.print_line(f"note: {message.source}: {message.fields.get('text')}")
+            self.say("note", f"{message.source}: {message.fields.get('text')}")
         elif self._verbose and message.kind is not MessageKind.ERROR:
             known = "state" if message.kind is MessageKind.STATE else "name"  # in the text already
             fields = " ".join(f"{key}={value}" for key, value in message.fields.items() if key != known)
-            self._display.print_line(f"{message.kind}: {source}: {message.text} {fields}".rstrip())
+            self.say(message.kind, f"{source}: {message.text} {fields}".rstrip())
         elif self._lost.update(message):  # after the warning that it was lost
-            self._display.print_line(f"note: {message.source}: connected again")
+            self.say("note", f"{message.source}: connected again")
 
-    def print_notes(self, texts: Iterable[str]) -> None:
-        """Prints notes on the description."""
-        if not self.quiet:
-            self._display.print_each("note", texts)
-
-    def print_interrupt(self, text: str) -> None:
-        """Prints what an interrupt has done."""
-        if not self.quiet:
-            self._display.print_line(f"interrupt: {text}")
+    def say(self, level: str, text: str) -> None:
+        """Prints a line "level: text"; with `quiet` only errors."""
+        if level == "error" or not self.quiet:
+            self._display.print_line(f"{level}: {text}")
 
     def print_error(self, text: str, error: Exception | None) -> None:
         """Prints an error; of an unexpected exception also the place."""
@@ -277,14 +268,14 @@ class MessagePrinter:
             if self._verbose:
                 self._display.print_line(error.traceback)
             text += f" ({error.place})"
-        self._display.print_line(f"error: {text}")
+        self.say("error", text)
 
     def print_caps(self) -> None:
         """Prints the caps of links that have new ones."""
-        if self.quiet or not self._verbose:
+        if not self._verbose:
             return
         for src, sink in self._pipeline.graph.links():
             caps = str(src.caps) if src.caps is not None and not src.caps.is_any else ""
             if caps and self._caps.get(src.path) != caps:
                 self._caps[src.path] = caps
-                self._display.print_line(f"caps: {src.path} -> {sink.path}: {caps}")
+                self.say("caps", f"{src.path} -> {sink.path}: {caps}")

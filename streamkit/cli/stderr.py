@@ -10,7 +10,7 @@ import threading
 from collections.abc import Container, Iterator
 from contextvars import ContextVar
 from datetime import UTC, datetime
-from typing import NoReturn
+from typing import Literal, NoReturn
 
 import typer
 
@@ -19,6 +19,7 @@ from streamkit.masking import presentable
 from streamkit.output.colour import coloured
 
 USAGE_EXIT = 2
+LogFormat = Literal["text", "timed", "json"]  # timed begins with the time
 _IS_JSON = ContextVar("is_json", default=False)
 
 
@@ -32,10 +33,11 @@ def lines_in(*, is_json: bool) -> Iterator[None]:
         _IS_JSON.reset(token)
 
 
-def print_line(line: str, *, is_timed: bool = False, **facts: object) -> None:
-    """Prints a line on stderr, after the time if `is_timed`; as a JSON object it has the facts, too."""
-    text = coloured(presentable(as_json(line, (), **facts) if _IS_JSON.get() else line))
-    typer.echo(time_stamp() + text if is_timed else text, err=True)
+def print_line(line: str, form: LogFormat | None = None, names: Container[str] = (), **facts: object) -> None:
+    """Prints a line on stderr, in the form of the command unless given; for JSON see `as_json`."""
+    form = form or ("json" if prints_json() else "text")
+    text = coloured(presentable(as_json(line, names, **facts) if form == "json" else line))
+    typer.echo(time_stamp() + text if form == "timed" else text, err=True)
 
 
 def time_stamp() -> str:

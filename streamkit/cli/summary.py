@@ -269,8 +269,8 @@ def print_results(
     statistics = msgspec.structs.replace(run.statistics, shortfalls=printer.shortfalls)
     if strict and printer.shortfalls:
         code = 1
-        if printer.quiet:  # else they were printed as warnings
-            display.print_each("error", printer.shortfalls)
+        for text in printer.shortfalls if printer.quiet else ():  # else they were printed as warnings
+            printer.say("error", text)
     if stats == "json":
         typer.echo(to_json(statistics))
     made = summarise(statistics)
