@@ -11,7 +11,7 @@ import pytest
 from streamkit import Caps, Element, Message, Property, PropertyError, Sink, Source, Transform
 from streamkit.element.branching import Combine
 from streamkit.element.output_sink import NumberedFilesSink, TextFileSink
-from streamkit.element.reserved_names import NAME, use_of
+from streamkit.element.property import NAME, use_of
 
 
 class Mode(enum.StrEnum):
