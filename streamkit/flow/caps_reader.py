@@ -10,7 +10,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
-from streamkit.errors import CapsSyntax
+from streamkit.errors import CapsSyntax, did_you_mean
 from streamkit.flow.caps_algebra import Structure
 from streamkit.flow.caps_text import READERS, TYPES, read_string, read_untyped
 from streamkit.flow.caps_values import (
@@ -192,12 +192,8 @@ class CapsReader:
         """The type after an opening parenthesis."""
         name = self.take(BARE, "a type name")
         if name not in TYPES:
-            import difflib  # slow to import
-
-            near = difflib.get_close_matches(name, TYPES, 1)
             known = f"no type {name!r}; types are {', '.join(sorted(set(TYPES.values())))}"
-            hint = f"did you mean {near[0]!r}?" if near else ""
-            raise self.error(known, start=self.position - len(name), hint=hint)
+            raise self.error(known, start=self.position - len(name), hint=did_you_mean(name, TYPES))
         if not self.accept(")"):
             raise self.error("expected ')' after the type name")
         return TYPES[name]

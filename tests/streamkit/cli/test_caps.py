@@ -160,7 +160,7 @@ def test_value_operations() -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("parse", "a/b,\n  f=(it)3"), ("syntax", 2, 6, 2, "did you mean 'int'?")),
+        (("parse", "a/b,\n  f=(it)3"), ("syntax", 2, 6, 2, 'did you mean "int"?')),
         (("intersect", "a/b", "a/b, f=[ 9, 1 ]"), ("syntax", 1, 8, 8, "")),
         (("parse", ""), ("syntax", 1, 1, 1, "")),
         (("deserialize", "gint", "4294967296"), ("syntax", 1, 1, 10, "")),

@@ -193,7 +193,7 @@ def test_an_unknown_type_gets_a_suggestion() -> None:
     """The hint names the nearest type, and position and length are those of the word."""
     with pytest.raises(CapsSyntax) as caught:
         Caps("a/b, f=(fractoin)1")
-    assert caught.value.hint == "did you mean 'fraction'?"
+    assert caught.value.hint == 'did you mean "fraction"?'
     assert (caught.value.position, caught.value.length) == (8, 8)
 
 
