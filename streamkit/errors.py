@@ -29,6 +29,17 @@ from dataclasses import asdict, dataclass
 from streamkit.masking import presentable, star_secrets
 
 MAX_NAME_LENGTH = 64
+WRITE_REMEDIES = {
+    errno.ENOSPC: "free some space",
+    errno.EDQUOT: "free some space",
+    errno.EBUSY: "name another file, or end what writes it",
+    errno.EFBIG: (
+        "the limit of a file's size is reached (ulimit -f, or the file system's): write several files"
+    ),
+    errno.EPIPE: "what read it has ended",
+    errno.ECONNRESET: "check the address, and that the receiver runs",
+    errno.ETIMEDOUT: "let it read on, or allow it more time with timeout-s=",
+}
 
 
 def did_you_mean(word: str, known: Iterable[str], similarity: float = 0.6) -> str:
@@ -57,20 +68,8 @@ def write_remedy(error: Exception) -> str:
         error: `OSError`, or an error of a library with an `errno`.
     """
     number = getattr(error, "errno", None)
-    if number in (errno.ENOSPC, errno.EDQUOT):
-        return "; free some space"
-    if number == errno.EBUSY:
-        return "; name another file, or end what writes it"
-    if number == errno.EFBIG:
-        return (
-            "; the limit of a file's size is reached (ulimit -f, or the file system's): write several files"
-        )
-    if number == errno.EPIPE:
-        return "; what read it has ended"
-    if number == errno.ECONNRESET:
-        return "; check the address, and that the receiver runs"
-    if number == errno.ETIMEDOUT:
-        return "; let it read on, or allow it more time with timeout-s="
+    if number in WRITE_REMEDIES:
+        return f"; {WRITE_REMEDIES[number]}"
     refused = isinstance(error, OSError) and number not in (None, errno.EINVAL)
     return "; check that the directory is there and takes files" if refused else ""
 
