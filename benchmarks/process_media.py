@@ -25,7 +25,7 @@ from pathlib import Path
 from fuzz_media import MAX_SOURCE, SUFFIXES, mutated
 
 from streamkit import Caps, ElementFailure, Frame, Pipeline, StreamkitError, Transform
-from streamkit.graph.processes.process_statistics import resident_bytes
+from streamkit.graph.statistics import resident_bytes
 
 FILE_S = 15.0  # longest time for a file
 WATCHDOG_S = 30.0

@@ -114,7 +114,7 @@ def _check_names(added: Graph, taken: set[str]) -> None:
 def _start(graph: Graph, branch: Branch, playback: Playback) -> None:
     for element in graph.from_sinks():
         if element in branch.elements:
-            playback.adopt(element)
+            playback.pipeline.adopt(element)
     if playback.is_streaming:
         remember_caps(graph)
         playback.join_branch(branch.src, branch.elements)

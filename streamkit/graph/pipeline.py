@@ -20,8 +20,8 @@ from streamkit.graph.element_calls import CallLimits, check_ended, start_element
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, Latency
 from streamkit.graph.playback import Playback
-from streamkit.graph.processes.process_statistics import measure_process
 from streamkit.graph.processes.processes import Processes
+from streamkit.graph.statistics import measure_process
 from streamkit.graph.streaming import State, StateChange
 
 STOP_LIMIT_S = 5.0
@@ -59,8 +59,8 @@ class Pipeline:
         self._cancelled = threading.Event()
         self._lock = threading.RLock()
         self._started: list[Element] = []
-        self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
-        self._processes = Processes(graph, self.bus.post, self._playback, self.timing)
+        self._playback = Playback(self)
+        self._processes = Processes(self)
 
     @classmethod
     def parse(
@@ -135,13 +135,13 @@ class Pipeline:
                 check_files(self.graph)
             except FileConflict as error:
                 raise error.element.failure(error) from None
-            self._playback = Playback(self.graph, self.bus, self.timing, self._adopt)
+            self._playback = Playback(self)
             self.timing.reset()
             self.bus.flush()
             try:
-                self._processes.start(self._playback, self.watchdog_s, self._cancelled)
+                self._processes.start(self._playback, self._cancelled)
                 for element in self.graph.from_sinks():
-                    self._adopt(element)
+                    self.adopt(element)
             except BaseException:
                 stop_elements(self._started, self._limits())
                 self._processes.stop()
@@ -166,7 +166,7 @@ class Pipeline:
                 self.timing.latency_ns = self.latency().minimum_ns
                 self.timing.begin()
             if begins:
-                self._playback.begin(self.watchdog_s, self.stop, self.ends_with_program)
+                self._playback.begin()
             else:
                 self._playback.resume()
             self._processes.stream("play")
@@ -186,7 +186,7 @@ class Pipeline:
             if self.state is State.READY:
                 self.timing.pause()
                 self._change_state(State.PAUSED)
-                self._playback.begin(self.watchdog_s, self.stop, self.ends_with_program)
+                self._playback.begin()
                 self._processes.stream("pause")
             elif self.state is State.PLAYING:
                 self._playback.pause()
@@ -328,7 +328,7 @@ class Pipeline:
     def _limits(self) -> CallLimits:
         return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self.bus.post)
 
-    def _adopt(self, element: Element) -> None:
+    def adopt(self, element: Element) -> None:
         """Adds an element to this pipeline and starts it."""
         element.clock = self.clock
         element.timing = self.timing

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from typing_extensions import override
 
@@ -14,20 +15,20 @@ from streamkit.element.pad import Pad
 from streamkit.element.pad_owner import walk
 from streamkit.element.sink import Sink
 from streamkit.element.source import Source
-from streamkit.element.waits import Timing
 from streamkit.errors import StateError
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.statistics import ElementStatistics
 from streamkit.graph.branches import BranchOutputs
-from streamkit.graph.bus import Bus
 from streamkit.graph.chain import Chain, compose_chain, compose_chains
 from streamkit.graph.element_calls import Watchdog
-from streamkit.graph.graph import Graph
 from streamkit.graph.linking import report_missing_pads
 from streamkit.graph.negotiate import remember_caps
 from streamkit.graph.statistics import RetiredChains, collect_statistics, silent_transforms
 from streamkit.graph.streaming import StreamEnd, Streaming, StreamingThread
+
+if TYPE_CHECKING:
+    from streamkit.graph.pipeline import Pipeline
 
 log = logging.getLogger("streamkit")
 
@@ -36,40 +37,32 @@ class Playback(Host):
     """The threads and chains of a streaming graph, and the host of its elements.
 
     Attributes:
+        pipeline: whose graph runs.
         chains: one for each src pad.
         end: tracks the end of the run.
         branches: the outputs whose branches join, leave or may fail alone.
-        adopt: starts an element that is added while the graph streams.
         is_streaming: whether threads were started.
         cpu_began_ns: processor time that the process had used when they were, ns.
         is_over_elsewhere: whether all that runs in other processes has ended.
     """
 
-    def __init__(self, graph: Graph, bus: Bus, timing: Timing, adopt: Callable[[Element], None]) -> None:
+    def __init__(self, pipeline: Pipeline) -> None:
         self.chains: list[Chain] = []
         self._retired = RetiredChains()
-        self.end = StreamEnd(bus)
-        self._graph = graph
-        self._bus = bus
-        self._timing = timing
-        self.adopt = adopt
+        self.end = StreamEnd(pipeline.bus)
+        self.pipeline = pipeline
+        self._graph, self._bus, self._timing = pipeline.graph, pipeline.bus, pipeline.timing
         self.is_streaming = False
         self._lock = threading.RLock()
         self._threads: list[StreamingThread] = []
-        self.branches = BranchOutputs(graph, bus, self.end)
+        self.branches = BranchOutputs(self._graph, self._bus, self.end)
         self._watchdog: Watchdog | None = None
         self._is_stopping = False
         self.cpu_began_ns = 0
         self.is_over_elsewhere: Callable[[], bool] = lambda: True
 
-    def begin(self, watchdog_s: float, stop: Callable[[], None], ends_with_program: bool) -> None:
-        """Makes the chains; starts the watchdog and a thread for every source and queue.
-
-        Args:
-            watchdog_s: time limit of an element's call, s; 0 is none.
-            stop: stops the pipeline; called if the program ends and leaves it playing.
-            ends_with_program: whether that is no fault, and not logged.
-        """
+    def begin(self) -> None:
+        """Makes the chains; starts the watchdog and a thread for every source and queue."""
         graph = self._graph
         local = graph.local()
         for element in graph.elements:
@@ -84,16 +77,18 @@ class Playback(Host):
         threads = self.add_threads(filter(graph.is_local, graph.from_sinks()))
         self.is_streaming = True
         self.cpu_began_ns = time.process_time_ns()
-
-        def abandoned() -> None:
-            if not (ends_with_program or self.end.ended.is_set()):
-                log.warning("the program has ended, its pipeline had not: use `with` or stop()")
-            stop()
-
-        self._watchdog = Watchdog(lambda: graph.elements, watchdog_s, self._bus.post, self.fail, abandoned)
+        self._watchdog = Watchdog(
+            lambda: graph.elements, self.pipeline.watchdog_s, self._bus.post, self.fail, self._abandoned
+        )
         self._watchdog.start()
         for thread in threads:
             thread.start()
+
+    def _abandoned(self) -> None:
+        """The program has ended, and has left the pipeline playing."""
+        if not (self.pipeline.ends_with_program or self.end.ended.is_set()):
+            log.warning("the program has ended, its pipeline had not: use `with` or stop()")
+        self.pipeline.stop()
 
     def add_threads(self, elements: Iterable[Element]) -> list[StreamingThread]:
         """Makes threads, not started yet, for the sources and queues among the elements."""
@@ -229,7 +224,7 @@ class Playback(Host):
                 link.try_link(pad)
             joined = [element for element in self._graph.elements if element not in known]
             for element in joined:
-                self.adopt(element)
+                self.pipeline.adopt(element)
             remember_caps(self._graph)
             compose_chains(joined, self.chains)
             compose_chain(pad, self.chains)

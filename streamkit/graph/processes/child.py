@@ -23,7 +23,7 @@ from streamkit.graph.build import build
 from streamkit.graph.files import named_files
 from streamkit.graph.graph import Graph
 from streamkit.graph.pipeline import Pipeline
-from streamkit.graph.processes.connection import COUNTS
+from streamkit.graph.processes.link_writer import COUNTS
 from streamkit.graph.processes.orders import (
     ENCODER,
     ORDERS,

@@ -12,7 +12,7 @@ from streamkit.crossing.stream_codec import StreamDecoder
 from streamkit.errors import StreamkitError
 from streamkit.flow.events import DiscontinuityEvent, EndOfStream, EosEvent, Event, FlowStop, Flushing
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.graph.processes.connection import FLUSHED, REFUSED, TAKEN, WAITING, Connection
+from streamkit.graph.processes.link_writer import FLUSHED, REFUSED, TAKEN, WAITING, Connection
 from streamkit.handoff.bounded_queue import wait_until
 
 if TYPE_CHECKING:

@@ -1,11 +1,12 @@
-"""LinkWriter: the half of a process link in the upstream process."""
+"""LinkWriter: the half of a process link in the upstream process; the connection between the two halves."""
 
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from streamkit.crossing.channel import ChannelClosed
+from streamkit.crossing.channel import Channel, ChannelClosed
+from streamkit.crossing.shared_memory import NumberRing
 from streamkit.crossing.stream_codec import StreamEncoder
 from streamkit.flow.events import (
     EOS,
@@ -19,10 +20,28 @@ from streamkit.flow.events import (
     SegmentEvent,
 )
 from streamkit.flow.frame import Frame, FrameFlags
-from streamkit.graph.processes.connection import REFUSED, SENT, TAKEN, WAITING, Connection
 
 if TYPE_CHECKING:
     from streamkit.graph.processes.process_link import ProcessLink
+
+SENT, TAKEN, FLUSHED, REFUSED, WAITING = range(5)
+COUNTS = 64  # the rest is for the numbers of slots that the reader no longer uses
+
+
+class Connection(NamedTuple):
+    """A connection to one run of the other process.
+
+    Attributes:
+        channel: between the two processes.
+        counts: of frames `SENT` by the writer, `TAKEN` by the elements behind the reader, and `FLUSHED`: of
+            those sent, how many a flush drops. `REFUSED` is 1 once these elements want no more, `WAITING`
+            while the writer waits for a message that a frame was taken. The memory outlives both processes.
+        released: numbers of the slots that the reader no longer uses.
+    """
+
+    channel: Channel
+    counts: memoryview
+    released: NumberRing
 
 
 class LinkWriter:

@@ -16,9 +16,8 @@ from streamkit.element.pad import Pad
 from streamkit.flow.caps import Caps
 from streamkit.flow.events import EndOfStream, Event
 from streamkit.flow.frame import Frame
-from streamkit.graph.processes.connection import FLUSHED, SENT, TAKEN, WAITING, Connection
 from streamkit.graph.processes.link_reader import LinkReader
-from streamkit.graph.processes.link_writer import LinkWriter
+from streamkit.graph.processes.link_writer import FLUSHED, SENT, TAKEN, WAITING, Connection, LinkWriter
 
 LOST = "lost with the process that had them"
 

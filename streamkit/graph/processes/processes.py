@@ -1,17 +1,20 @@
-"""Processes: the child processes of one pipeline, from their start to their end."""
+"""Processes: the child processes of one pipeline and their links, from their start to their end."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
+import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, wait
 from typing import TYPE_CHECKING, Any, Literal
 
+from streamkit.crossing.channel import Channel
+from streamkit.crossing.shared_memory import make_numbers
 from streamkit.element.base import Element
-from streamkit.element.waits import Timing
 from streamkit.errors import (
     ElementFailure,
     HangDetected,
@@ -23,14 +26,15 @@ from streamkit.errors import (
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 from streamkit.graph.element_calls import CANCEL_GRACE_S
-from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
+from streamkit.graph.processes.link_writer import COUNTS
 from streamkit.graph.processes.orders import Dropped, Posted, Report, decode_message
 from streamkit.graph.processes.part import Part
-from streamkit.graph.processes.process_links import ProcessLinks
-from streamkit.graph.processes.process_statistics import merge_statistics
+from streamkit.graph.processes.process_link import ProcessLink
+from streamkit.graph.statistics import merge_statistics
 
 if TYPE_CHECKING:
+    from streamkit.graph.pipeline import Pipeline
     from streamkit.graph.playback import Playback
 
 POLL_S = 0.2
@@ -41,36 +45,31 @@ FLUSH_LIMIT_S = 5.0  # of either half
 class Processes:
     """Starts, supervises and ends the children of a pipeline; without process bins it does nothing.
 
-    Args:
-        graph: the whole graph; the elements of other processes stand in it for queries and properties.
-        post: posts a message on the bus.
-        playback: the first run.
-        timing: the running time, which the children follow.
+    The elements of other processes stand in the pipeline's graph for queries and properties.
     """
 
-    def __init__(
-        self, graph: Graph, post: Callable[[Message], None], playback: Playback, timing: Timing
-    ) -> None:
-        self._graph = graph
-        self._post = post
+    _playback: Playback  # of the current run
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self._pipeline, self._post, graph = pipeline, pipeline.bus.post, pipeline.graph
         self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
-        self._links = ProcessLinks(graph, self._parts)
-        self._playback, self._timing = playback, timing
+        self._links = graph.process_links
+        self._numbers = {link: number for number, link in enumerate(self._links)}
+        self._connecting = threading.Lock()
         self._stopping = threading.Event()
-        self._watchdog_s = 0.0
         self._order: Literal["", "play", "pause"] = ""  # the last order to every child; "" before streaming
         self._is_finishing = False
         self._ordering = threading.Lock()  # the last order that a child gets is the newest
 
     # Called by the pipeline.
 
-    def start(self, playback: Playback, watchdog_s: float, cancelled: threading.Event) -> None:
+    def start(self, playback: Playback, cancelled: threading.Event) -> None:
         """Starts every child and makes its elements ready.
 
         Raises:
             ElementFailure: an element could not start, or that was cancelled; the children are ended.
         """
-        self._playback, self._watchdog_s = playback, watchdog_s
+        self._playback = playback
         self._order, self._is_finishing = "", False
         self._stopping.clear()
         parts = list(self._parts.values())
@@ -79,9 +78,12 @@ class Processes:
         playback.is_over_elsewhere = lambda: all(part.has_ended for part in parts)
         try:
             for part in parts:
-                part.reset(watchdog_s)
+                part.reset(self._pipeline.watchdog_s)
                 part.spawn(self._reported, self._ended)
-            self._links.connect(self._await_messages)
+            for link, (writer, _) in self._links.items():
+                self._connect(link)
+                if writer is not None:  # what it has posted before its EOS comes before that
+                    link.before_end = functools.partial(self._await_messages, [self._parts[writer]])
             answers = {part: part.order("ready") for part in parts}
             for part, answer in answers.items():
                 self._await_ready(part, answer, cancelled)
@@ -110,7 +112,8 @@ class Processes:
     def _let_stream(self, part: Part) -> None:
         """Brings a child into the state of the pipeline."""
         with self._ordering:
-            times = (self._timing.base_ns, self._timing.latency_ns) if self._order == "play" else ()
+            timing = self._pipeline.timing  # which the children follow
+            times = (timing.base_ns, timing.latency_ns) if self._order == "play" else ()
             answer = part.order(self._order, *times)
         _await(answer, self._stopping, ANSWER_LIMIT_S)
         part.is_streaming = True
@@ -141,7 +144,7 @@ class Processes:
         if not self._parts:
             return list(rows.values())
         reported = {home: part.rows() for home, part in self._parts.items()}
-        return merge_statistics(self._graph, rows, reported)
+        return merge_statistics(self._pipeline.graph, rows, reported)
 
     def statistics(self) -> list[ProcessStatistics]:
         """The counters of every child."""
@@ -156,7 +159,7 @@ class Processes:
     def stop(self, *, is_cancelled: bool = False) -> None:
         """Ends every child: kills those that do not end in time, soon if their start was cancelled."""
         self.begin_stop()
-        limit_s = CANCEL_GRACE_S if is_cancelled else max(STOP_LIMIT_S, self._watchdog_s)
+        limit_s = CANCEL_GRACE_S if is_cancelled else max(STOP_LIMIT_S, self._pipeline.watchdog_s)
         deadline = time.monotonic() + limit_s
         for part in self._parts.values():
             while (child := part.child) is not None:  # a restart may be about to replace it
@@ -169,7 +172,46 @@ class Processes:
                 part.child = None if part.child is child else part.child
             if part.ending is not None:
                 part.ending.join()
-        self._links.disconnect()
+        for link in self._links:
+            link.disconnect()
+
+    # The links between processes.
+
+    def _connect(self, link: ProcessLink) -> None:
+        """Gives the two ends of a new connection to the processes that a link connects.
+
+        One that has died gets none: its restart makes another connection.
+        """
+        counts, descriptor = make_numbers(COUNTS)
+        with self._connecting:  # both ends get the connections of two restarts in the same order
+            link.counts.append(counts)
+            for home, end in zip(self._links[link], Channel.pair(), strict=True):
+                if home is None:
+                    link.connect(end, counts)
+                    continue
+                with end:
+                    descriptors = end.fileno(), descriptor
+                    self._parts[home].order("connect", self._numbers[link], descriptors=descriptors)
+        os.close(descriptor)
+
+    def _reconnect(self, part: Part) -> None:
+        """Connects a process that was started again, except to those that have ended for good."""
+        for link in self._links_of(part):
+            if link.is_given_up:
+                part.order("give-up", self._numbers[link])
+            else:
+                self._connect(link)
+
+    def _give_up(self, part: Part) -> None:
+        """Ends the streams from and to a process that has failed."""
+        for link in self._links_of(part):
+            link.give_up()
+            for home in self._links[link]:
+                if home is not None and home is not part.home:
+                    self._parts[home].order("give-up", self._numbers[link])
+
+    def _links_of(self, part: Part) -> list[ProcessLink]:
+        return [link for link, ends in self._links.items() if part.home in ends]
 
     # Reports and the end of a child, in its thread.
 
@@ -211,7 +253,8 @@ class Processes:
         if self._stopping.is_set():
             return
         child.is_reported = True
-        failure = part.failure(child.death(), self._links.newest_frame())
+        newest = max((link.last_frame[0] for link in self._links if link.reads), default=-1)
+        failure = part.failure(child.death(), newest)
         if part.has_ended or part.ending is not None:
             self._post(Message(MessageKind.WARNING, failure.element, f"after its end: {failure}"))
         elif (delay_s := part.next_delay_s()) is None:
@@ -227,7 +270,7 @@ class Processes:
             return
         try:
             child = part.spawn(self._reported, self._ended)
-            self._links.reconnect(part)
+            self._reconnect(part)
             _await(part.order("ready"), self._stopping)
             if not self._stopping.is_set():
                 self._let_stream(part)
@@ -252,7 +295,7 @@ class Processes:
         """An element of a child has failed, or the child has died."""
         self._playback.fail(error)  # first: EOS, which the links now send, would end the run without an error
         part.has_ended = True
-        self._links.give_up(part)
+        self._give_up(part)
 
 
 def _await(answer: Future[Any], cancelled: threading.Event, limit_s: float = math.inf) -> None:

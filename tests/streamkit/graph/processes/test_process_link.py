@@ -13,8 +13,7 @@ from streamkit import Caps, Frame
 from streamkit.crossing.channel import Channel
 from streamkit.crossing.shared_memory import make_numbers
 from streamkit.flow.events import EOS, FLUSH_START, FLUSH_STOP, EndOfStream, Flushing, GapEvent
-from streamkit.graph.processes.connection import COUNTS, WAITING
-from streamkit.graph.processes.link_writer import LinkWriter
+from streamkit.graph.processes.link_writer import COUNTS, WAITING, LinkWriter
 from streamkit.graph.processes.process_link import ProcessLink
 
 LIMIT_S = 20.0
