@@ -50,9 +50,8 @@ from streamkit.flow.events import DiscontinuityEvent as DiscontinuityEvent
 from streamkit.flow.events import EndOfStream as EndOfStream
 from streamkit.flow.events import EosEvent as EosEvent
 from streamkit.flow.events import Event as Event
+from streamkit.flow.events import FlushEvent as FlushEvent
 from streamkit.flow.events import Flushing as Flushing
-from streamkit.flow.events import FlushStart as FlushStart
-from streamkit.flow.events import FlushStop as FlushStop
 from streamkit.flow.events import GapEvent as GapEvent
 from streamkit.flow.events import Segment as Segment
 from streamkit.flow.events import SegmentEvent as SegmentEvent

@@ -18,9 +18,8 @@ from streamkit import (
     Direction,
     EosEvent,
     Event,
+    FlushEvent,
     Flushing,
-    FlushStart,
-    FlushStop,
     Frame,
     FrameFlags,
     GroundReference,
@@ -213,7 +212,7 @@ class Stitch(Transform):
 
     def event(self, event: Event) -> None:
         """Passes events to the pad `mosaic`."""
-        if isinstance(event, FlushStart | FlushStop):
+        if isinstance(event, FlushEvent):
             self._mosaic_pad.flush(event)
         elif not isinstance(event, CapsEvent | EosEvent):
             self._mosaic_pad.put_event(event)

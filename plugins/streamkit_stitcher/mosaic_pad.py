@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from streamkit import CapsEvent, EndOfStream, EosEvent, Event, Flushing, FlushStart, Frame, GapEvent, Pad
+from streamkit import CapsEvent, EndOfStream, EosEvent, Event, FlushEvent, Flushing, Frame, GapEvent, Pad
 from streamkit.handoff.bounded_queue import BoundedQueue
 
 _PUSH_LIMIT_S = 2.0
@@ -50,11 +50,10 @@ class MosaicPad:
                 self._events.pop(type(event), None)
                 self._events[type(event)] = event
 
-    def flush(self, event: Event) -> None:
+    def flush(self, event: FlushEvent) -> None:
         """Forwards the start or stop of a flush at once; queued frames are dropped."""
         pad = self._find_pad()
-        begins = isinstance(event, FlushStart)
-        if begins:
+        if event.begins:
             with self._lock:
                 self._is_flushing = True
                 self._frames.clear()
@@ -65,7 +64,7 @@ class MosaicPad:
             self._pushing.release()
         if pad is not None:
             pad.send_event(event)
-        if not begins:
+        if not event.begins:
             with self._lock:
                 self._is_flushing = False
                 if self._has_ended:

@@ -23,7 +23,6 @@ from streamkit.flow.events import (
     Event,
     FlowStop,
     FlushEvent,
-    FlushStart,
     GapEvent,
     NotLinked,
     SegmentEvent,
@@ -99,7 +98,7 @@ class Combine(Element):
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Forwards EOS and the end of a flush after the last input's, the rest in order or at once."""
         if isinstance(event, FlushEvent):
-            if isinstance(event, FlushStart) or not self.is_flushing:
+            if event.begins or not self.is_flushing:
                 self.src_pad.send_event(event)
             return
         with self.combine_lock:

@@ -18,7 +18,6 @@ from streamkit.flow.events import (
     FlowStop,
     FlushEvent,
     Flushing,
-    FlushStart,
     NotLinked,
     Segment,
     SegmentEvent,
@@ -245,7 +244,7 @@ class Pad:
         elif isinstance(event, EosEvent) and self.is_src:  # of a sink pad, the element sets it
             self.is_eos = True
         elif isinstance(event, FlushEvent) and not self.is_src:
-            self.is_flushing = isinstance(event, FlushStart)
+            self.is_flushing = event.begins
             self.is_eos = self.is_eos and self.has_upstream_ended
             if self.is_flushing or not any(pad.is_flushing for pad in self.element.sink_pads()):
                 self.element.flush(begins=self.is_flushing)

@@ -21,8 +21,6 @@ from streamkit.flow.events import (
     FlowStop,
     FlushEvent,
     Flushing,
-    FlushStart,
-    FlushStop,
     GapEvent,
     NotLinked,
 )
@@ -174,11 +172,10 @@ class Queue(FrameHolder):
         if isinstance(event, FlushEvent):
             self.pads["src"].send_event(event)
         with self.lock:
-            if isinstance(event, FlushStop):
-                if self._refusal is Flushing and not self.stopping.is_set():
+            if isinstance(event, FlushEvent):
+                if not event.begins and self._refusal is Flushing and not self.stopping.is_set():
                     self._refusal = None
-            elif not isinstance(event, FlushStart) and self._refusal in (None, Flushing):
-                # A flush keeps events.
+            elif self._refusal in (None, Flushing):  # a flush keeps events
                 if isinstance(event, EosEvent) and self.flush_on_eos:
                     self.count_drop("dropped at EOS", self.pending.drop_frames())
                 self.pending.append(event)

@@ -78,20 +78,20 @@ class EosEvent:
 
 
 @dataclass(frozen=True, slots=True)
-class FlushStart:
-    """Drop held frames and refuse new ones until `FlushStop`; overtakes frames, in the sender's thread."""
+class FlushEvent:
+    """A flush begins or ends; it overtakes frames, in the sender's thread.
+
+    Attributes:
+        begins: whether held frames are to be dropped and new ones refused; at the end frames are accepted
+            again, and nothing from before the flush remains.
+    """
+
+    begins: bool
 
 
-@dataclass(frozen=True, slots=True)
-class FlushStop:
-    """Frames are accepted again; nothing from before the flush remains."""
-
-
-FlushEvent = FlushStart | FlushStop
 Event = CapsEvent | SegmentEvent | GapEvent | DiscontinuityEvent | EosEvent | FlushEvent
 EOS = EosEvent()
-FLUSH_START = FlushStart()
-FLUSH_STOP = FlushStop()
+FLUSH_START, FLUSH_STOP = FlushEvent(begins=True), FlushEvent(begins=False)
 
 
 class FlowStop(Exception):

@@ -9,8 +9,7 @@ from streamkit import (
     CapsEvent,
     EndOfStream,
     EosEvent,
-    FlushStart,
-    FlushStop,
+    FlushEvent,
     Frame,
     GapEvent,
     Segment,
@@ -43,7 +42,7 @@ class Pad:
         if isinstance(event, CapsEvent):
             self.caps = event.caps
         else:
-            self.got.append(type(event).__name__)
+            self.got.append(event if isinstance(event, FlushEvent) else type(event).__name__)
 
 
 def frame(number):
@@ -113,17 +112,17 @@ def test_after_a_flush_comes_nothing_from_before_it(served):
     assert pad.begun.wait(10)
     shown.put_event(SegmentEvent(Segment()))
     shown.put(frame(1))
-    shown.flush(FlushStart())
+    shown.flush(FlushEvent(begins=True))
     shown.put(frame(2))
     pad.gate.set()
-    shown.flush(FlushStop())
+    shown.flush(FlushEvent(begins=False))
     before = len(pad.got)
     shown.put(frame(3))
     shown.put_event(EosEvent())
     thread.join(10)
-    assert set(pad.got[:before]) == {"FlushStart", 0, "FlushStop"}
+    assert set(pad.got[:before]) == {FlushEvent(begins=True), 0, FlushEvent(begins=False)}
     assert pad.got[-3:] == ["SegmentEvent", 3, "EosEvent"]
-    assert pad.got.index("FlushStop") > pad.got.index(0)
+    assert pad.got.index(FlushEvent(begins=False)) > pad.got.index(0)
     assert not {1, 2} & set(pad.got)
 
 
