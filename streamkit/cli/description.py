@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -18,6 +18,9 @@ from streamkit.cli.stderr import USAGE_EXIT, fail_usage, print_line, prints_json
 from streamkit.errors import DescriptionError
 from streamkit.output.colour import coloured
 from streamkit.output.pipe import STANDARD_INPUT
+
+if TYPE_CHECKING:
+    from streamkit.graph.graph import Graph
 
 SIZE_LIMIT = 1_000_000
 BLANK_OR_QUOTED = re.compile(r'"(?:(?<=\\)"|[^"])*"?| ')  # in quotes an escaped one does not close
@@ -101,6 +104,16 @@ def read_description(
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no UTF-8 text"
         fail_usage(f"cannot read the description {file}: {reason}")
+
+
+def build_graph(description: Description, *, as_json: bool = False) -> Graph:
+    """The graph of a description; exits with code 2 if it is invalid."""
+    from streamkit.graph.build import build
+
+    try:
+        return build(description.text, description.variables)
+    except DescriptionError as error:
+        fail_description(error, description, as_json=as_json)
 
 
 def fail_description(error: DescriptionError, description: Description, *, as_json: bool = False) -> NoReturn:

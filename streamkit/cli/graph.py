@@ -18,13 +18,13 @@ from streamkit.cli.description import (
     DescriptionArgument,
     FileOption,
     SettingsOption,
-    fail_description,
+    build_graph,
     read_description,
 )
 from streamkit.cli.layered_svg import Arrow, Box, draw_svg
 from streamkit.cli.stderr import fail_usage, print_line
 from streamkit.cli.summary import Row, facts, measure_rows
-from streamkit.errors import DescriptionError, StreamError
+from streamkit.errors import StreamError
 from streamkit.graph.description_text import unused_variables
 from streamkit.masking import mask_secrets, presentable_value
 
@@ -53,15 +53,11 @@ def graph(
     ] = None,
 ) -> None:
     """Builds a pipeline without running it and draws it: elements, links, caps, inserted converters."""
-    from streamkit.graph.build import build
     from streamkit.graph.negotiate import remembered_caps
 
     form = form or ("text" if sys.stdout.isatty() else "mermaid")
     source = read_description(description, file, settings or [])
-    try:
-        built = build(source.text, source.variables)
-    except DescriptionError as error:
-        fail_description(error, source, as_json=form == "json")
+    built = build_graph(source, as_json=form == "json")
     for note in unused_variables(source.text, source.variables):
         print_line(f"note: {note}")
     draw = {"dot": as_dot, "mermaid": as_mermaid, "svg": as_svg, "text": as_text}
@@ -156,26 +152,22 @@ def _title(element: Element, ids: dict[Element, str]) -> str:
     return ids[element] + kind
 
 
-def _label(element: Element, counters: Counters) -> str:
-    """Name, settings and counters of an element, a line each; drops stand at its first link."""
-    lines = [element.name, *(f"{name}={value}" for name, value in element.properties_set().items())]
+def _details(element: Element, counters: Counters) -> list[str]:
+    """Settings and counters of an element, a line each; drops stand at its first link."""
+    lines = [f"{name}={value}" for name, value in element.properties_set().items()]
     if (row := counters.rows.get(element)) is not None:
         found = facts(row)
         names = ("queue", "busy", "errors", "age") + (() if any(element.sink_pads()) else ("dropped",))
         lines += [f"{name} {found[name]}" for name in names if name in found]
-    return "\n".join(lines)
+    return "\n".join(lines).splitlines()
 
 
-def _drawn_caps(src: Pad, sink: Pad) -> list[str]:
-    """The common caps of two pads, a line for each of the first formats."""
+def _link_details(src: Pad, sink: Pad, counters: Counters) -> list[str]:
+    """The first formats, frames, rate and drops of a link, a line each."""
     formats = link_caps(src, sink).split("; ")
     more = len(formats) - DRAWN_FORMATS
-    return formats[:DRAWN_FORMATS] + ([f"... and {more} more"] if more > 0 else [])
-
-
-def _link_label(src: Pad, sink: Pad, counters: Counters) -> str:
-    """Caps, frames, rate and drops of a link, a line each."""
-    return "\n".join([*_drawn_caps(src, sink), *_link_counts(sink, counters)])
+    rest = [f"... and {more} more"] if more > 0 else []
+    return [*formats[:DRAWN_FORMATS], *rest, *_link_counts(sink, counters)]
 
 
 def _link_counts(sink: Pad, counters: Counters) -> list[str]:
@@ -202,17 +194,18 @@ def _colours(built: Graph, counters: Counters) -> dict[Element, str]:
 def as_dot(built: Graph, counters: Counters) -> str:
     """The graph in Graphviz's language."""
 
-    def quoted(text: str) -> str:
-        return json.dumps(text).replace("\\\\n", "\\n")
+    def quoted(*lines: str) -> str:
+        return json.dumps("\n".join(lines)).replace("\\\\n", "\\n")
 
     ids, colours = _ids(built), _colours(built, counters)
     lines = ["digraph pipeline {", "  rankdir=LR;", "  node [shape=box, fontname=sans];"]
     for element in built.elements:
         colour = f', style=filled, fillcolor="{colours[element]}"' if element in colours else ""
-        lines.append(f"  {quoted(ids[element])} [label={quoted(_label(element, counters))}{colour}];")
+        label = quoted(element.name, *_details(element, counters))
+        lines.append(f"  {quoted(ids[element])} [label={label}{colour}];")
     for src, sink in built.links():
         ends = f"{quoted(ids[src.element])} -> {quoted(ids[sink.element])}"
-        lines.append(f"  {ends} [label={quoted(_link_label(src, sink, counters))}];")
+        lines.append(f"  {ends} [label={quoted(*_link_details(src, sink, counters))}];")
     return "\n".join([*lines, "}"])
 
 
@@ -220,13 +213,14 @@ def as_mermaid(built: Graph, counters: Counters) -> str:
     """The graph in Mermaid's language."""
     ids = {element: f"n{index}" for index, element in enumerate(built.elements)}
 
-    def text(words: str) -> str:
-        return words.replace('"', "#quot;").replace("\n", "<br>")
+    def text(*lines: str) -> str:
+        return "<br>".join(lines).replace('"', "#quot;")
 
     lines = ["flowchart LR"]
-    lines += [f'  {ids[element]}["{text(_label(element, counters))}"]' for element in built.elements]
+    for element in built.elements:
+        lines.append(f'  {ids[element]}["{text(element.name, *_details(element, counters))}"]')
     for src, sink in built.links():
-        label = text(_link_label(src, sink, counters))
+        label = text(*_link_details(src, sink, counters))
         lines.append(f'  {ids[src.element]} -- "{label}" --> {ids[sink.element]}')
     lines += [
         f"  style {ids[element]} fill:{colour}" for element, colour in _colours(built, counters).items()
@@ -239,8 +233,7 @@ def as_text(built: Graph, counters: Counters) -> str:
     ids, lines = _ids(built), list[str]()
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for element in built.elements:
-        _, *more = _label(element, counters).splitlines()
-        lines.append("  ".join([_title(element, ids), *more]))
+        lines.append("  ".join([_title(element, ids), *_details(element, counters)]))
         for src, sink in built.links():
             if src.element is element:
                 caps = link_caps(src, sink)
@@ -259,12 +252,11 @@ def as_svg(built: Graph, counters: Counters) -> str:
     ids, colours = _ids(built), _colours(built, counters)
     boxes = []
     for element in built.elements:
-        _, *more = _label(element, counters).splitlines()
-        lines = [line[:SVG_COLUMNS] for line in (_title(element, ids), *more)]
+        lines = [line[:SVG_COLUMNS] for line in (_title(element, ids), *_details(element, counters))]
         boxes.append(Box(lines, colours.get(element, "white")))
     arrows = []
     for src, sink in built.links():
-        lines = _link_label(src, sink, counters).splitlines()
+        lines = _link_details(src, sink, counters)
         wrapped = [part for line in lines for part in textwrap.wrap(line, SVG_COLUMNS)]
         arrows.append(Arrow(indices[src.element], indices[sink.element], wrapped))
     return draw_svg(boxes, arrows)

@@ -17,11 +17,10 @@ from typer.core import TyperCommand
 
 from streamkit.cli.commands import parsed_by
 from streamkit.cli.description import (
-    Description,
     DescriptionArgument,
     FileOption,
     SettingsOption,
-    fail_description,
+    build_graph,
     read_description,
 )
 from streamkit.cli.stderr import (
@@ -33,7 +32,7 @@ from streamkit.cli.stderr import (
     open_threads,
     print_line,
 )
-from streamkit.errors import DescriptionError, StreamkitError
+from streamkit.errors import StreamkitError
 from streamkit.handoff.library_threads import share_cores
 from streamkit.output.pipe import STANDARD_INPUT
 from streamkit.service.signals import handling_signals
@@ -151,14 +150,15 @@ def launch(
             from streamkit.cli.summary import check_stats_file, print_results
             from streamkit.graph.description_text import unused_variables
             from streamkit.graph.link import open_ends
+            from streamkit.graph.pipeline import Pipeline
             from streamkit.service.monitor import Monitor
 
-            pipeline = build(source, as_json=json_errors)
+            pipeline = Pipeline(build_graph(source, as_json=json_errors))
         if processes is not None:
             from streamkit.cli.processes import choose_processes
 
             source = choose_processes(source, pipeline)
-            pipeline = build(source, as_json=json_errors)
+            pipeline = Pipeline(build_graph(source))
             gc.collect()  # the pipeline that was measured
         if stats_file is not None:
             check_stats_file(stats_file, pipeline)
@@ -216,16 +216,6 @@ def without_collection() -> Iterator[None]:
         yield
     finally:
         gc.enable()
-
-
-def build(source: Description, *, as_json: bool) -> Pipeline:
-    """Builds the pipeline of a description; exits with code 2 if it is invalid."""
-    from streamkit.graph.pipeline import Pipeline
-
-    try:
-        return Pipeline.parse(source.text, source.variables)
-    except DescriptionError as error:
-        fail_description(error, source, as_json=as_json)
 
 
 def _supervise(log_format: LogFormat) -> NoReturn:

@@ -82,7 +82,8 @@ class Run:
             with self._signals(report):
                 code = self._play()
                 code = self._stop() or code
-                self._print_remaining()
+                while (message := self.pipeline.bus.pop()) is not None:  # posted while it stopped
+                    self.printer.print(message)
                 if self.statistics is not None:
                     self.display.end(self.statistics)
         finally:
@@ -202,11 +203,6 @@ class Run:
         """Answers an interrupt; from now on a further one counts, however soon."""
         self._signalled_s = -math.inf
         self.printer.say("interrupt", text)
-
-    def _print_remaining(self) -> None:
-        """Prints messages posted while stopping."""
-        while (message := self.pipeline.bus.pop(0.0)) is not None:
-            self.printer.print(message)
 
     def _fail(self, text: str, error: Exception | None = None) -> int:
         """Prints an error; returns the exit code."""

@@ -208,11 +208,6 @@ def dropped_text(dropped: Mapping[str, int]) -> str:
     return f"{sum(dropped.values())} ({'; '.join(counted if len(dropped) > 1 else dropped)})"
 
 
-def written_files(statistics: RunStatistics) -> dict[str, list[str]]:
-    """The first and the last file written, by location."""
-    return {row.location: row.written for row in statistics.elements if row.written}
-
-
 def as_text(summary: RunSummary, written: Mapping[str, Sequence[str]] | None = None) -> str:
     """The last line of a run: "30 frames in 1.0 s, 30.0/s, 3 confirmed tracks, wrote tracks.jsonl".
 
@@ -279,7 +274,8 @@ def print_results(
     if stats_file is not None and not _write_counters(stats_file, statistics, display):
         code = 1
     if summary == "text" or (run.has_played and not printer.quiet):
-        display.print_line(as_text(made, written_files(statistics)))
+        written = {row.location: row.written for row in statistics.elements if row.written}
+        display.print_line(as_text(made, written))
     return code
 
 
