@@ -33,7 +33,9 @@ class Concat(Combine):
     src = "ANY"
     templates = (PadTemplate("sink_%u", Direction.SINK, ANY, Presence.REQUEST),)
 
-    active_pad: str | None = Property(None, read=lambda c: c._active_name(), doc="Name of the current input.")
+    active_pad: str | None = Property(
+        None, read=lambda c: getattr(c._active(), "name", None), doc="Name of the current input."
+    )
     adjust_base: bool = Property(True, live=True, doc="Start each input where the previous one ended.")
 
     @override
@@ -102,9 +104,6 @@ class Concat(Combine):
 
     def _active(self) -> Pad | None:
         return next((pad for pad in list(self.pads.values()) if not pad.is_src and not pad.is_eos), None)
-
-    def _active_name(self) -> str | None:
-        return getattr(self._active(), "name", None)
 
     def receive_event(self, pad: Pad, event: Event) -> None:
         """Makes events wait for their turn; EOS of the current input starts the next one."""
