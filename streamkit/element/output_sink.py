@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import ClassVar, Generic, TypeVar
 
-from streamkit.element.older_files import IfExists, OlderFiles
+from streamkit.element.older_files import IfExists, file_place, next_number
 from streamkit.element.property import Property
 from streamkit.element.property_owner import SettingsOf
 from streamkit.element.sink import Sink
@@ -110,7 +110,7 @@ class OutputFileSink(Sink):
 
     def open_file(self, *, is_whole: bool = False) -> OutputFile:
         """The next file; with `is_whole` it appears once it has content that is complete."""
-        append = self._older.can_append and self.if_exists is IfExists.CONTINUE
+        append = self.can_append() and self.if_exists is IfExists.CONTINUE
         reader_wait = ReaderWait(self.timeout_s, self.stopping, self.waiting)
         return OutputFile(self.next_path(), append=append, is_whole=is_whole, reader_wait=reader_wait)
 
@@ -120,7 +120,7 @@ class OutputFileSink(Sink):
         Raises:
             ResourceError: it exists, and `if-exists` protects it.
         """
-        path = self._older.place(self.names.path(self.number, self.clock.utc_ns()))
+        path = file_place(self, self.names.path(self.number, self.clock.utc_ns()))
         self.number += 1
         self.results["files"] += 1
         self._written_before, self.written_paths = self.written_paths, (*self.written_paths[:1], str(path))
@@ -158,16 +158,15 @@ class OutputFileSink(Sink):
             standard_output()
         self.check_properties()
         self.names = FileNames(self.pattern(), adds_number=self.needs_several_files())
-        self._older = OlderFiles(self.names, self.location, self.if_exists, self.can_append(), self.example)
         if not self.is_file():
             return
         with self.reported():
             first = self.names.path(0, self.clock.utc_ns())
             check_writable(first)
             if self.names.is_several:
-                self.number = self._older.next_number()
+                self.number = next_number(self)
             else:
-                self._older.place(first)
+                file_place(self, first)
 
     def render(self, frame: Frame) -> None:
         """Writes one frame.

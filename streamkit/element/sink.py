@@ -175,11 +175,11 @@ class Sink(Element):
         self._hold(None)
         if self.sync and self._last_end_ns and not self.wait_until_due(self._last_end_ns, self.ts_offset):
             raise Flushing(self.name)
-        if all(other.is_eos for other in self.sink_pads() if other is not pad and other.peer is not None):
-            if not self.has_failed:
-                with self.calling("drain"):
-                    self.drain()
-            pad.is_eos = True
+        linked = [other for other in self.sink_pads() if other is not pad and other.peer is not None]
+        is_last = all(other.is_eos for other in linked)
+        if is_last and not self.has_failed:
+            with self.calling("drain"):
+                self.drain()
+        pad.is_eos = True
+        if is_last:
             self.host.sink_ended(self)
-        else:
-            pad.is_eos = True
