@@ -225,15 +225,11 @@ def _intersections(pairs: Iterable[tuple[Structure, Structure]]) -> Caps:
 
 def read_value(text: str) -> Value:
     """Parses the value of a field; raises `CapsSyntax`."""
-    return CapsReader(text, _nested_caps).only_value()
+    return CapsReader(text).only_value()
 
 
 def _read(text: str) -> tuple[bool, tuple[Structure, ...]]:
-    return CapsReader(text, _nested_caps).caps()
-
-
-def _nested_caps(is_any: bool, structures: tuple[Structure, ...]) -> Caps:
-    return ANY if is_any else Caps(structures)
+    return CapsReader(text).caps()
 
 
 _read_known = lru_cache(CACHED_TEXTS)(_read)

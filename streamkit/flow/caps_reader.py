@@ -6,7 +6,6 @@ Source: the caps syntax of GStreamer's documentation ("Appendices: caps syntax")
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -45,7 +44,6 @@ STRUCTURE_LIMIT = 512
 MEMBER_LIMIT = 256
 SHOWN_LENGTH = 400
 RANGES: dict[type, Any] = {int: IntRange, Int64: Int64Range, float: FloatRange, Fraction: FractionRange}
-CapsMaker = Callable[[bool, tuple[Structure, ...]], Nested]
 
 
 class CapsReader:
@@ -53,15 +51,12 @@ class CapsReader:
 
     Args:
         text: caps, or one structure.
-        make_caps: makes nested caps from whether they are ANY, and their structures; `Caps` itself stands on
-            this parser.
         depth: nesting depth of the text in other caps.
         members: list members read so far, in the texts around this one.
     """
 
-    def __init__(self, text: str, make_caps: CapsMaker, depth: int = 0, members: int = 0) -> None:
+    def __init__(self, text: str, depth: int = 0, members: int = 0) -> None:
         self.text = text
-        self.make_caps = make_caps
         self.depth = depth
         self.position = 0
         self.members = members
@@ -229,7 +224,10 @@ class CapsReader:
     def nested(self, kind: str | None, closing: str = "") -> Nested:
         """A structure or caps up to the closing mark or the end."""
         if kind == "GstCaps":
-            return self.make_caps(*self.caps(closing))
+            from streamkit.flow.caps import ANY, Caps  # whose texts this class reads
+
+            is_any, structures = self.caps(closing)
+            return ANY if is_any else Caps(structures)
         found, *more = self.structures(closing)
         if more:
             raise self.error("a value holds one structure; write (GstCaps) in front for caps")
@@ -256,7 +254,7 @@ class CapsReader:
         text = read_string(raw)
         if text is None:
             raise self.error(f"{raw!r} is no string", start=start)
-        reader = CapsReader(text, self.make_caps, self.depth + 1, self.members)
+        reader = CapsReader(text, self.depth + 1, self.members)
         try:
             found = reader.nested(kind)
         except CapsSyntax as error:
