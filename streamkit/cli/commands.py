@@ -127,13 +127,3 @@ def version(show: bool = typer.Option(False, "--version", help="Print the versio
     if show:
         typer.echo(f"streamkit {importlib.metadata.version('streamkit')}")
         raise typer.Exit
-
-
-def application() -> typer.Typer:
-    """The application with all commands."""
-    app = typer.Typer(
-        name="streamkit", cls=CommandGroup, no_args_is_help=True,
-        pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
-    )  # fmt: skip
-    app.callback(invoke_without_command=True, help=SUMMARY)(version)
-    return app

@@ -23,9 +23,16 @@ NO_OUTPUT = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 def make_app() -> typer.Typer:
     """The application with all commands."""
-    from streamkit.cli.commands import application
+    import typer
 
-    return application()
+    from streamkit.cli.commands import SUMMARY, CommandGroup, version
+
+    app = typer.Typer(
+        name="streamkit", cls=CommandGroup, no_args_is_help=True,
+        pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]},
+    )  # fmt: skip
+    app.callback(invoke_without_command=True, help=SUMMARY)(version)
+    return app
 
 
 class LossyOutput(io.FileIO):

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
-from streamkit.cli.commands import SUMMARY, application
+from streamkit.cli.commands import SUMMARY
+from streamkit.cli.main import make_app
 from streamkit.cli.stderr import exit_with_error
 from streamkit.masking import presentable
 
@@ -39,7 +40,7 @@ def man(
 
 def pages() -> Iterator[tuple[str, str]]:
     """The name and text of each page, in man's language."""
-    return _pages("streamkit", typer.main.get_command(application()), SUMMARY)
+    return _pages("streamkit", typer.main.get_command(make_app()), SUMMARY)
 
 
 def _pages(path: str, command: Any, summary: str) -> Iterator[tuple[str, str]]:
