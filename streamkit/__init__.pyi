@@ -2,7 +2,7 @@
 
 from streamkit.cli.description import fail_description as fail_description
 from streamkit.cli.description import read_description as read_description
-from streamkit.cli.display import JsonDisplay as JsonDisplay
+from streamkit.cli.display import Display as Display
 from streamkit.cli.run import Run as Run
 from streamkit.cli.stderr import end_process as end_process
 from streamkit.cli.stderr import exit_with_error as exit_with_error

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import msgspec
 from typing_extensions import override
 
-from streamkit import JsonDisplay, MetricsEndpoint, Monitor, Pipeline, RestartDelay, Run, StreamkitError
+from streamkit import Display, MetricsEndpoint, Monitor, Pipeline, RestartDelay, Run, StreamkitError
 from streamkit.masking import mask_secrets, presentable
 from streamkit_fleet.feeds import FeedSpec
 
@@ -49,9 +49,10 @@ class FeedStatus(msgspec.Struct, frozen=True, kw_only=True):
     pid: int = 0
 
 
-class FeedLog(JsonDisplay):
+class FeedLog(Display):
     """Keeps the newest lines; they also go to stderr, which Ray keeps in a file."""
 
+    form = "json"
     kept: deque[str]
 
     @override

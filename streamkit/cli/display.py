@@ -38,7 +38,7 @@ class Display:
 
     Attributes:
         every_s: minimum interval between updates, s.
-        form: of the lines.
+        form: of the lines: text, timed text, or JSON objects (time, level, element, message) for programs.
         before: the counters since which rates are shown.
     """
 
@@ -96,12 +96,6 @@ class Display:
 
     def abandon(self) -> None:
         """Restores the terminal before the process ends at once."""
-
-
-class JsonDisplay(Display):
-    """Prints each line as a JSON object, for programs that collect logs: time, level, element, message."""
-
-    form = "json"
 
 
 class Progress(Display):

@@ -242,12 +242,11 @@ def serve_metrics(monitor: Monitor, address: str | None) -> contextlib.AbstractC
 
 def choose_display(pipeline: Pipeline, stats: Form | None, log_format: LogFormat, *, quiet: bool) -> Display:
     """The display for a terminal, a file or a program."""
-    from streamkit.cli.display import Display, JsonDisplay, Progress, Table
+    from streamkit.cli.display import Display, Progress, Table
 
-    if log_format == "json":
-        return JsonDisplay(pipeline)
-    display = Display(pipeline, "" if stats != "text" else "end" if quiet else "lines")
-    if not quiet and sys.stderr.isatty():
+    is_json = log_format == "json"  # counters and progress are for people
+    display = Display(pipeline, "" if stats != "text" or is_json else "end" if quiet else "lines")
+    if not (quiet or is_json) and sys.stderr.isatty():
         display = Table(pipeline) if stats == "text" else Progress(pipeline)
     display.form = log_format
     return display
