@@ -21,12 +21,11 @@ from streamkit.flow.events import EOS, CapsEvent, EndOfStream, FlowStop, Flushin
 from streamkit.flow.frame import Frame
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bins import Bin
-from streamkit.graph.bus import Bus
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, free_name
 from streamkit.graph.link import find_pad
 from streamkit.graph.negotiate import negotiate, remember_caps
-from streamkit.graph.streaming import StreamEnd
+from streamkit.graph.streaming import State
 
 if TYPE_CHECKING:
     from streamkit.graph.playback import Playback
@@ -47,10 +46,11 @@ class Branch:
     bins: list[Bin]
 
 
-def add_branch(graph: Graph, name: str, description: str, playback: Playback | None) -> Branch:
+def add_branch(playback: Playback, name: str, description: str) -> Branch:
     """Implements `Pipeline.add_branch`."""
     from streamkit.graph.build import build
 
+    graph, state = playback.pipeline.graph, playback.pipeline.state
     element = graph.element(name)
     taken = {known.name for known in (*graph.elements, *graph.bins)}
     added = build(description, {}, taken)
@@ -61,7 +61,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
     if src.template.presence is not Presence.REQUEST:
         raise DescriptionError("link", f"{name} makes no pads on request; put a tee there: tee name=t")
     # No event before its elements have started.
-    src.awaits_first_frame = playback is not None and playback.is_streaming
+    src.awaits_first_frame = state.is_streaming
     src.link(entry)
     graph.added_branches.add(src)
     before = len(graph.inserted)
@@ -74,7 +74,7 @@ def add_branch(graph: Graph, name: str, description: str, playback: Playback | N
             negotiate(graph, {})
         finally:
             branch.elements.extend(graph.inserted[before:])
-        if playback is not None:
+        if state is not State.NULL:
             _start(graph, branch, playback)
     except (DescriptionError, ElementFailure):
         _detach(graph, branch)
@@ -115,20 +115,21 @@ def _start(graph: Graph, branch: Branch, playback: Playback) -> None:
     for element in graph.from_sinks():
         if element in branch.elements:
             playback.pipeline.adopt(element)
-    if playback.is_streaming:
+    if playback.pipeline.state.is_streaming:
         remember_caps(graph)
         playback.join_branch(branch.src, branch.elements)
 
 
-def remove_branch(graph: Graph, branch: Branch, playback: Playback | None, timeout_s: float) -> None:
+def remove_branch(playback: Playback, branch: Branch, timeout_s: float) -> None:
     """Removes a branch after it has drained; its elements stay started."""
-    if playback is not None and playback.is_streaming:
+    graph, is_streaming = playback.pipeline.graph, playback.pipeline.state.is_streaming
+    if is_streaming:
         deadline = time.monotonic() + timeout_s
         playback.branches.remove(branch.src, timeout_s)
         playback.end.wait(branch.elements, deadline - time.monotonic())
         playback.leave_branch(branch.src, branch.elements)
     _detach(graph, branch)
-    if playback is not None and playback.is_streaming:
+    if is_streaming:
         remember_caps(graph)
 
 
@@ -239,10 +240,8 @@ class BranchOutput:
 class BranchOutputs:
     """Outputs of one run whose branches join, leave or may fail alone; other pads push into their chain."""
 
-    def __init__(self, graph: Graph, bus: Bus, end: StreamEnd) -> None:
-        self._graph = graph
-        self._bus = bus
-        self._end = end
+    def __init__(self, playback: Playback) -> None:
+        self._playback, self._graph = playback, playback.pipeline.graph
         self._lock = threading.Lock()
         self._outputs: dict[Pad, BranchOutput] = {}
         self._dropped: set[Element] = set()  # sinks
@@ -302,8 +301,8 @@ class BranchOutputs:
             source = error.element if isinstance(error, ElementFailure) else src.element.name
             text = f"the branch behind {src.path} is dropped, the others continue: {error}"
             fields = {"code": "branch-dropped", "branch": src.path}
-            self._bus.post(Message(MessageKind.WARNING, source, text, fields, error))
-            self._end.remove(sinks)
+            self._playback.pipeline.bus.post(Message(MessageKind.WARNING, source, text, fields, error))
+            self._playback.end.remove(sinks)
         return True
 
 

@@ -6,33 +6,20 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from streamkit.element.base import Element
 from streamkit.element.source import Source
 from streamkit.errors import ElementFailure, HangDetected, StartCancelled, StateError
 from streamkit.flow.messages import Message, MessageKind
 
+if TYPE_CHECKING:
+    from streamkit.graph.pipeline import Pipeline
+    from streamkit.graph.playback import Playback
+
 POLL_S = 0.1
 CANCEL_GRACE_S = 0.5  # time for an interrupted call to return: Ctrl-C ends a start within 1 s
 MAX_INTERVAL_S = 1.0  # between two checks
-
-
-@dataclass(frozen=True)
-class CallLimits:
-    """Time limits of calls.
-
-    Attributes:
-        watchdog_s: time until a warning; 0 is never.
-        stop_s: time until a `stop` is abandoned; a `start` has no limit.
-        cancelled: set to cancel the call.
-        post: called with the warning.
-    """
-
-    watchdog_s: float
-    stop_s: float
-    cancelled: threading.Event
-    post: Callable[[Message], None]
 
 
 class ElementCall(threading.Thread):
@@ -44,12 +31,12 @@ class ElementCall(threading.Thread):
         error: what the call raised.
     """
 
-    def __init__(self, element: Element, method: str, limits: CallLimits) -> None:
+    def __init__(self, element: Element, method: str, pipeline: Pipeline) -> None:
         super().__init__(name=f"streamkit:{element.name}:{method}")
         self.error: Exception | None = None
         self._element = element
         self._method = method
-        self._limits = limits
+        self._pipeline = pipeline
         try:
             self.start()
         except RuntimeError:
@@ -66,17 +53,17 @@ class ElementCall(threading.Thread):
             self.error = RuntimeError(f"its {self._method} raised {error!r}")
 
     def wait(self, limit_s: float = math.inf) -> None:
-        """Waits until the call returns, is cancelled, or reaches its limit; warns once.
+        """Waits until the call returns, is cancelled, or reaches its limit; warns once, after `watchdog_s`.
 
         Time is counted in polls, because a suspended process does not hang.
         """
-        limits, polls = self._limits, 0
-        warned_at = math.ceil(limits.watchdog_s / POLL_S)
+        pipeline, polls = self._pipeline, 0
+        warned_at = math.ceil(pipeline.watchdog_s / POLL_S)
         self.await_return(POLL_S)
-        while self.is_alive() and not limits.cancelled.is_set() and polls * POLL_S < limit_s:
+        while self.is_alive() and not pipeline.cancelled.is_set() and polls * POLL_S < limit_s:
             polls += 1
             if polls == warned_at:
-                limits.post(hang_warning(self._element, hang_of(self._method, limits.watchdog_s)))
+                pipeline.bus.post(hang_warning(self._element, hang_of(self._method, pipeline.watchdog_s)))
             self.await_return(POLL_S)
 
     def await_return(self, limit_s: float) -> None:
@@ -98,7 +85,7 @@ class ElementCall(threading.Thread):
         )
 
 
-def start_element(element: Element, started: list[Element], limits: CallLimits) -> None:
+def start_element(element: Element, started: list[Element], pipeline: Pipeline) -> None:
     """Starts an element, and adds it to those that have to be stopped.
 
     Raises:
@@ -110,13 +97,13 @@ def start_element(element: Element, started: list[Element], limits: CallLimits) 
     element.is_flushing = False
     if not _overrides(element, "start"):
         return
-    call = ElementCall(element, "start", limits)
+    call = ElementCall(element, "start", pipeline)
     try:
         call.wait()
     except BaseException:  # Ctrl-C in the calling thread: `start` must not overlap with `stop`
         call.interrupt()
         raise
-    if limits.cancelled.is_set():
+    if pipeline.cancelled.is_set():
         call.interrupt()
         if call.is_alive():
             started.remove(element)  # its `stop` must not run beside its `start`
@@ -140,8 +127,10 @@ def wake_elements(elements: Iterable[Element], post: Callable[[Message], None]) 
             post(Message(MessageKind.WARNING, element.name, f"interrupt failed: {cause}"))
 
 
-def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
+def stop_elements(elements: list[Element], pipeline: Pipeline, limit_s: float) -> list[str]:
     """Stops started elements in reverse order, sinks last; empties the list.
+
+    A `stop` that does not return within `limit_s` is abandoned.
 
     Returns:
         Names of the elements whose `stop` did not return.
@@ -149,7 +138,7 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
     stuck = []
     while elements:
         element = elements.pop()
-        if _overrides(element, "stop") and not _stop_returns(element, limits):
+        if _overrides(element, "stop") and not _stop_returns(element, pipeline, limit_s):
             stuck.append(element.name)
         element.is_playing = False
         for pad in list(element.pads.values()):
@@ -157,18 +146,18 @@ def stop_elements(elements: list[Element], limits: CallLimits) -> list[str]:
     return stuck
 
 
-def _stop_returns(element: Element, limits: CallLimits) -> bool:
+def _stop_returns(element: Element, pipeline: Pipeline, limit_s: float) -> bool:
     """Calls `stop`; posts a warning if it fails or does not return."""
-    call = ElementCall(element, "stop", limits)
-    call.wait(limits.stop_s)
-    if limits.cancelled.is_set():
+    call = ElementCall(element, "stop", pipeline)
+    call.wait(limit_s)
+    if pipeline.cancelled.is_set():
         call.await_return(CANCEL_GRACE_S)
     if call.is_alive():
-        limits.post(hang_warning(element, call.abandoned(limits.stop_s)))
+        pipeline.bus.post(hang_warning(element, call.abandoned(limit_s)))
         return False
     if call.error is not None:
         text = f"stop failed: {element.failure(call.error)}"
-        limits.post(Message(MessageKind.WARNING, element.name, text))
+        pipeline.bus.post(Message(MessageKind.WARNING, element.name, text))
     return True
 
 
@@ -193,19 +182,12 @@ class Watchdog:
     does not return from a frame fails. Without a limit elements are not checked.
 
     A program has left its pipeline when both its main thread and the thread that began to stream have ended;
-    without `abandon` the pipeline's threads would keep the interpreter from ending.
+    without `Playback.abandon` the pipeline's threads would keep the interpreter from ending.
     """
 
-    def __init__(
-        self,
-        elements: Callable[[], Iterable[Element]],
-        limit_s: float,
-        post: Callable[[Message], None],
-        fail: Callable[[Exception], None],
-        abandon: Callable[[], None],
-    ) -> None:
-        self._limit_s = limit_s
-        self._elements, self._post, self._fail, self._abandon = elements, post, fail, abandon
+    def __init__(self, playback: Playback) -> None:
+        self._playback = playback
+        self._limit_s = limit_s = playback.pipeline.watchdog_s
         self._interval_s = min(MAX_INTERVAL_S, limit_s / 4) if limit_s > 0 else MAX_INTERVAL_S
         self._checks: dict[Element, tuple[int, int]] = {}  # start of the call and number of checks
         self._stopping = threading.Event()
@@ -225,14 +207,14 @@ class Watchdog:
     def _run(self) -> None:
         while not self._stopping.wait(self._interval_s):
             if not any(thread.is_alive() for thread in self._users):
-                self._abandon()
+                self._playback.abandon()
                 return
             if self._limit_s > 0:
                 self._check()
 
     def _check(self) -> None:
         checks: dict[Element, tuple[int, int]] = {}
-        for element in list(self._elements()):
+        for element in list(self._playback.pipeline.graph.elements):
             activity = element.activity
             if activity is None or not _is_stuck(element):
                 continue
@@ -250,9 +232,9 @@ class Watchdog:
             return
         cause = hang_of(call, self._limit_s)
         if call == "frame":
-            self._fail(element.failure(cause, activity[2]))
+            self._playback.fail(element.failure(cause, activity[2]))
         else:
-            self._post(hang_warning(element, cause))
+            self._playback.pipeline.bus.post(hang_warning(element, cause))
 
 
 def hang_of(call: str, seconds: float) -> HangDetected:

@@ -16,7 +16,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 from streamkit.graph.branches import Branch, add_branch, remove_branch
 from streamkit.graph.bus import Bus
-from streamkit.graph.element_calls import CallLimits, check_ended, start_element, stop_elements, wake_elements
+from streamkit.graph.element_calls import check_ended, start_element, stop_elements, wake_elements
 from streamkit.graph.files import FileConflict, check_files
 from streamkit.graph.graph import Graph, Latency
 from streamkit.graph.playback import Playback
@@ -40,6 +40,7 @@ class Pipeline:
         timing: the running time.
         watchdog_s: time limit of an element's calls: for a frame the element fails; for `start`, `drain` and
             `stop` a warning is posted, and `stop` is abandoned. 0 is no limit.
+        cancelled: set by `cancel`, until the start or stop that it ends is over.
         ends_with_program: whether the program may end before the pipeline; else that is logged.
     """
 
@@ -56,7 +57,7 @@ class Pipeline:
         self.clock: Clock = clock or SystemClock()
         self.timing = Timing(lambda: self.clock)
         self.watchdog_s = watchdog_s
-        self._cancelled = threading.Event()
+        self.cancelled = threading.Event()
         self._lock = threading.RLock()
         self._started: list[Element] = []
         self._playback = Playback(self)
@@ -126,7 +127,7 @@ class Pipeline:
             ElementFailure: an element could not start, or `cancel` was called; started elements are stopped.
         """
         with self._lock:
-            if self.state in (State.PAUSED, State.PLAYING):
+            if self.state.is_streaming:
                 self.stop()
             if self.state is not State.NULL:
                 return
@@ -139,13 +140,13 @@ class Pipeline:
             self.timing.reset()
             self.bus.flush()
             try:
-                self._processes.start(self._playback, self._cancelled)
+                self._processes.start(self._playback)
                 for element in self.graph.from_sinks():
                     self.adopt(element)
             except BaseException:
-                stop_elements(self._started, self._limits())
+                self._stop(self._started)
                 self._processes.stop()
-                self._cancelled.clear()
+                self.cancelled.clear()
                 raise
             self._change_state(State.READY)
 
@@ -212,7 +213,7 @@ class Pipeline:
 
     def flush_here(self, *, begins: bool) -> None:
         """Begins or ends a flush in this process, as one of those between which a frame may be."""
-        if self.state in (State.PAUSED, State.PLAYING):
+        if self.state.is_streaming:
             self._playback.flush(begins=begins)
 
     def cancel(self) -> None:
@@ -221,7 +222,7 @@ class Pipeline:
         The start raises `ElementFailure` (of `StartCancelled`) after stopping started elements; the stop
         abandons calls that did not return.
         """
-        self._cancelled.set()
+        self.cancelled.set()
 
     def finish(self) -> None:
         """Makes every source end its stream with EOS."""
@@ -238,14 +239,14 @@ class Pipeline:
         with self._lock:
             if self.state is State.NULL and not self._started:
                 return
-            self._cancelled.clear()
+            self.cancelled.clear()
             self._playback.stop()
             self._processes.begin_stop()
             stuck = self._end_streaming(self.graph.elements)
-            stuck += stop_elements(self._started, self._limits())
+            stuck += self._stop(self._started)
             self._processes.stop()
             self._playback.branches.relink()
-            self._cancelled.clear()
+            self.cancelled.clear()
             self._change_state(State.NULL)
             self.ended.set()
         check_ended(stuck, STOP_LIMIT_S)
@@ -277,7 +278,7 @@ class Pipeline:
     def process_statistics(self) -> list[ProcessStatistics]:
         """Counters of every process since streaming began, the main process first."""
         rows = self._playback.rows(self.clock.monotonic_ns())
-        own = measure_process(self.graph, rows, self._playback.cpu_began_ns)
+        own = measure_process(self._playback, rows)
         return [own, *self._processes.statistics()]
 
     def latency(self) -> Latency:
@@ -310,7 +311,7 @@ class Pipeline:
             ElementFailure: an element of the branch could not start; the branch is removed.
         """
         with self._lock:
-            return add_branch(self.graph, element, description, self._playback if self._started else None)
+            return add_branch(self._playback, element, description)
 
     def remove_branch(self, branch: Branch, timeout_s: float = 2.0) -> None:
         """Sends EOS into a branch, lets it drain for `timeout_s`, then unlinks and stops it.
@@ -319,14 +320,14 @@ class Pipeline:
             StateError: a thread did not end in time.
         """
         with self._lock:
-            remove_branch(self.graph, branch, self._playback if self._started else None, timeout_s)
+            remove_branch(self._playback, branch, timeout_s)
             stuck = self._end_streaming(branch.elements)
-            stuck += stop_elements([e for e in self._started if e in branch.elements], self._limits())
+            stuck += self._stop([element for element in self._started if element in branch.elements])
             self._started = [element for element in self._started if element not in branch.elements]
         check_ended(stuck, STOP_LIMIT_S)
 
-    def _limits(self) -> CallLimits:
-        return CallLimits(self.watchdog_s, max(STOP_LIMIT_S, self.watchdog_s), self._cancelled, self.bus.post)
+    def _stop(self, elements: list[Element]) -> list[str]:
+        return stop_elements(elements, self, max(STOP_LIMIT_S, self.watchdog_s))
 
     def adopt(self, element: Element) -> None:
         """Adds an element to this pipeline and starts it."""
@@ -335,8 +336,8 @@ class Pipeline:
         element.host = self._playback
         element.poster = self.bus.post
         if self.graph.is_local(element):
-            start_element(element, self._started, self._limits())
-            element.is_playing = self.state in (State.PAUSED, State.PLAYING)
+            start_element(element, self._started, self)
+            element.is_playing = self.state.is_streaming
 
     def _end_streaming(self, elements: list[Element]) -> list[str]:
         wake_elements(elements, self.bus.post)

@@ -39,6 +39,7 @@ class Playback(Host):
     Attributes:
         pipeline: whose graph runs.
         chains: one for each src pad.
+        retired: the counters of chains of removed branches.
         end: tracks the end of the run.
         branches: the outputs whose branches join, leave or may fail alone.
         is_streaming: whether threads were started.
@@ -48,14 +49,14 @@ class Playback(Host):
 
     def __init__(self, pipeline: Pipeline) -> None:
         self.chains: list[Chain] = []
-        self._retired = RetiredChains()
+        self.retired = RetiredChains()
         self.end = StreamEnd(pipeline.bus)
         self.pipeline = pipeline
         self._graph, self._bus, self._timing = pipeline.graph, pipeline.bus, pipeline.timing
         self.is_streaming = False
         self._lock = threading.RLock()
         self._threads: list[StreamingThread] = []
-        self.branches = BranchOutputs(self._graph, self._bus, self.end)
+        self.branches = BranchOutputs(self)
         self._watchdog: Watchdog | None = None
         self._is_stopping = False
         self.cpu_began_ns = 0
@@ -77,15 +78,13 @@ class Playback(Host):
         threads = self.add_threads(filter(graph.is_local, graph.from_sinks()))
         self.is_streaming = True
         self.cpu_began_ns = time.process_time_ns()
-        self._watchdog = Watchdog(
-            lambda: graph.elements, self.pipeline.watchdog_s, self._bus.post, self.fail, self._abandoned
-        )
+        self._watchdog = Watchdog(self)
         self._watchdog.start()
         for thread in threads:
             thread.start()
 
-    def _abandoned(self) -> None:
-        """The program has ended, and has left the pipeline playing."""
+    def abandon(self) -> None:
+        """Stops the pipeline, which the program has left playing when it ended."""
         if not (self.pipeline.ends_with_program or self.end.ended.is_set()):
             log.warning("the program has ended, its pipeline had not: use `with` or stop()")
         self.pipeline.stop()
@@ -99,7 +98,7 @@ class Playback(Host):
         ]
 
     def _add_thread(self, element: Element, stream: Callable[[], None]) -> StreamingThread:
-        thread = StreamingThread(element, stream, self.fail, self._thread_ended)
+        thread = StreamingThread(element, stream, self)
         with self._lock:
             self._threads.append(thread)
         return thread
@@ -214,7 +213,7 @@ class Playback(Host):
 
     def rows(self, now_ns: int) -> dict[Element, ElementStatistics]:
         """The counters of the elements, in textual order."""
-        return collect_statistics(self._graph, self.chains, self._retired, self._bus.counts, now_ns)
+        return collect_statistics(self, now_ns)
 
     def pad_added(self, pad: Pad) -> None:
         """Tries the delayed links of a new pad, and composes the chain behind it."""
@@ -268,7 +267,7 @@ class Playback(Host):
     def leave_branch(self, src: Pad, elements: list[Element]) -> None:
         """Removes a branch; the run no longer waits for its sinks."""
         with self._lock:
-            self._retired.retire(src, elements, self.chains)
+            self.retired.retire(src, elements, self.chains)
         self.end.remove(elements)
 
     # End of the run.
@@ -282,16 +281,11 @@ class Playback(Host):
         if not (self.is_streaming and self.branches.drop_branch_of(error)):
             self.end.fail(error)
 
-    def _thread_ended(self) -> None:
-        """Ends the run once every thread has ended, even if a sink did not get EOS."""
+    def thread_ended(self) -> None:
+        """Ends the run once every thread of all processes has ended, even if a sink did not get EOS."""
         is_over = all(thread.has_ended for thread in self._threads) and self.is_over_elsewhere()
         if not self._is_stopping and is_over:
             self.end.post_eos()
-
-    def ended_elsewhere(self, sinks: Iterable[Sink]) -> None:
-        """Everything in another process has ended, sinks included."""
-        self.end.remove(sinks)
-        self._thread_ended()
 
     def _sinks(self) -> list[Sink]:
         """The sinks whose end this process awaits: those of other processes, too, in the main one."""

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from msgspec import structs
 
@@ -27,6 +28,9 @@ from streamkit.graph.graph import Graph
 from streamkit.graph.processes.process_link import LOST, ProcessLink
 from streamkit.graph.streaming import Streaming
 from streamkit.masking import mask_secrets
+
+if TYPE_CHECKING:
+    from streamkit.graph.playback import Playback
 
 MAIN = "main"
 
@@ -101,23 +105,10 @@ class _ChainTotals:
         return chain.busy_ns + sum(map(self._spent_ns, beyond))
 
 
-def collect_statistics(
-    graph: Graph,
-    chains: Iterable[Chain],
-    retired: RetiredChains,
-    counts: Counter[tuple[str, MessageKind]],
-    now_ns: int,
-) -> dict[Element, ElementStatistics]:
-    """The counters of every element of a graph, in order.
-
-    Args:
-        graph: the graph.
-        chains: the chains of its run.
-        retired: counters of the chains of removed branches.
-        counts: messages by element and kind.
-        now_ns: time of the pipeline's clock, ns.
-    """
-    totals = _ChainTotals(list(chains), retired)  # streaming threads may add some
+def collect_statistics(playback: Playback, now_ns: int) -> dict[Element, ElementStatistics]:
+    """The counters of every element of a run's graph, in order, at a time of the pipeline's clock, ns."""
+    pipeline, counts = playback.pipeline, playback.pipeline.bus.counts
+    totals = _ChainTotals(list(playback.chains), playback.retired)  # streaming threads may add some
 
     def row(element: Element) -> ElementStatistics:
         name = element.name
@@ -142,7 +133,7 @@ def collect_statistics(
             has_failed=element.has_failed,
         )
 
-    return {element: row(element) for element in list(graph.elements)}  # branches may join meanwhile
+    return {element: row(element) for element in list(pipeline.graph.elements)}  # branches may join
 
 
 def silent_transforms(rows: dict[Element, ElementStatistics]) -> dict[str, str]:
@@ -211,17 +202,9 @@ def merge_statistics(
     return [row(element, mine) for element, mine in own.items()]
 
 
-def measure_process(
-    graph: Graph, rows: Mapping[Element, ElementStatistics], cpu_began_ns: int
-) -> ProcessStatistics:
-    """The counters of the calling process.
-
-    Args:
-        graph: the whole graph.
-        rows: the counters of its elements in this process.
-        cpu_began_ns: processor time that the process had used when streaming began, ns.
-    """
-    frames = crossings = waited_ns = 0
+def measure_process(playback: Playback, rows: Mapping[Element, ElementStatistics]) -> ProcessStatistics:
+    """The counters of the calling process, with those of its elements in a run."""
+    graph, frames, crossings, waited_ns = playback.pipeline.graph, 0, 0, 0
     for element, row in rows.items():
         if not graph.is_local(element):
             continue
@@ -232,7 +215,7 @@ def measure_process(
     return ProcessStatistics(
         process=MAIN if graph.here is None else graph.here.name,
         pid=os.getpid(),
-        cpu_ns=time.process_time_ns() - cpu_began_ns,
+        cpu_ns=time.process_time_ns() - playback.cpu_began_ns,
         rss_bytes=resident_bytes(),
         frames=frames,
         crossings=crossings,

@@ -6,7 +6,7 @@ import contextlib
 import enum
 import threading
 from collections.abc import Callable, Iterable
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from streamkit.element.base import Element
 from streamkit.element.sink import Sink
@@ -14,6 +14,9 @@ from streamkit.errors import ElementFailure, NotNegotiated, ResourceError, Strea
 from streamkit.flow.events import EOS, FlowStop, NotLinked
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.bus import Bus
+
+if TYPE_CHECKING:
+    from streamkit.graph.playback import Playback
 
 
 class State(enum.StrEnum):
@@ -23,6 +26,11 @@ class State(enum.StrEnum):
     READY = "ready"
     PAUSED = "paused"
     PLAYING = "playing"
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether the threads run: paused or playing."""
+        return self in (State.PAUSED, State.PLAYING)
 
 
 class StateChange(enum.StrEnum):
@@ -136,23 +144,15 @@ class StreamingThread(threading.Thread):
     Args:
         element: named in errors; EOS follows them downstream of it.
         stream: body of the thread.
-        failed: called with the error that ended streaming.
-        ended: called last in any case.
+        playback: the run, which gets an error that ends streaming, and hears of the end in any case.
     """
 
-    def __init__(
-        self,
-        element: Element,
-        stream: Callable[[], None],
-        failed: Callable[[Exception], None],
-        ended: Callable[[], None],
-    ) -> None:
+    def __init__(self, element: Element, stream: Callable[[], None], playback: Playback) -> None:
         super().__init__(name=f"streamkit:{element.name}")
         self.element = element
         self.has_ended = False
         self._stream = stream
-        self._failed = failed
-        self._ended = ended
+        self._playback = playback
 
     def run(self) -> None:
         """Streams; after an error reports it and sends EOS, so that other branches finish."""
@@ -170,10 +170,10 @@ class StreamingThread(threading.Thread):
             self._fail(element.failure(cause))
         finally:
             self.has_ended = True
-            self._ended()
+            self._playback.thread_ended()
 
     def _fail(self, error: Exception) -> None:
-        self._failed(error)
+        self._playback.fail(error)
         for pad in list(self.element.src_pads()):
             with contextlib.suppress(FlowStop, StreamkitError):
                 pad.send_event(EOS)

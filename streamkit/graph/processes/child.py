@@ -16,7 +16,7 @@ from typing import Any
 
 from streamkit.crossing.channel import Channel, ChannelClosed
 from streamkit.crossing.shared_memory import map_numbers
-from streamkit.crossing.values import ValueDecoder, ValueEncoder
+from streamkit.crossing.values import ValueDecoder
 from streamkit.errors import ResourceError, StateError
 from streamkit.flow.messages import Message, MessageKind
 from streamkit.graph.build import build
@@ -173,7 +173,7 @@ class Child:
     def _query(self, number: int, method: str) -> Any:
         if method not in QUERIES:
             raise StateError(f"there is no query {method}")
-        return ValueEncoder().encode(getattr(self._pipeline.graph.elements[number], method)())
+        return getattr(self._pipeline.graph.elements[number], method)()
 
 
 def readable_files(graph: Graph) -> Iterator[str]:

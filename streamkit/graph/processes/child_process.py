@@ -9,9 +9,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -27,6 +26,10 @@ from streamkit.graph.processes.orders import (
     decode_failure,
 )
 from streamkit.handoff.library_threads import thread_variables
+
+if TYPE_CHECKING:
+    from streamkit.graph.processes.part import Part
+    from streamkit.graph.processes.processes import Processes
 
 CHILD = "streamkit.graph.processes.child"
 PING_POLLS = 4  # a silent child is asked for an answer once in so many polls
@@ -48,30 +51,19 @@ class ChildProcess(threading.Thread):
         is_reported: whether its end was reported, as it came while the pipeline did not stop.
 
     Args:
-        home: name of the bin.
+        part: whose elements it runs.
         setup: its first message.
         marks: descriptor of memory that goes with it; closed here.
-        processes: that share the cores, this one included.
-        reported: called, in this thread, with reports other than answers.
-        ended: called last, in this thread.
+        processes: get, in this thread, reports other than answers, and its end, last.
     """
 
-    def __init__(
-        self,
-        home: str,
-        setup: Setup,
-        marks: int,
-        processes: int,
-        reported: Callable[[Report], None],
-        ended: Callable[[ChildProcess], None],
-    ) -> None:
-        super().__init__(name=f"streamkit:process:{home}")
+    def __init__(self, part: Part, setup: Setup, marks: int, processes: Processes) -> None:
+        self._home = part.home.name
+        super().__init__(name=f"streamkit:process:{self._home}")
         self.reason = ""
         self.has_died = self.is_reported = False
         self.silence_limit_s = setup.watchdog_s
-        self._home = home
-        self._setup, self._marks, self._processes = setup, marks, processes
-        self._reported, self._ended = reported, ended
+        self._part, self._setup, self._marks, self._processes = part, setup, marks, processes
         self._lock = threading.Lock()  # guards the next three
         self._orders = 0
         self._waiting: dict[int, Future[Any]] = {}  # orders without an answer, by number
@@ -151,12 +143,12 @@ class ChildProcess(threading.Thread):
             for number in waiting:
                 self._answer(number, error=self._end)
             self._takes_orders.set()
-            self._ended(self)
+            self._processes.child_ended(self._part, self)
 
     def _spawn(self) -> subprocess.Popen[bytes]:
         descriptor = self._theirs.fileno()
         path = os.pathsep.join(path for path in sys.path if path)
-        variables = thread_variables(self._processes) | os.environ | {"PYTHONPATH": path}
+        variables = thread_variables(self._processes.count) | os.environ | {"PYTHONPATH": path}
         try:
             # A session of its own: Ctrl-C in a terminal is for the pipeline, which then ends this in order.
             return subprocess.Popen(
@@ -197,7 +189,7 @@ class ChildProcess(threading.Thread):
             error = None if report.failure is None else decode_failure(report.failure)
             self._answer(report.number, report.value, error)
         else:
-            self._reported(report)
+            self._processes.reported(self._part, report)
 
     def _reap(self) -> None:
         """Waits for the end of the process, and notes what has ended it."""

@@ -14,7 +14,8 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.statistics import ElementStatistics, ProcessStatistics
 
 Counters = tuple[list[ElementStatistics], list[ProcessStatistics]]
-QUERIES = ("latency", "duration_ns", "renegotiate")  # methods of elements that other processes may call
+# Methods of elements that other processes may call; they return plain numbers, a tuple arrives as a list.
+QUERIES = ("latency", "duration_ns", "renegotiate")
 REBUILT = (errors.StateError, errors.ResourceError, errors.NotNegotiated, errors.PropertyError, OSError)
 
 

@@ -7,9 +7,8 @@ import functools
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future, wait
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -22,8 +21,11 @@ from streamkit.flow.statistics import ElementStatistics
 from streamkit.graph.bins import Bin
 from streamkit.graph.graph import Graph
 from streamkit.graph.processes.child_process import ANSWER_LIMIT_S, ChildProcess
-from streamkit.graph.processes.orders import QUERIES, Counters, Report, Setup
+from streamkit.graph.processes.orders import QUERIES, Counters, Setup
 from streamkit.restart_delay import RestartDelay
+
+if TYPE_CHECKING:
+    from streamkit.graph.processes.processes import Processes
 
 STATISTICS_LIMIT_S = 1.0
 STOP_ORDER_LIMIT_S = 1.0  # a child that reads no orders does not take it
@@ -68,10 +70,8 @@ class Part:
         self.is_streaming = False
         self._counters: Counters = ([], [])
 
-    def spawn(
-        self, reported: Callable[[Part, Report], None], ended: Callable[[Part, ChildProcess], None]
-    ) -> ChildProcess:
-        """Starts a child with the current properties; the callbacks are those of `ChildProcess`."""
+    def spawn(self, processes: Processes) -> ChildProcess:
+        """Starts a child with the current properties; `processes` hears of its reports and its end."""
         encoder = ValueEncoder()
         properties = [
             {
@@ -85,8 +85,7 @@ class Part:
         setup = Setup(graph.text, dict(graph.variables), number, properties, self.limit_s)
         self._marks, descriptor = make_numbers(1 + len(self.elements))
         self._marks[0] = -1
-        callbacks = functools.partial(reported, self), functools.partial(ended, self)
-        self.child = ChildProcess(self.home.name, setup, descriptor, len(graph.processes) + 1, *callbacks)
+        self.child = ChildProcess(self, setup, descriptor, processes)
         self.is_streaming = False
         self.child.start()
         return self.child
@@ -181,7 +180,7 @@ class Part:
 
         def ask(method: str) -> Any:
             with contextlib.suppress(ProcessDied):
-                return self.values.decode(self.ask("query", number, method))
+                return self.ask("query", number, method)
             return getattr(type(element), method)(element)
 
         vars(element)["property_changed"] = forward

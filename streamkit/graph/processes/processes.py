@@ -46,6 +46,9 @@ class Processes:
     """Starts, supervises and ends the children of a pipeline; without process bins it does nothing.
 
     The elements of other processes stand in the pipeline's graph for queries and properties.
+
+    Attributes:
+        count: of the processes, the main one included.
     """
 
     _playback: Playback  # of the current run
@@ -53,6 +56,7 @@ class Processes:
     def __init__(self, pipeline: Pipeline) -> None:
         self._pipeline, self._post, graph = pipeline, pipeline.bus.post, pipeline.graph
         self._parts = {home: Part(graph, home) for home in graph.processes if graph.here is None}
+        self.count = len(graph.processes) + 1
         self._links = graph.process_links
         self._numbers = {link: number for number, link in enumerate(self._links)}
         self._connecting = threading.Lock()
@@ -63,7 +67,7 @@ class Processes:
 
     # Called by the pipeline.
 
-    def start(self, playback: Playback, cancelled: threading.Event) -> None:
+    def start(self, playback: Playback) -> None:
         """Starts every child and makes its elements ready.
 
         Raises:
@@ -79,20 +83,21 @@ class Processes:
         try:
             for part in parts:
                 part.reset(self._pipeline.watchdog_s)
-                part.spawn(self._reported, self._ended)
+                part.spawn(self)
             for link, (writer, _) in self._links.items():
                 self._connect(link)
                 if writer is not None:  # what it has posted before its EOS comes before that
                     link.before_end = functools.partial(self._await_messages, [self._parts[writer]])
             answers = {part: part.order("ready") for part in parts}
             for part, answer in answers.items():
-                self._await_ready(part, answer, cancelled)
+                self._await_ready(part, answer)
         except BaseException:
-            self.stop(is_cancelled=cancelled.is_set())
+            self.stop(is_cancelled=self._pipeline.cancelled.is_set())
             raise
 
-    def _await_ready(self, part: Part, answer: Future[Any], cancelled: threading.Event) -> None:
+    def _await_ready(self, part: Part, answer: Future[Any]) -> None:
         """Waits for the start of a child's elements; any failure is that of an element."""
+        cancelled = self._pipeline.cancelled
         try:
             _await(answer, cancelled)
             if cancelled.is_set():
@@ -215,7 +220,8 @@ class Processes:
 
     # Reports and the end of a child, in its thread.
 
-    def _reported(self, part: Part, report: Report) -> None:
+    def reported(self, part: Part, report: Report) -> None:
+        """Takes a report of a child."""
         if isinstance(report, Dropped):
             part.elements[report.number].count_drop(report.reason, report.count)
         elif isinstance(report, Posted):
@@ -238,7 +244,8 @@ class Processes:
         """Everything in a process has ended; a failure upstream of it is reported first."""
         self._await_messages(other for other in self._parts.values() if other is not part)
         part.has_ended = True
-        self._playback.ended_elsewhere(part.sinks)
+        self._playback.end.remove(part.sinks)
+        self._playback.thread_ended()
 
     def _await_messages(self, parts: Iterable[Part]) -> None:
         """Waits until what some processes have posted so far is on the bus: answers come after it."""
@@ -246,7 +253,7 @@ class Processes:
             with contextlib.suppress(ProcessDied):
                 _await(part.order("ping"), self._stopping, ANSWER_LIMIT_S)
 
-    def _ended(self, part: Part, child: ChildProcess) -> None:
+    def child_ended(self, part: Part, child: ChildProcess) -> None:
         """A child has ended; unless the pipeline stops, that is a failure once it streams."""
         while not (self._order or self._stopping.wait(POLL_S)):
             continue
@@ -269,7 +276,7 @@ class Processes:
         if self._stopping.wait(delay_s):
             return
         try:
-            child = part.spawn(self._reported, self._ended)
+            child = part.spawn(self)
             self._reconnect(part)
             _await(part.order("ready"), self._stopping)
             if not self._stopping.is_set():

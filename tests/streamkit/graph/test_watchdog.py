@@ -4,6 +4,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import pytest
 
@@ -189,7 +190,8 @@ def test_the_watchdog_may_wait_for_the_one_that_stops_it() -> None:
         inside.set()
         release.wait(60)
 
-    watchdog = Watchdog(lambda: [element], 0.01, lambda _: None, fail, lambda: None)
+    pipeline = SimpleNamespace(watchdog_s=0.01, graph=SimpleNamespace(elements=[element]))
+    watchdog = Watchdog(SimpleNamespace(pipeline=pipeline, fail=fail))
     watchdog.start()
     assert inside.wait(20)
     watchdog.stop()
