@@ -162,8 +162,9 @@ class VideoDecoder(Generic[Origin]):
     def _flushes(self) -> Iterator[Packet[Stream]]:
         """Empty packets, each of which lets one frame thread give its frame or error.
 
-        The end of the stream lets all do so at once, and PyAV leaves out what follows an error then. An empty
-        packet without side data is that end to FFmpeg. Decoders of other codecs may not expect one.
+        The end of the stream lets all do so at once, and PyAV leaves out what follows an error then: it reads
+        no frame but after a packet, and FFmpeg takes none after the end. An empty packet is that end, too,
+        unless it has side data. Decoders of other codecs may not expect one.
         """
         is_threaded = self.threading is ThreadType.FRAME and not self.is_on_device
         for _ in range(self._context.thread_count if is_threaded and self._context.name == "h264" else 0):

@@ -55,11 +55,6 @@ class _PartStream:
     end: float
     time: int | None = None
 
-    def has_ended(self, packet: Packet[Stream]) -> bool:
-        """Whether a packet is decoded at or after the end."""
-        decoded = packet.pts if packet.dts is None else packet.dts
-        return decoded is not None and decoded >= self.end
-
     def shows(self, packet: Packet[Stream]) -> bool:
         """Whether a packet is shown; of several in a PES packet only the first has a time."""
         time = packet.dts if packet.pts is None else packet.pts
@@ -176,7 +171,8 @@ class FilePart:
                 self._report_part()
                 continue
             stream = self._read[packet.stream_index]
-            if stream.has_ended(packet):
+            decoded = packet.pts if packet.dts is None else packet.dts
+            if decoded is not None and decoded >= stream.end:
                 playing.discard(packet.stream_index)
                 if not playing:
                     return
