@@ -40,9 +40,10 @@ def source_address(location: str) -> UdpAddress:
     """The address to receive at; raises `ValueError` where the URL is none."""
     address, fields = _parsed(location)
     if not address.port:
-        raise ValueError("the port is missing")
+        raise ValueError("the port is missing; write udp://@:PORT")
     if fields:
-        raise ValueError(f"it takes ?localaddr=ADDRESS only, not {', '.join(sorted(fields))}")
+        names = ", ".join(sorted(fields))
+        raise ValueError(f"it takes ?localaddr=ADDRESS only, not {names}; write udp://@:PORT without it")
     return address
 
 

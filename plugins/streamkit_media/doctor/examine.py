@@ -17,8 +17,7 @@ from streamkit_media.doctor.checks import Check, Report, bad, good, good_if, is_
 from streamkit_media.doctor.server import NoAnswer, ask_options
 from streamkit_media.doctor.watch import Seen, watch
 from streamkit_media.files.completeness import declared_length_s, tolerance_s
-from streamkit_media.live.addresses import RTSP_SCHEMES, port_of
-from streamkit_media.live.reachability import server_failure
+from streamkit_media.live.reachability import RTSP_SCHEMES, port_of, server_failure
 from streamkit_telemetry_formats.telemetryreader import NoTelemetry, TelemetryFile
 
 FILE_PACKETS = 3000  # of the beginning of a file

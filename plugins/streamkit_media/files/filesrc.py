@@ -35,7 +35,7 @@ from streamkit_media.container import (
 )
 from streamkit_media.files.completeness import holds_second_recording
 from streamkit_media.files.file_part import FilePart, Joint
-from streamkit_media.live.addresses import LIVE_SCHEMES, RTSP_SCHEMES, port_of
+from streamkit_media.live.reachability import LIVE_SCHEMES, RTSP_SCHEMES, port_of
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import (
     AUDIO_CAPS,

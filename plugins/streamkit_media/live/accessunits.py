@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Iterator
+from typing import cast
 
 from av.codec.context import CodecContext
+from av.container import Flags, InputContainer
 from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
@@ -21,6 +23,9 @@ from streamkit_media.nalunits import CODECS, START_CODES, holds_slice, without_i
 
 UNPARSED = {"fflags": "+noparse"}  # FFmpeg's option to return pieces
 MAX_REORDERED = 16
+NO_PARSE = cast("int", Flags.no_parse.value)
+# FFmpeg hands on a PES packet in pieces of 200 KB with its header, cut between transport packets.
+FULL_PIECE_BYTES = 200 * 1024 - 184
 
 
 def can_be_joined(stream: Stream) -> bool:
@@ -134,3 +139,24 @@ def frame_duration(video: VideoStream) -> int:
     """Duration of a frame in the stream's time base; 0 if unknown."""
     rate, base = stream_rate(video), video.time_base
     return round(1 / (rate * base)) if rate and base else 0
+
+
+def whole_frames(
+    container: InputContainer, pieces: Iterator[Packet[Stream]], video: VideoStream
+) -> Iterator[Packet[Stream]]:
+    """The packets of a container opened with `UNPARSED`, in which a PES packet is a frame, or part of one.
+
+    Where it is several, or the codec is not known here, FFmpeg's parser takes over.
+    """
+    if can_be_joined(video):
+        units = AccessUnits(video, has_decoding_times=True)
+        for piece in pieces:
+            if piece.stream_index != video.index:
+                yield piece
+                continue
+            yield from units.add(piece, is_marked=piece.size <= FULL_PIECE_BYTES)
+            if units.has_several:
+                break
+        yield from units.drain()
+    container.flags &= ~NO_PARSE
+    yield from pieces

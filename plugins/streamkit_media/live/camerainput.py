@@ -25,6 +25,7 @@ from streamkit_media.streams import read_packets
 SCHEME = "v4l2"
 NAME = re.compile(r"\d{1,2}|/dev/video\d+")  # without the scheme: as OpenCV names a camera, or its device
 OPTIONS = ("video_size", "framerate", "input_format")  # of FFmpeg's device that a URL may choose
+EXAMPLE = "v4l2:///dev/video0?video_size=1280x720&framerate=30&input_format=mjpeg"
 STREAM_OFF = 0x40045613  # VIDIOC_STREAMOFF, _IOW('V', 19, int)
 CAPTURE_QUEUE = struct.pack("=i", 1)  # V4L2_BUF_TYPE_VIDEO_CAPTURE
 REMEDIES = {
@@ -51,7 +52,7 @@ def camera_options(location: str) -> dict[str, str]:
     """
     found = dict(parse_qsl(urlsplit(location).query, keep_blank_values=True))
     if unknown := found.keys() - set(OPTIONS):
-        raise ValueError(f"a camera has {', '.join(OPTIONS)}, got {min(unknown)}")
+        raise ValueError(f"a camera has {', '.join(OPTIONS)}, got {min(unknown)}; write {EXAMPLE}")
     return found
 
 

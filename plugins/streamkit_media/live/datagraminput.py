@@ -15,19 +15,15 @@ from av.packet import Packet
 from av.stream import Stream
 from typing_extensions import override
 
-from streamkit import SECOND_NS, ResourceError
-from streamkit_media.failures import ConnectionLost, Silence
-from streamkit_media.live.recentpackets import RecentPackets
-from streamkit_media.live.transportinput import TransportInput
-from streamkit_media.live.transportpackets import TransportPackets
-from streamkit_media.streams import nanoseconds, read_packets
+from streamkit import ResourceError
+from streamkit_media.failures import ConnectionLost
+from streamkit_media.live.liveinput import TransportInput
+from streamkit_media.live.transportstream import NextStream, TransportPackets
 from streamkit_media.udp import OVERFLOWS, RECEIVE_BUFFER_BYTES, open_receiver, overflows, source_address
 
 POLL_S = 0.1
 NOTICE_S = 2.0  # how long a first connection waits before it reports what for
 DATAGRAM_BYTES = 1 << 16
-# Decoding times that fall by more, or rise by more and longer than silence may last, are of a new stream.
-RESTART_NS = 500_000_000
 
 
 class DatagramInput(TransportInput):
@@ -59,15 +55,13 @@ class DatagramInput(TransportInput):
         self._reports_absence = is_first  # until it has
         self._packets = TransportPackets(counts)
         self._receiver: socket.socket | None = None
-        self._recent = RecentPackets()
-        self._begun_anew = b""  # what has come of the sender's next stream
+        self._next_stream = NextStream(timeout_s)
+        self._begun_anew = b""  # what has come of the sender's next stream, which ends this one
         self._overflowed = self._datagrams = 0
-        self._has_come = False
         if before is not None and before._begun_anew:
             self._receiver, self._held = before._receiver, before._begun_anew
             self._packets, self._overflowed = before._packets, before._overflowed  # counted by the socket
-            self._recent.add(self._held)
-            self._has_come = True
+            self._next_stream.begun(self._held)
 
     @override
     def open(self) -> InputContainer:
@@ -85,14 +79,14 @@ class DatagramInput(TransportInput):
         assert self._receiver is not None
         now_s = time.monotonic()
         deadline, notice_s = now_s + self.timeout_s, now_s + NOTICE_S
-        while not self.ended.is_set():
+        while not self.ended.is_set() and not self._begun_anew:
             now_s = time.monotonic()
             if now_s > deadline:
-                raise self._silence()
+                raise self.silence()
             if self._reports_absence and not self._has_come and now_s > notice_s:
                 self._reports_absence = False
                 self._warn(
-                    f"{self.where}: {self._absence()} yet; waiting up to {self.timeout_s:g} s (timeout-s)"
+                    f"{self.where}: {self._seen()} yet; waiting up to {self.timeout_s:g} s (timeout-s)"
                 )
             try:
                 datagram, ancillary, _, _ = self._receiver.recvmsg(
@@ -103,9 +97,8 @@ class DatagramInput(TransportInput):
             self._datagrams += 1
             self._count_overflows(overflows(ancillary))
             if payload := self._packets.payload(datagram):
-                self._has_come = True
-                self._recent.add(payload)
-                return payload
+                self._begun_anew = self._next_stream.begun(payload)
+                return payload[: max(0, len(payload) - len(self._begun_anew))]
         return b""
 
     def _count_overflows(self, total: int) -> None:
@@ -117,22 +110,16 @@ class DatagramInput(TransportInput):
         self._counts["overflowed"] += max(0, total - self._overflowed)
         self._overflowed = max(self._overflowed, total)
 
-    def _silence(self) -> Silence:
-        limit = f"{self.timeout_s:g} s"
-        if self._has_come:
-            return Silence(
-                f"{self.where}: nothing has come for {limit} (timeout-s); check the sender, or "
-                "allow more time"
-            )
+    @override
+    def absence(self) -> str:
         remedy = (
             "the sender must send MPEG-TS (GStreamer: mpegtsmux ! udpsink, FFmpeg: -f mpegts)"
             if self._datagrams
             else "check the sender's address and the firewall, or allow more time"
         )
-        return Silence(f"{self.where}: no video within {limit}: {self._absence()}; {remedy}")
+        return f"{self._seen()}; {remedy}"
 
-    def _absence(self) -> str:
-        """What has arrived instead of a transport stream, in words."""
+    def _seen(self) -> str:
         if self._datagrams:
             return f"{self._datagrams} datagrams have come to this port, none of them MPEG-TS"
         return "nothing has come to this port"
@@ -140,22 +127,10 @@ class DatagramInput(TransportInput):
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
         """The packets until `cut`; raises `ConnectionLost` where the sender restarts."""
-        packets = self._until_restart(read_packets(container, *streams), self.video_of(container))
-        return self.frames(container, packets)
-
-    def _until_restart(self, packets: Iterator[Packet[Stream]], video: Stream) -> Iterator[Packet[Stream]]:
-        # FFmpeg takes a step back by more than a minute for a wrap of the 33 bits: it seems to go ahead.
-        lowest_ns, highest_ns = -RESTART_NS, round(self.timeout_s * SECOND_NS) + RESTART_NS
-        highest = None
-        for packet in packets:
-            if packet.stream_index == video.index and packet.dts is not None:
-                now = nanoseconds(packet.dts, packet.time_base)
-                if highest is not None and not lowest_ns <= now - highest <= highest_ns:
-                    self._begun_anew = self._recent.since(video.id, packet.dts)
-                    raise ConnectionLost(f"{self.where}: the sender has begun another stream")
-                highest = now if highest is None else max(highest, now)
-                self._recent.end_frame()
-            yield packet
+        self._next_stream.video_pid = self.video_of(container).id
+        yield from super().packets(container, streams)
+        if self._begun_anew:
+            raise ConnectionLost(f"{self.where}: the sender has begun another stream")
 
     @override
     def close(self) -> None:

@@ -9,8 +9,7 @@ from urllib.parse import SplitResult, urlsplit
 from streamkit import Element, Property, ResourceError, RestartDelay, mask_secrets
 from streamkit_media.container import with_credentials
 from streamkit_media.failures import AccessRefused, Silence, UnsupportedMedia
-from streamkit_media.live.addresses import PLAIN_OF, RTSP_SCHEMES, port_of
-from streamkit_media.live.reachability import trusted_authorities
+from streamkit_media.live.reachability import PLAIN_OF, RTSP_SCHEMES, port_of, trusted_authorities
 
 JITTER = 0.5  # of the delays before retries
 

@@ -1,4 +1,4 @@
-"""LiveInput, what a live connection reads from; UrlInput reads over TCP with FFmpeg."""
+"""LiveInput, what a live connection reads: a URL that FFmpeg opens, or a transport stream received here."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from typing_extensions import override
 
 from streamkit import ResourceError, mask_secrets
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.failures import AccessRefused, ConnectionLost
-from streamkit_media.live.addresses import port_of
-from streamkit_media.live.reachability import unreachable
+from streamkit_media.failures import AccessRefused, ConnectionLost, Silence
+from streamkit_media.live.accessunits import UNPARSED, whole_frames
+from streamkit_media.live.reachability import port_of, unreachable
 from streamkit_media.live.sockets import ConnectionSockets
 from streamkit_media.streams import read_packets
 
@@ -125,6 +125,68 @@ class UrlInput(LiveInput):
     @override
     def close(self) -> None:
         self.sockets.release()
+
+
+class TransportInput(LiveInput):
+    """Base of connections whose transport stream is received here and demultiplexed by FFmpeg.
+
+    Override `receive`.
+
+    Args:
+        location, timeout_s: see `LiveInput`.
+        low_latency: take a PES packet for a frame, as FFmpeg's parser waits for the next one.
+    """
+
+    def __init__(self, location: str, timeout_s: float, *, low_latency: bool) -> None:
+        super().__init__(location, timeout_s)
+        self._low_latency = low_latency
+        self._held = b""
+        self._has_failed = self._has_come = False
+
+    def receive(self) -> bytes:
+        """The next bytes as soon as there are any; empty at the end, or once `cut` is called.
+
+        Raises:
+            Silence: nothing has come within the limit.
+            ResourceError: there is no connection.
+        """
+        raise NotImplementedError
+
+    def absence(self) -> str:
+        """What there is in place of a transport stream while none has come, in words, and what to check."""
+        raise NotImplementedError
+
+    def silence(self) -> Silence:
+        """The error for what `receive` has waited for in vain."""
+        limit = f"{self.timeout_s:g} s (timeout-s)"
+        if self._has_come:
+            return Silence(
+                f"{self.where}: nothing has come for {limit}; check the sender, or allow more time"
+            )
+        return Silence(f"{self.where}: no video within {limit}: {self.absence()}")
+
+    @override
+    def open(self) -> InputContainer:
+        options = {**LIVE_OPTIONS, **UNPARSED} if self._low_latency else LIVE_OPTIONS
+        return open_container(self.location, options, format_name="mpegts", stream=self)
+
+    def read(self, size: int) -> bytes:
+        """Up to `size` bytes for FFmpeg; raises as `receive`, once."""
+        if self._has_failed:
+            return b""  # FFmpeg reads on after an error, and PyAV has kept the first to raise it
+        try:
+            held = self._held or self.receive()
+        except ResourceError:
+            self._has_failed = True
+            raise
+        self._has_come |= bool(held)
+        self._held = held[size:]
+        return held[:size]
+
+    @override
+    def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
+        packets = read_packets(container, *streams)
+        return whole_frames(container, packets, self.video_of(container)) if self._low_latency else packets
 
 
 def paced(

@@ -1,4 +1,4 @@
-"""Base of sources that receive live video: connections, epochs, time limits and back-off."""
+"""Base of sources that receive live video: one connection after another, each an epoch of its own."""
 
 from __future__ import annotations
 

@@ -11,12 +11,12 @@ from typing_extensions import override
 from streamkit import Caps, Direction, PadTemplate, Presence, Property, ResourceError
 from streamkit.output.names import is_network, lacks_protocol
 from streamkit_media.failures import ConnectionLost, Silence
-from streamkit_media.live.addresses import LIVE_SCHEMES, port_of
+from streamkit_media.ffmpegprogram import srt_program
 from streamkit_media.live.camerainput import SCHEME, CameraInput, camera_device, camera_options
 from streamkit_media.live.datagraminput import DatagramInput
-from streamkit_media.live.ffmpegprogram import srt_program
 from streamkit_media.live.liveinput import LiveInput, UrlInput
 from streamkit_media.live.livesource import VIDEO_PAD, LiveSource
+from streamkit_media.live.reachability import LIVE_SCHEMES, port_of
 from streamkit_media.live.srtinput import SRT, SrtInput, check_srt_address, is_listener
 from streamkit_media.streams import KLV_CAPS
 from streamkit_media.udp import source_address
@@ -29,7 +29,6 @@ REMEDIES = {
     "rtsps": "rtspsrc receives RTSP; write rtspsrc location=rtsps://host:port/path",
     "rtp": "MPEG-TS in RTP is recognised by itself; write uri=udp://@:PORT",
 }
-CAMERA_EXAMPLE = "uri=v4l2:///dev/video0?video_size=1280x720&framerate=30&input_format=mjpeg"
 FILE = "filesrc reads files; write filesrc location=FILE"
 NO_PROTOCOL = (
     "an address must begin with its protocol; write uri=http://camera/video.mjpg, or for rtsp:// "
@@ -99,32 +98,24 @@ class LiveSrc(LiveSource):
 
     @override
     def check_address(self, parts: SplitResult) -> None:
-        if camera_device(self.location):
-            try:
-                camera_options(self.location)
-            except ValueError as error:
-                raise ResourceError(f"{self._where!r}: {error}; write {CAMERA_EXAMPLE}") from None
-            return
-        remedy = REMEDIES.get(parts.scheme, "")
-        if not remedy and self.location and not is_network(self.location):
-            remedy = NO_PROTOCOL if lacks_protocol(self.location) else FILE
-        if remedy:
-            raise ResourceError(f"{self._where!r}: {remedy}")
-        if parts.scheme not in (UDP, SRT):
-            super().check_address(parts)
-            if not port_of(self.location):
-                raise ResourceError(f"{self._where!r}: the port is missing; write uri=tcp://host:port")
-            return
         try:
-            if parts.scheme == SRT:
-                check_srt_address(self.location)
-            else:
+            if camera_device(self.location):
+                camera_options(self.location)
+            elif parts.scheme == UDP:
                 source_address(self.location)
+            elif parts.scheme == SRT:
+                check_srt_address(self.location)
+                srt_program()
+            elif parts.scheme in REMEDIES:
+                raise ValueError(REMEDIES[parts.scheme])
+            elif self.location and not is_network(self.location):
+                raise ValueError(NO_PROTOCOL if lacks_protocol(self.location) else FILE)
+            else:
+                super().check_address(parts)
+                if not port_of(self.location):
+                    raise ValueError("the port is missing; write uri=tcp://host:port")
         except ValueError as error:
-            remedy = "" if parts.scheme == SRT else f"; write {self.example}"
-            raise ResourceError(f"{self._where!r}: {error}{remedy}") from None
-        if parts.scheme == SRT:
-            srt_program()
+            raise ResourceError(f"{self._where!r}: {error}") from None
 
     @property
     @override

@@ -1,4 +1,4 @@
-"""Why a server cannot be reached or trusted, in plain words."""
+"""Schemes and ports of the addresses of servers, and why one cannot be reached or trusted, in plain words."""
 
 from __future__ import annotations
 
@@ -7,12 +7,29 @@ import ssl
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from streamkit_media.live.addresses import PLAIN_OF, port_of
-
+DEFAULT_PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443, "rtmp": 1935, "rtmps": 443}
+RTSP_SCHEMES = ("rtsp", "rtsps")
+LIVE_SCHEMES = ("udp", "tcp", "srt", "rtmp", "rtmps")  # never a file, which http may lead to
+PLAIN_OF = {"rtsps": "rtsp", "https": "http", "rtmps": "rtmp"}  # schemes with TLS, and the same without
 LOOK_LIMIT_S = 1.0
 MISMATCHES = (62, 63, 64)  # OpenSSL's X509_V_ERR_HOSTNAME_MISMATCH and those of other kinds of names
 # Where Python's own TLS was built without a place, as in wheels: Debian, Red Hat, Alpine and macOS.
 USUAL_FILES = ("/etc/ssl/certs/ca-certificates.crt", "/etc/pki/tls/certs/ca-bundle.crt", "/etc/ssl/cert.pem")
+
+
+def port_of(location: str) -> int:
+    """The port a URL leads to; 0 where neither it nor its scheme has one.
+
+    Raises:
+        ValueError: the URL's port is no number from 0 to 65535; the text may be a password.
+    """
+    try:
+        parts = urlsplit(location)
+        return parts.port or DEFAULT_PORTS.get(parts.scheme, 0)
+    except ValueError:
+        raise ValueError(
+            "the port must be a number from 0 to 65535, and / ? # @ in a password %2F %3F %23 %40"
+        ) from None
 
 
 def unreachable(location: str, ca_file: str | None, limit_s: float, remedy: str) -> str:

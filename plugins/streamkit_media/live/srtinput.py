@@ -11,10 +11,9 @@ from av.stream import Stream
 from typing_extensions import override
 
 from streamkit import ResourceError, mask_secrets
-from streamkit_media.failures import AccessRefused, ConnectionLost, Silence
-from streamkit_media.live.ffmpegprogram import FfmpegProgram, srt_program
-from streamkit_media.live.transportinput import TransportInput
-from streamkit_media.streams import read_packets
+from streamkit_media.failures import AccessRefused, ConnectionLost
+from streamkit_media.ffmpegprogram import FfmpegProgram, srt_program
+from streamkit_media.live.liveinput import TransportInput
 
 SRT = "srt"
 LISTENING = ("listener", "server")  # FFmpeg's names of the mode
@@ -48,7 +47,6 @@ class SrtInput(TransportInput):
         super().__init__(location, timeout_s, low_latency=low_latency)
         self.where = mask_secrets(location.partition("?")[0])  # what follows may be a secret to its end
         self._program: FfmpegProgram | None = None
-        self._has_come = False
 
     @override
     def open(self) -> InputContainer:
@@ -68,23 +66,15 @@ class SrtInput(TransportInput):
         try:
             data = self._program.read(self.timeout_s, self.ended)
         except TimeoutError:
-            raise self._silence() from None
+            raise self.silence() from None
         if not data and not self._has_come and not self.ended.is_set():
             raise self._no_connection()
-        self._has_come = True
         return data
 
-    def _silence(self) -> Silence:
-        limit = f"{self.timeout_s:g} s (timeout-s)"
-        if self._has_come:
-            return Silence(
-                f"{self.where}: nothing has come for {limit}; check the sender, or allow more time"
-            )
+    @override
+    def absence(self) -> str:
         seen = "nobody has sent here" if is_listener(self.location) else "nothing has come"
-        return Silence(
-            f"{self.where}: no video within {limit}: {seen}; check the address and passphrase at both ends "
-            "and the firewall, or allow more time"
-        )
+        return f"{seen}; check the address and passphrase at both ends and the firewall, or allow more time"
 
     def _no_connection(self) -> ResourceError:
         """Why the program has ended before anything came, by its own words."""
@@ -101,7 +91,7 @@ class SrtInput(TransportInput):
 
     @override
     def packets(self, container: InputContainer, streams: Sequence[Stream]) -> Iterator[Packet[Stream]]:
-        yield from self.frames(container, read_packets(container, *streams))
+        yield from super().packets(container, streams)
         if not self.ended.is_set():
             raise ConnectionLost(
                 f"{self.where}: the other side has closed the connection; check that it still runs"

@@ -13,8 +13,8 @@ from pathlib import Path
 
 from streamkit import RestartDelay
 from streamkit.output.pipe import ReaderWait, wait_writable
+from streamkit_media.ffmpegprogram import POLL_S, FfmpegProgram, srt_program
 from streamkit_media.live.endpoint import Reconnect
-from streamkit_media.live.ffmpegprogram import POLL_S, FfmpegProgram, srt_program
 from streamkit_media.recording.destination import Destination
 from streamkit_media.udp import PACKET_BYTES
 
@@ -27,10 +27,6 @@ REASON_LIMIT_S = 1.0
 FIRST_DELAY_S, LONGEST_DELAY_S, JITTER = 0.5, 10.0, 0.5  # before tries to connect again, as those of rtspsrc
 # The program connects with the first bytes that it reads: null packets, which receivers leave out.
 PRIMER = 7 * (b"\x47\x1f\xff\x10" + bytes([0xFF]) * (PACKET_BYTES - 4))
-
-
-def ignore(*_: object) -> None:
-    """Default callback: ignores the report."""
 
 
 class SrtStream(Destination):
@@ -52,9 +48,9 @@ class SrtStream(Destination):
         self,
         location: str,
         reader_wait: ReaderWait,
-        reconnect: Reconnect = Reconnect.NEVER,
-        report: Callable[[str, float], object] = ignore,
-        lose: Callable[[int], object] = ignore,
+        reconnect: Reconnect,
+        report: Callable[[str, float], object],
+        lose: Callable[[int], object],
     ) -> None:
         super().__init__(Path(location))
         self._reader_wait, self._reconnect = reader_wait, reconnect

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from streamkit_media.container import open_container, video_stream
-from streamkit_media.live.accessunits import UNPARSED
+from streamkit_media.live.accessunits import UNPARSED, whole_frames
 from streamkit_media.live.liveinput import LIVE_OPTIONS
-from streamkit_media.live.transportinput import whole_frames
 from streamkit_media.streams import read_packets
 
 STREAMS = ("klv_ts/h264_klv.ts", "klv_ts/h265_klv.ts", "sample-stream.ts")

@@ -194,7 +194,9 @@ def test_a_silent_port_is_left_at_once(port: int, way: str) -> None:
 
 def test_a_port_without_a_sender_is_reported(port: int) -> None:
     """A first connection that nothing comes to ends the pipeline, with what to check."""
-    with pytest.raises(ElementFailure, match=r"no video within 0\.3 s: nothing has come to this port"):
+    with pytest.raises(
+        ElementFailure, match=r"no video within 0\.3 s \(timeout-s\): nothing has come to this port"
+    ):
         Pipeline.parse(f"livesrc uri=udp://@:{port} timeout-s=0.3 ! fakesink").run(timeout_s=20)
 
 

@@ -2,7 +2,7 @@ import socket
 
 import pytest
 
-from streamkit_media.live.reachability import connection_failure, server_failure
+from streamkit_media.live.reachability import connection_failure, port_of, server_failure
 
 
 def test_refusal_names_the_reason() -> None:
@@ -37,3 +37,12 @@ def test_refusal_is_bounded() -> None:
         finally:
             for connection in waiting:
                 connection.close()
+
+
+def test_ports() -> None:
+    """The port is the URL's own or its scheme's; one that is not a number is refused."""
+    assert port_of("rtsp://cam/live") == 554
+    assert port_of("rtsps://cam/live") == 322
+    assert port_of("rtsp://u:p@cam:8554/live") == 8554
+    with pytest.raises(ValueError, match="the port must be a number"):
+        port_of("rtsp://cam:abc/live")

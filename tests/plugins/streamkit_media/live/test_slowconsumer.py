@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from streamkit import ANY, Frame, FrameFlags
 from streamkit.handoff.bounded_queue import BoundedQueue
-from streamkit_media.live.slowconsumer import DropToKeyframe, QueuedPacket
+from streamkit_media.live.connection import DropToKeyframe, QueuedPacket
 from streamkit_media.streams import StreamKind
 
 SECOND = 1_000_000_000

@@ -17,7 +17,7 @@ import pytest
 from streamkit import ElementFailure, FrameFlags, Pipeline
 from streamkit_media.doctor.examine import examine
 from streamkit_media.failures import AccessRefused, ConnectionLost
-from streamkit_media.live.ffmpegprogram import has_srt
+from streamkit_media.ffmpegprogram import has_srt
 from streamkit_media.live.srtinput import SrtInput
 from tests.child_programs import programs_at
 from tests.waiting import next_state

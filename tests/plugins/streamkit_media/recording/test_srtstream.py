@@ -8,12 +8,14 @@ import threading
 import time
 from itertools import islice
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from streamkit import ElementFailure, FrameFlags, MessageKind, Pipeline
 from streamkit.output.pipe import ReaderWait
-from streamkit_media.live.ffmpegprogram import has_srt
+from streamkit_media.ffmpegprogram import has_srt
+from streamkit_media.live.endpoint import Reconnect
 from streamkit_media.recording.srtstream import SrtStream, entry_point
 from tests.child_programs import programs_at
 from tests.slowness import patience
@@ -217,7 +219,8 @@ def test_a_stream_is_entered_at_a_keyframe(packets: list[bytes], expected: int |
 
 def test_what_cannot_be_written_starts_nothing(port: int) -> None:
     """A stream that is refused before its first byte leaves no program that waits for the rest."""
-    stream = SrtStream(f"srt://127.0.0.1:{port}", ReaderWait())
+    ignore = Mock()
+    stream = SrtStream(f"srt://127.0.0.1:{port}", ReaderWait(), Reconnect.NEVER, ignore, ignore)
     stream.finish()
     stream.abandon()
     assert not senders(port)

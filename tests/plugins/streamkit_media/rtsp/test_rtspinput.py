@@ -7,8 +7,7 @@ from streamkit import ResourceError
 from streamkit.flow.clock import SystemClock
 from streamkit.handoff.bounded_queue import BoundedQueue
 from streamkit_media.failures import silence
-from streamkit_media.live.connection import LiveConnection
-from streamkit_media.live.slowconsumer import QueuedPacket
+from streamkit_media.live.connection import LiveConnection, QueuedPacket
 from streamkit_media.live.timeline import PacketStamps
 from streamkit_media.rtsp.rtspinput import RtspInput
 from streamkit_media.streams import StreamKind

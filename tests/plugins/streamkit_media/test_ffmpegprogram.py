@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from streamkit import ElementFailure, Pipeline, ResourceError
-from streamkit_media.live.ffmpegprogram import FfmpegProgram, srt_program
+from streamkit_media.ffmpegprogram import FfmpegProgram, srt_program
 
 pytestmark = pytest.mark.timeout(60)
 KNOWS_SRT, KNOWS_NONE = (
