@@ -95,7 +95,7 @@ def test_pictures_outlive_the_camera(shim: Path, tmp_path: Path) -> None:
     device = tmp_path / "camera"
     device.touch()
     done = subprocess.run(
-        [sys.executable, "-m", "streamkit", "doctor", f"v4l2://{device}"],
+        [sys.executable, "-m", "streamkit", "doctor", f"v4l2://{device}", "--seconds", "1"],
         env={**os.environ, "LD_PRELOAD": str(shim), "FAKE_CAMERA": str(device)},
         capture_output=True, text=True, timeout=patience(40), check=False,
     )  # fmt: skip

@@ -174,7 +174,8 @@ def test_a_wrong_passphrase_is_told_and_not_shown(port: int) -> None:
 
 def test_a_wait_for_a_receiver_has_a_limit(port: int) -> None:
     """A listener without a caller."""
-    text = failure(f'{PICTURES} timeout-s=0.5 location="srt://:{port}?mode=listener"')
+    pictures = PICTURES.replace("videotestsrc", "videotestsrc pattern=snow")  # fills the pipe soon
+    text = failure(f'{pictures} timeout-s=0.5 location="srt://:{port}?mode=listener"')
     assert "its reader has taken nothing for 0.5 s" in text
     assert not senders(port)
 
