@@ -2,7 +2,7 @@
 
     from streamkit_zenoh import TrackSubscriber
 
-`session`, `configuration`, `endpoints`, `keys` and `presence` open a zenoh session that finds
+`session`, `configuration`, `keys` and `presence` open a zenoh session that finds
 its partners on the same machine without a router; `wire` defines what is transmitted, `publish` publishes and
 `receiver` receives it.
 """

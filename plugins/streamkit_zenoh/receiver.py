@@ -100,7 +100,7 @@ class Counts(msgspec.Struct, frozen=True):
         bad: too large, or invalid; skipped.
         restarts: how often a publisher followed another.
         interleaved: of an earlier publisher, after the first of a later one at its key.
-        jumps: steps of more than ten million numbers, not counted as losses: see `wire.sequence`.
+        jumps: steps of more than ten million numbers, not counted as losses: see `wire.numbering`.
         publishers: alive now.
     """
 

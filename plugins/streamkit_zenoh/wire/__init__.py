@@ -1,4 +1,4 @@
 """What is transmitted: records in four encodings, frames with metadata, message numbers, schemas.
 
-`encodings`, `protobuf`, `images`, `sequence`, `numbering` and `status` need no streamkit.
+`encodings`, `protobuf`, `images` and `numbering` need no streamkit.
 """
