@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from typing_extensions import override
@@ -76,17 +75,11 @@ class LiveSrc(LiveSource):
         doc="Datagrams that were no MPEG-TS, late or repeated.",
     )
 
-    _datagrams: DatagramInput | None = None  # the last one
-
-    def __init__(self, name: str = "", **properties: Any) -> None:
+    @override
+    def begin_run(self) -> None:
+        super().begin_run()
         self._counts = Counter[str]()
-        super().__init__(name, **properties)
-
-    def start(self) -> None:
-        """Checks the address; the connection is made by the source's thread."""
-        self._counts = Counter[str]()
-        self._datagrams = None
-        super().start()
+        self._datagrams: DatagramInput | None = None  # the last one
 
     @override
     def stop(self) -> None:
