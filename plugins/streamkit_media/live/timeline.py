@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import struct
+from bisect import insort
 
 from av.packet import Packet
 from av.stream import Stream
 from av.video.stream import VideoStream
 
 from streamkit import Caps, Capture, Clock, Frame
-from streamkit_media.streams import nanoseconds, packet_frame
+from streamkit_media.streams import packet_frame
 
 LEAP_NS = 10_000_000_000  # the server's clock was set, or its counter restarted
 STEP_NS = 1_000_000  # at least, from one connection to the next
+REORDERED = 4  # frames at most that come before one and are shown after it
 STANDSTILL = 10  # frames of one time in a row; fields of a frame and parts of one are fewer
 PRFT = struct.Struct("=q")
 
@@ -21,7 +23,9 @@ class Timeline:
     """Maps the server's times to those of the stream, which ascend over all connections.
 
     Within a connection frames keep the server's distances; between two connections they are as far apart as
-    they arrived.
+    they arrived. A packet that more than `REORDERED` others of higher times came before shows that the
+    server's clock was set back. Decoding times do not: they are estimates, and go back where the first
+    B-frame comes.
     """
 
     def __init__(self) -> None:
@@ -29,19 +33,19 @@ class Timeline:
         self._offset_ns: int | None = None  # added to the server's times; None until a packet has come
         self._highest_ns = -STEP_NS  # time of the stream so far
         self._last_pts = self._last_arrival_ns = 0
-        self._last_dts: int | None = None
+        self._latest: list[int] = []  # the highest of the server's times since its clock was set, ascending
+        self._reordered_ns = 0  # by how much times step back within an order of coding
 
     def begin_connection(self) -> None:
         """The server's times restart."""
-        self._offset_ns = self._last_dts = None
+        self._offset_ns = None
 
-    def timestamp(self, pts: int | None, arrival_ns: int, dts: int | None = None) -> int:
+    def timestamp(self, pts: int | None, arrival_ns: int) -> int:
         """The time of a packet in the stream.
 
         Args:
             pts: the server's time, ns; where it is None, 0 for the first packet, by arrival for others.
             arrival_ns: monotonic clock, ns.
-            dts: the server's time of decoding, ns, which goes back only where its clock was set back.
 
         Returns:
             ns since the first packet arrived; higher than all of the connections before.
@@ -53,11 +57,14 @@ class Timeline:
             pts = 0 if self._offset_ns is None else self._last_pts + elapsed_ns
         step_ns, arrived_ns = pts - self._last_pts, arrival_ns - self._first_arrival_ns
         leaps = abs(step_ns) > LEAP_NS and abs(step_ns - elapsed_ns) > LEAP_NS
-        if self._offset_ns is None or leaps:
-            self._offset_ns = max(arrived_ns, self._highest_ns + STEP_NS) - pts
-        elif dts is not None and self._last_dts is not None and dts < self._last_dts:  # was set back a little
-            self._offset_ns = max(arrived_ns, self._last_dts + self._offset_ns + STEP_NS) - dts
-        self._last_pts, self._last_arrival_ns, self._last_dts = pts, arrival_ns, dts
+        is_set_back = len(self._latest) > REORDERED and pts < self._latest[0]
+        if self._offset_ns is None or leaps or is_set_back:
+            self._offset_ns = max(arrived_ns, self._highest_ns + STEP_NS + self._reordered_ns) - pts
+            self._latest.clear()
+        insort(self._latest, pts)
+        del self._latest[: -REORDERED - 1]
+        self._reordered_ns = max(self._reordered_ns, self._latest[-1] - pts)
+        self._last_pts, self._last_arrival_ns = pts, arrival_ns
         self._highest_ns = max(self._highest_ns, pts + self._offset_ns)
         return pts + self._offset_ns
 
@@ -86,12 +93,11 @@ class PacketStamps:
         now_ns, sent_ns = self.clock.monotonic_ns(), sender_time_ns(packet)
         capture = Capture(self.clock.utc_ns(), "arrival") if sent_ns is None else Capture(sent_ns, "rtcp")
         frame = packet_frame(packet, caps)
-        dts = None if packet.dts is None else nanoseconds(packet.dts, packet.time_base)
         if isinstance(packet.stream, VideoStream):
             self.repeats = self.repeats + 1 if frame.pts is not None and frame.pts == self._video_pts else 0
             self._video_pts = frame.pts
-        served, dts = (None, None) if self.stand_still else (frame.pts, dts)
-        pts, seq = self.timeline.timestamp(served, now_ns, dts), self.next_seq
+        pts = self.timeline.timestamp(None if self.stand_still else frame.pts, now_ns)
+        seq = self.next_seq
         self.next_seq += 1
         return frame.replace(seq=seq, arrival_ns=now_ns, capture=capture, pts=pts)
 

@@ -1,7 +1,13 @@
+from fractions import Fraction
+
+import pytest
+from av.packet import Packet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streamkit_media.live.timeline import Timeline
+from streamkit import Caps
+from streamkit.testing import ManualClock
+from streamkit_media.live.timeline import PacketStamps, Timeline
 
 SECOND = 10**9
 
@@ -40,17 +46,30 @@ def test_a_jump_of_the_senders_clock_is_removed() -> None:
     assert line.timestamp(3601 * SECOND, 2 * SECOND) == 2 * SECOND
 
 
-def test_a_clock_that_is_set_back_goes_on() -> None:
-    """A camera that sets its clock back by 3 s sends times that ascend all the same, reordered or not."""
+def test_the_first_reordered_frame_is_no_clock_set_back() -> None:
+    """Estimated decoding times step back where the first B-frame comes; times keep the server's distances."""
+    stamps, placed = PacketStamps(ManualClock()), []
+    for time in (0, 33, 100, 67, 133):
+        packet = Packet(b"coded")
+        packet.pts = packet.dts = time
+        packet.time_base = Fraction(1, 1000)
+        placed.append(stamps.stamped(packet, Caps("video/x-h264")).pts)
+    assert placed == [0, 33 * 10**6, 100 * 10**6, 67 * 10**6, 133 * 10**6]
+
+
+@pytest.mark.parametrize(
+    ("order", "expected"),
+    [([0, 1, 2, 3, 4, 5, 6], [280, 320, 360]), ([0, 3, 1, 2, 6, 4, 5], [321, 441, 361])],
+    ids=["in order", "reordered"],
+)
+def test_a_clock_that_is_set_back_goes_on(order: list[int], expected: list[int]) -> None:
+    """A camera that sets its clock back by 3 s sends times that ascend all the same, and close to arrival."""
     line = Timeline()
-    sent = [(10_000, 9_960), (10_120, 10_000), (10_040, 10_040), (10_080, 10_080)]
-    arrivals = range(0, 480, 40)
-    set_back = [(7_240, 7_120), (7_160, 7_160), (7_200, 7_200)]
-    placed = [
-        line.timestamp(pts * 10**6, arrival * 10**6, dts * 10**6)
-        for (pts, dts), arrival in zip([*sent, *set_back], arrivals, strict=False)
-    ]
-    assert [time // 10**6 for time in placed] == [0, 120, 40, 80, 280, 200, 240]
+    places = [*order, *(7 + frame for frame in order[:3])]
+    sent = [10_000 + 40 * place - (3000 if place > 6 else 0) for place in places]
+    placed = [line.timestamp(pts * 10**6, 40 * 10**6 * number) for number, pts in enumerate(sent)]
+    assert [time // 10**6 for time in placed[:7]] == [40 * place for place in order]
+    assert [time // 10**6 for time in placed[7:]] == expected
 
 
 def test_a_long_pause_is_kept() -> None:
