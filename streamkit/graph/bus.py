@@ -72,6 +72,8 @@ class Bus:
     def pop(self, timeout_s: float | None = 0.0, kinds: tuple[MessageKind, ...] = ()) -> Message | None:
         """The next message, of one of `kinds` if any are given; None at the timeout.
 
+        A wait for some kinds ends with None, too, when the pipeline is stopped.
+
         Args:
             timeout_s: maximum wait; None has no limit, but Ctrl-C ends it.
             kinds: other messages are discarded while waiting.
@@ -83,6 +85,8 @@ class Bus:
                 self._unread_error = None
             if message is None or not kinds or message.kind in kinds:
                 return message
+            if message.kind is MessageKind.STATE and message.text == "null":
+                return None
 
 
 def _choose_dropped(messages: Sequence[Message], _: Message, is_full: bool) -> range:

@@ -254,11 +254,11 @@ class Pipeline:
     # Waiting and queries.
 
     def wait(self, timeout_s: float | None = None) -> Message | None:
-        """Waits for the eos or error message; None at the timeout."""
+        """Waits for the eos or error message; None at the timeout, and when another thread calls `stop`."""
         return self.bus.pop(timeout_s, (MessageKind.EOS, MessageKind.ERROR))
 
     def run(self, timeout_s: float | None = None) -> None:
-        """Plays until EOS, then stops.
+        """Plays until EOS, then stops; returns, too, when another thread calls `stop`.
 
         Raises:
             ElementFailure: an element failed.
@@ -266,9 +266,10 @@ class Pipeline:
         """
         with self:
             self.play()
-            if (message := self.wait(timeout_s)) is None:
+            message = self.wait(timeout_s)
+            if message is None and self.state is not State.NULL:
                 raise StateError(f"the pipeline has not ended within {timeout_s:g} s")
-            if message.error is not None:
+            if message is not None and message.error is not None:
                 raise message.error
 
     def statistics(self) -> list[ElementStatistics]:

@@ -425,6 +425,22 @@ def test_a_warning_of_each_subject_comes_once_in_a_run(register: Register) -> No
     assert texts == ["dirty", "frame 0 is dark"] * 2
 
 
+@pytest.mark.parametrize("way", ["run", "wait"])
+def test_a_stop_by_another_thread_ends_the_wait(way: str) -> None:
+    """A program that waits for the end, without a limit, goes on when its stop button is pressed."""
+    pipeline = Pipeline.parse("videotestsrc is-live=true ! fakesink")
+    playing = threading.Event()
+    pipeline.bus.watch(lambda message: playing.set() if message.text == "playing" else None)
+    if way == "wait":
+        pipeline.play()
+    waiting = threading.Thread(target=getattr(pipeline, way), daemon=True)
+    waiting.start()
+    assert playing.wait(10)
+    pipeline.stop()
+    waiting.join(10)
+    assert not waiting.is_alive()
+
+
 def test_the_context_manager_stops_the_pipeline() -> None:
     """Also after an exception of the application."""
     pipeline = Pipeline.parse("fakesrc ! fakesink")
