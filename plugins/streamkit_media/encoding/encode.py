@@ -64,9 +64,16 @@ class Encode(Transform):
             assert self._encoder is not None
             if frame.pts is None:
                 frame = frame.replace(pts=self._next_ns, duration=frame.duration or self._frame_ns)
-            self._next_ns = (frame.pts or 0) + self._frame_ns
-            time = max(self._last_ticks + 1, ticks(frame.pts or 0, self._encoder.time_base))
-            self._last_ticks = time
+            pts, last_ns = frame.pts or 0, self._next_ns - self._frame_ns
+            if self._last_ticks >= 0 and pts <= last_ns:
+                self.warn_once(
+                    f"times do not ascend: a frame at {pts / SECOND_NS:.3f} s follows one at "
+                    f"{last_ns / SECOND_NS:.3f} s, and a recording has it out of place; give each frame a "
+                    "later pts, or None for that of the frame rate",
+                    "times",
+                )
+            self._next_ns = pts + self._frame_ns
+            time = self._last_ticks = max(self._last_ticks + 1, ticks(pts, self._encoder.time_base))
             coded = self._encoder.encode(frame.data, time)
         except UnknownCodecError:
             raise StreamError(

@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, FrameFlags, Pipeline, raw_video_caps
+from streamkit import ElementFailure, Frame, FrameFlags, MessageKind, Pipeline, raw_video_caps
 from streamkit.testing import Harness
 
 
@@ -53,6 +53,17 @@ def test_frames_without_times_are_spaced_by_the_rate(tmp_path: Path, rate: Fract
     with av.open(str(path)) as container:
         times = [float(packet.pts * packet.time_base) for packet in container.demux(video=0) if packet.size]
     assert times == pytest.approx([packet.pts / 1e9 for packet in packets], abs=2e-5)
+
+
+@pytest.mark.parametrize(("times", "count"), [((0, 0, 0), 1), ((80, 40, 0), 1), ((-80, -40, 0), 0)])
+def test_times_that_do_not_ascend_are_warned_of(times: tuple[int, ...], count: int) -> None:
+    """A second of video in 0.3 ms of a recording is not made in silence; times below 0 may ascend, too."""
+    with Harness("encode", live=True) as encoder:
+        for number, time in enumerate(times):
+            encoder.push(ramp(number).replace(pts=time * 10**6))
+    warnings = [message.text for message in encoder.messages if message.kind is MessageKind.WARNING]
+    assert len(warnings) == count
+    assert all("times do not ascend: a frame at 0.0" in text for text in warnings)
 
 
 def test_frames_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
