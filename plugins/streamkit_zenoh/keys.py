@@ -49,10 +49,12 @@ def stream_key(key: str, stream: str) -> str:
 
 def _checked(expression: str, key: str) -> str:
     try:
+        if any(word != word.strip() for word in expression.split("/")):  # zenoh takes even a lone space
+            raise zenoh.ZError
         return str(zenoh.KeyExpr(expression))
     except zenoh.ZError:
         raise InvalidKey(
-            f"a key must be words joined by single slashes, without # ? $, got {key!r}; "
+            f"a key must be words joined by single slashes, without # ? $ or a space at an end, got {key!r}; "
             "write for example uav/1"
         ) from None
 

@@ -29,7 +29,7 @@ def test_records_go_below_the_key(key: str, expected: str) -> None:
     assert alive_key(records_key(key)) == expected.removesuffix("tracks") + "alive"
 
 
-@pytest.mark.parametrize("key", ["", "/uav", "uav/", "uav//1", "uav/#", "uav/1?x=2", "a*b"])
+@pytest.mark.parametrize("key", ["", "/uav", "uav/", "uav//1", "uav/#", "uav/1?x=2", "a*b", " ", "uav/1 "])
 def test_malformed_keys_are_refused(key: str) -> None:
     """The error shows the key and a valid one."""
     with pytest.raises(InvalidKey, match="for example uav/1"):
