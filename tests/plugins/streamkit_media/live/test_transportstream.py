@@ -55,6 +55,17 @@ def test_what_is_no_transport_stream_is_refused() -> None:
     assert reception["refused"] == 200
 
 
+def test_a_doubled_datagram_is_refused() -> None:
+    """A network that doubles datagrams gives no frame twice; stuffing is the same again and again."""
+    reception, packets = Counter[str](), packets_of(14)
+    taker = TransportPackets(reception)
+    sent = [packets[:1316], packets[:1316], packets[:1316], packets[1316:], packets[:1316]]
+    assert [bool(taker.payload(datagram)) for datagram in sent] == [True, False, False, True, True]
+    assert reception["refused"] == 2
+    stuffing = (b"\x47\x1f\xff\x10" + b"\xff" * 184) * 7
+    assert taker.payload(stuffing) == taker.payload(stuffing) == stuffing
+
+
 @pytest.mark.parametrize("header", [b"\x80", b"\x90", b"\x83"])
 def test_rtp_headers_are_removed(header: bytes) -> None:
     """The header has 12 bytes, more with contributing sources or an extension."""
