@@ -10,7 +10,7 @@ export class ElementLoad {
     this.shares = [];
   }
 
-  // Names and shares, 0 to 1, the busiest first.
+  // Names and shares, 0 to 1, the busiest first. A call counts when it ends, also one that began before.
   note(status) {
     const { before } = this;
     if (!status || before?.published_ns === status.published_ns) return;
@@ -20,7 +20,7 @@ export class ElementLoad {
     const busy = new Map((before.elements ?? []).map((element) => [element.name, element.busy_ns]));
     this.shares = (status.elements ?? [])
       .filter(({ name }) => busy.has(name))
-      .map((element) => ({ name: element.name, share: Math.max(0, element.busy_ns - busy.get(element.name)) / passed }))
+      .map(({ name, busy_ns }) => ({ name, share: Math.min(1, Math.max(0, busy_ns - busy.get(name)) / passed) }))
       .sort((a, b) => b.share - a.share);
   }
 }

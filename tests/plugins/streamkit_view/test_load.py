@@ -30,11 +30,11 @@ def status(run: int, published_ns: int, **busy_ns: int) -> dict[str, Any]:
 def test_shares_are_those_between_two_statuses_of_one_run(
     browser: Chrome, serve_keys: Callable[..., str], key: str
 ) -> None:
-    """The busiest comes first; a status that is seen twice and a new run change nothing."""
+    """The busiest comes first, none above all of the time; no status counts twice, nor across runs."""
     browser.get(serve_keys(key))
-    first, second = status(1, 10**9, a=0, b=10), status(1, 3 * 10**9, a=10**9, b=10, c=5)
+    first, second = status(1, 10**9, a=0, b=10, d=0), status(1, 3 * 10**9, a=10**9, b=10, c=5, d=9 * 10**9)
     found = browser.execute_async_script(SHARES, [first, second, second, status(2, 4 * 10**9, a=1)])
-    expected = [["a", 0.5], ["b", 0]]
+    expected = [["d", 1], ["a", 0.5], ["b", 0]]
     assert [shares for shares, _ in found] == [[], expected, expected, expected]
 
 
