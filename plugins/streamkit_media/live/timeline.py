@@ -33,6 +33,7 @@ class Timeline:
         self._offset_ns: int | None = None  # added to the server's times; None until a packet has come
         self._highest_ns = -STEP_NS  # time of the stream so far
         self._last_pts = self._last_arrival_ns = 0
+        self._was_timed = False  # whether the last packet had a time
         self._latest: list[int] = []  # the highest of the server's times since its clock was set, ascending
         self._reordered_ns = 0  # by how much times step back within an order of coding
 
@@ -44,7 +45,8 @@ class Timeline:
         """The time of a packet in the stream.
 
         Args:
-            pts: the server's time, ns; where it is None, 0 for the first packet, by arrival for others.
+            pts: the server's time, ns. Where it is None, the packet follows one with a time closely, as what
+                is left of a frame does; packets of a stream without times are as far apart as they arrive.
             arrival_ns: monotonic clock, ns.
 
         Returns:
@@ -53,8 +55,10 @@ class Timeline:
         if self._first_arrival_ns is None:
             self._first_arrival_ns = arrival_ns
         elapsed_ns = arrival_ns - self._last_arrival_ns
+        was_timed, self._was_timed = self._was_timed, pts is not None
         if pts is None:
-            pts = 0 if self._offset_ns is None else self._last_pts + elapsed_ns
+            step_ns = STEP_NS if was_timed else elapsed_ns
+            pts = 0 if self._offset_ns is None else self._last_pts + step_ns
         step_ns, arrived_ns = pts - self._last_pts, arrival_ns - self._first_arrival_ns
         leaps = abs(step_ns) > LEAP_NS and abs(step_ns - elapsed_ns) > LEAP_NS
         is_set_back = len(self._latest) > REORDERED and pts < self._latest[0]

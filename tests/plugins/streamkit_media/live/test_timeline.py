@@ -99,3 +99,12 @@ def test_packets_without_a_time_get_that_of_arrival() -> None:
     line = Timeline()
     line.begin_connection()
     assert [line.timestamp(None, arrival) for arrival in (5, 45, 80)] == [0, 40, 75]
+
+
+def test_a_packet_without_a_time_among_others_keeps_their_order() -> None:
+    """What a network left of a frame may have no time, and arrive after the next frame was due."""
+    line = Timeline()
+    packets = [(0, 0), (None, 45 * 10**6), (40 * 10**6, 50 * 10**6)]
+    placed = [line.timestamp(pts, arrival) for pts, arrival in packets]
+    assert placed == sorted(placed)
+    assert placed[2] == 40 * 10**6
