@@ -16,13 +16,14 @@ from streamkit_media.container import open_container, video_stream
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 
 NUMBER = re.compile(r"%0?\d*d")
+JPEG_START, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
 
 
 class MultiFileSrc(Source):
     """Reads numbered image files as one video, up to the first number that is missing.
 
     A missing number with files after it, or before `stop-index`, is warned of, as a shortfall. A photograph
-    with a position (Exif, DJI's XMP) gets a `Pose`.
+    with a position (Exif, DJI's XMP) gets a `Pose`, and one that is cut short is marked as `CORRUPT`.
 
     Example:
         multifilesrc location=img/%06d.jpg start-index=1 framerate=25/1 ! decode ! fakesink
@@ -94,7 +95,11 @@ class MultiFileSrc(Source):
                 index = self.start_index
                 continue
             pts, end = self._time_ns(count), self._time_ns(count + 1)
-            frame = Frame(data, self._caps, pts=pts, duration=end - pts, flags=FrameFlags.KEYFRAME)
+            flags = FrameFlags.KEYFRAME
+            if is_cut_short(data):
+                flags |= FrameFlags.CORRUPT
+                self.warn_once(f"{self._path(index)} is cut short, and part of its picture grey", "cut short")
+            frame = Frame(data, self._caps, pts=pts, duration=end - pts, flags=flags)
             yield with_pose(frame, data)
             count, index = count + 1, index + 1
 
@@ -126,3 +131,14 @@ def with_pose(frame: Frame, data: bytes) -> Frame:
         return frame
     frame = frame.attach(sample.pose, sample)
     return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))
+
+
+def is_cut_short(data: bytes) -> bool:
+    """Whether a JPEG file ends within its picture, which FFmpeg does not tell.
+
+    The end marker is sought behind the headers: a thumbnail in them has one of its own.
+    """
+    at = len(JPEG_START)
+    while data[at : at + 1] == b"\xff" and data[at : at + 2] != JPEG_SCAN:
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+    return data.startswith(JPEG_START) and data.find(JPEG_END, at) < 0

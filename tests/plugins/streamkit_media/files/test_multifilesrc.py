@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit import ElementFailure, Frame, Message, MessageKind, Pipeline
+from streamkit import ElementFailure, Frame, FrameFlags, Message, MessageKind, Pipeline
 
 
 @pytest.fixture
@@ -102,6 +102,21 @@ def test_frames_of_another_size_change_caps(numbered: Path) -> None:
     frames = decoded(f"location={numbered}/im%03d.png start-index=5")
     assert [frame.data.shape for frame in frames] == [(48, 64), (24, 32)]
     assert [frame.caps["width"] for frame in frames] == [64, 32]
+
+
+def test_a_photograph_that_is_cut_short_is_marked(tmp_path: Path) -> None:
+    """FFmpeg fills up with grey in silence; the end marker of a thumbnail is not that of the picture."""
+    noise = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    whole = cv2.imencode(".jpg", noise)[1].tobytes()
+    whole = whole[:2] + b"\xff\xe1\x00\x06\xff\xd9\xff\xd9" + whole[2:]
+    for number, size in enumerate((len(whole), len(whole) // 2, len(whole))):
+        (tmp_path / f"{number}.jpg").write_bytes(whole[:size])
+    frames = decoded(f"location={tmp_path}/%d.jpg")
+    assert [bool(frame.flags & FrameFlags.CORRUPT) for frame in frames] == [False, True, False]
+    assert [text for text, _ in warnings(f"location={tmp_path}/%d.jpg")] == [
+        f"{tmp_path}/1.jpg is cut short, and part of its picture grey",
+        "1 of 3 frames are damaged",
+    ]
 
 
 @pytest.mark.parametrize(
