@@ -1,9 +1,7 @@
 """Homographies from matches with few inliers, such as those of features."""
 
 import math
-from collections.abc import Sequence
-from itertools import product
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
@@ -12,12 +10,9 @@ from streamkit.geometry.homography import FloatArray, project
 from streamkit_stitcher.registration.gauss_newton import gauss_newton_step
 from streamkit_stitcher.registration.motion_models import MotionFit, MotionModel, evaluate
 
-_METHODS: Final = (cv2.RANSAC, cv2.USAC_ACCURATE, cv2.USAC_MAGSAC)
-_SCALES: Final = (0.5, 1.0, 2.0)
-# Samples of each estimator; 1000 find a fit that a quarter of the matches support.
+# Samples; 1000 find a fit that a quarter of the matches support.
 _ITERATIONS: Final = 5000
 _CONFIDENCE: Final = 0.9999
-_POLISHED: Final = 4
 _STEPS: Final = 15
 _FREEDOM: Final = 8.0
 _FEWEST: Final = 6.0
@@ -31,8 +26,8 @@ def fit_wide_baseline(
 ) -> MotionFit | None:
     """Fits the homography with the maximum likelihood over inliers and outliers.
 
-    OpenCV's estimators propose homographies at several thresholds; the best supported are refined by
-    expectation maximisation. None for degenerate pairs, and where fewer than `fewest` agree.
+    OpenCV proposes one, expectation maximisation refines it. None for degenerate pairs, and where fewer than
+    `fewest` agree.
 
     Args:
         source: points.
@@ -42,45 +37,19 @@ def fit_wide_baseline(
     """
     if len(source) < fewest:
         return None
-
-    def proposed(method: int, scale: float) -> Sequence[Any]:
-        return cv2.findHomography(
-            source, target, method, scale * threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
-        )
-
-    # Inliers are those of the largest threshold, too. RANSAC takes a hundred times as long where few agree.
-    bound = cv2.USAC_ACCURATE, _SCALES[-1]
-    widest, most_inliers = proposed(*bound)
-    if most_inliers is None or np.count_nonzero(most_inliers) < fewest:
+    matrix, _ = cv2.findHomography(
+        source, target, cv2.USAC_ACCURATE, threshold, maxIters=_ITERATIONS, confidence=_CONFIDENCE
+    )
+    fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
+    if fit is None or fit.count < fewest:
         return None
-    proposals = []
-    for estimator in product(_METHODS, _SCALES):
-        matrix = widest if estimator == bound else proposed(*estimator)[0]
-        fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-        if fit is not None:
-            proposals.append(fit.matrix)
-    proposals.sort(key=lambda matrix: -_support(matrix, source, target, threshold))
-    best, most = None, -math.inf
-    for proposal in proposals[:_POLISHED]:
-        matrix, likelihood = _polished(proposal, source, target, threshold)
-        fit = evaluate(matrix, MotionModel.HOMOGRAPHY, source, target, threshold)
-        if fit is not None and likelihood > most:
-            best, most = fit, likelihood
-    return best if best is not None and best.count >= fewest else None
+    polished = _polished(fit.matrix, source, target, threshold)
+    fit = evaluate(polished, MotionModel.HOMOGRAPHY, source, target, threshold)
+    return fit if fit is not None and fit.count >= fewest else None
 
 
-def _support(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> float:
-    """Truncated quadratic support, summed over thresholds from half to four times the given one."""
-    residuals = project(matrix, source) - target
-    squares = np.einsum("ni,ni->n", residuals, residuals)
-    bounds = (threshold * np.array([0.5, 1.0, 2.0, 4.0])) ** 2
-    return float(np.maximum(0.0, 1 - squares[:, np.newaxis] / bounds).sum())
-
-
-def _polished(
-    matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float
-) -> tuple[FloatArray, float]:
-    """Expectation maximisation from a homography: the likeliest one near it, and its log-likelihood.
+def _polished(matrix: FloatArray, source: FloatArray, target: FloatArray, threshold: float) -> FloatArray:
+    """Expectation maximisation from a homography: the likeliest one near it.
 
     Inliers follow Student's t distribution, as features differ in precision. Some outliers are near, being
     right about another plane; the others are uniform. The shares of the three and the inliers' deviation are
@@ -93,7 +62,6 @@ def _polished(
     densities[2] = 1 / float(np.prod(np.ptp(target, axis=0) + 1))
     near = (_NEAR * threshold) ** 2
     shares, variance = np.full(3, 1 / 3), max(_MIN_DEVIATION, threshold / 2) ** 2
-    likelihood = -math.inf
     for _ in range(_STEPS):
         mapped = project(matrix, source)
         residuals = target - mapped
@@ -102,9 +70,7 @@ def _polished(
         densities[0] = reach ** (-(_FREEDOM + 2) / 2) / (2 * math.pi * variance)
         densities[1] = np.exp(-squares / (2 * near)) / (2 * math.pi * near)
         weighted = shares[:, np.newaxis] * densities
-        total = weighted.sum(axis=0)
-        likelihood = float(np.log(total).sum())
-        beliefs = weighted / total
+        beliefs = weighted / weighted.sum(axis=0)
         weights = beliefs[0] * (1 + 2 / _FREEDOM) / reach
         expected = float(beliefs[0].sum())
         better = gauss_newton_step(matrix, source, target, weights) if expected >= _FEWEST else None
@@ -114,4 +80,4 @@ def _polished(
         shares = np.maximum(beliefs.mean(axis=1), _MIN_SHARE)
         deviation = math.sqrt(float((weights * squares).sum()) / (2 * expected))
         variance = min(max(deviation, _MIN_DEVIATION), max(threshold, _MIN_DEVIATION)) ** 2
-    return matrix, likelihood
+    return matrix
