@@ -2,8 +2,9 @@
 
 A camera that turns to a side shows a perspective in proportion to how far the picture moves. One that flies
 along, turns about its axis or zooms moves by similarities. Where movers hide most of a scene, the rest fixes
-a similarity well, but shear and perspective badly. Their ratio to the whole motion is therefore learned for
-each camera, and gives a normal distribution of them about 0.
+a similarity well, but shear and perspective badly. How the perspective follows from the shift is therefore
+learned for each camera, and how large shear and perspective are beyond that, by the whole motion: together
+these give a normal distribution of them.
 """
 
 from dataclasses import dataclass
@@ -26,20 +27,29 @@ _FORGETTING: Final = 0.02
 _SCATTER: Final = 0.1
 # Square of a frame's tilt, by its expectation, above which the camera tilts unlike before.
 _CONTRADICTION: Final = 4.0
+# What is known of the perspective by the shift before a frame is seen, the inverse of a variance.
+_FIRST_PRECISION: Final = 1 / (_FREE * float(STEP_RATIOS[6])) ** 2
 
 
 class TiltRatio:
     """Learns how much a camera tilts, as a part of its motion: of shear and of perspective."""
 
     def __init__(self) -> None:
+        # Of the perspective with the shift, and of the shift with itself, weighted by the precision of each.
+        self._product = self._square = 0.0
         self._squares, self._weights, self._scatter = np.zeros(2), np.zeros(2), np.zeros(2)
         self._begin(np.ones(2, dtype=np.bool_))
 
     def _begin(self, which: MaskArray) -> None:
         self._squares[which], self._weights[which], self._scatter[which] = _FREE**2, _FIRST_WEIGHT, 0.0
 
+    def expected(self, level: DenseLevel, motion: FloatArray) -> FloatArray:
+        """The shear, which is 0, and the perspective of a motion, keyframe to frame, float64[4], px."""
+        slope = self._product / (self._square + _FIRST_PRECISION)
+        return np.concatenate([np.zeros(2), slope * _place(level, motion)])
+
     def variances(self, level: DenseLevel, motion: FloatArray) -> FloatArray:
-        """Of the shear and perspective of a motion, keyframe to frame, float64[4], px squared."""
+        """Of the shear and perspective of a motion about the expected ones, float64[4], px squared."""
         return np.asarray(np.repeat(self._squares, 2) * _units(level, motion))
 
     def learn(self, level: DenseLevel, motion: FloatArray, tilt: FloatArray, variances: FloatArray) -> None:
@@ -50,8 +60,8 @@ class TiltRatio:
         Source: scoring for a variance component; Searle, Casella, McCulloch, Variance Components, 1992,
         section 6.3.
         """
-        units = _units(level, motion)
-        seen, expected = ((part / units).reshape(2, 2).mean(axis=1) for part in (tilt**2, variances))
+        units, away = _units(level, motion), tilt - self.expected(level, motion)
+        seen, expected = ((part / units).reshape(2, 2).mean(axis=1) for part in (away**2, variances))
         self._begin(seen > _CONTRADICTION * (self._squares + expected))
         scatter = _SCATTER * expected
         weights = ((self._squares + self._scatter) / (self._squares + scatter)) ** 2
@@ -59,11 +69,20 @@ class TiltRatio:
         gains = weights / self._weights
         self._scatter += gains * (scatter - self._scatter)
         self._squares += gains * (np.maximum(seen - scatter, _MIN_RATIO**2) - self._squares)
+        place = _place(level, motion)
+        weighted = place / (_SCATTER * variances[2:])
+        self._product = (1 - _FORGETTING) * self._product + float(weighted @ tilt[2:])
+        self._square = (1 - _FORGETTING) * self._square + float(weighted @ place)
 
 
 def tilt_of(level: DenseLevel, motion: FloatArray) -> FloatArray:
     """Shear and perspective of a motion, float64[4], as the last four parameters of a step, px."""
     return level.step_of(inverse(level.similarity_of(motion)) @ motion)[4:]
+
+
+def _place(level: DenseLevel, motion: FloatArray) -> FloatArray:
+    """Where the middle of the frame lies in the keyframe, from the middle of that, float64[2], px."""
+    return level.step_of(inverse(level.similarity_of(motion)))[:2]
 
 
 def _units(level: DenseLevel, motion: FloatArray) -> FloatArray:
@@ -103,5 +122,6 @@ def motion_prior(
     known[4:, 4:] = lasting[4:, 4:] = np.diag(1 / ratio.variances(level, prediction))
     lasting[:4, :4] = np.linalg.inv(covariance[:4, :4])
     product = np.asarray(np.linalg.inv(np.linalg.inv(covariance) + known), np.float64)
-    step = -product[:, 4:] @ known[4:, 4:] @ tilt_of(level, prediction)
+    missing = ratio.expected(level, prediction) - tilt_of(level, prediction)
+    step = product[:, 4:] @ known[4:, 4:] @ missing
     return MotionPrior(prediction @ level.matrix_of(step), product, lasting)
