@@ -15,10 +15,6 @@ from numpy.typing import NDArray
 FloatBatch: TypeAlias = NDArray[np.float32]
 
 
-# Largest element of W W^T - I; the filters of orthogonal wavelets are tabulated to about 1e-11.
-ORTHOGONALITY_LIMIT = 1e-6
-
-
 @lru_cache(maxsize=32)
 def transform_matrix(wavelet: str, length: int) -> FloatBatch:
     """The matrix of the periodized one-level transform of `length` samples.
@@ -42,15 +38,12 @@ def transform_matrix(wavelet: str, length: int) -> FloatBatch:
 def inverse_matrix(wavelet: str, length: int) -> FloatBatch:
     """The inverse of `transform_matrix`, float32[length, length], read-only.
 
-    For an orthogonal wavelet it is the transpose. For a biorthogonal one it is the numerical inverse, the
-    matrix of the dual filters; for dmey too, whose truncated filters in PyWavelets are off by a grey level.
+    It is computed, as the filters in PyWavelets are not all exact: those of dmey are off by a grey level.
 
     Raises:
         ValueError: as `transform_matrix`.
     """
-    matrix = _exact_matrix(wavelet, length)
-    is_orthogonal = np.allclose(matrix @ matrix.T, np.eye(length), rtol=0.0, atol=ORTHOGONALITY_LIMIT)
-    return _read_only(matrix.T if is_orthogonal else np.linalg.inv(matrix))
+    return _read_only(np.linalg.inv(_exact_matrix(wavelet, length)))
 
 
 def _exact_matrix(wavelet: str, length: int) -> NDArray[np.float64]:

@@ -11,8 +11,6 @@ from streamkit_wavelet_eigen.feature_space import flat_windows
 
 # px; a smaller target is mostly blur and compression.
 TINY_SIDE = 8
-# Samples per side for the clipped share of a rotated window.
-SAMPLES = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +73,14 @@ def cut_windows(
     sides = np.rint(np.clip(sides, 1.0, longest)).astype(int)
     # Farther out every window has the same edge pixels.
     centres = np.clip(boxes[:, :2], -sides[:, None], sides[:, None] + (width, height))
-    reach = sides[:, None] / 2
-    spans = np.minimum(centres + reach, (width - 0.5, height - 0.5)) - np.maximum(centres - reach, -0.5)
-    clipped = np.where(is_finite, 1.0 - spans.clip(0.0).prod(axis=1) / sides**2, 1.0)
+    clipped = np.ones(len(boxes))
     for index in np.flatnonzero(is_finite):
         (x, y), side, angle = centres[index].tolist(), int(sides[index]), boxes[index, 4] % (2 * math.pi)
         if angle:
             patches[index] = _cut_rotated(image, x, y, side, angle, patch)
-            clipped[index] = _rotated_share(x, y, side, angle, width, height)
         else:
             _cut_upright(image, x, y, side, patches[index])
+        clipped[index] = _clipped_share(x, y, side, angle, width, height)
     np.rint(patches, out=patches)
     return Windows(patches, flat_windows(patches), clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
 
@@ -133,11 +129,9 @@ def _cut_rotated(
     return np.asarray(rotated, np.uint8)
 
 
-def _rotated_share(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
-    """Share of a rotated square outside the image, by a grid of samples."""
-    steps = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * side
-    along, across = np.meshgrid(steps, steps)
-    columns = x + math.cos(angle) * along - math.sin(angle) * across
-    rows = y + math.sin(angle) * along + math.cos(angle) * across
-    inside = (columns >= -0.5) & (columns <= width - 0.5) & (rows >= -0.5) & (rows <= height - 0.5)
-    return 1.0 - float(inside.mean())
+def _clipped_share(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
+    """Share of a rotated square outside the image."""
+    square = cv2.boxPoints(((x, y), (side, side), math.degrees(angle)))
+    frame = cv2.boxPoints((((width - 1) / 2, (height - 1) / 2), (width, height), 0.0))
+    covered = cv2.intersectConvexConvex(square, frame)[0] / side**2
+    return max(round(1.0 - covered, 4), 0.0)
