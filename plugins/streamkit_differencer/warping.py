@@ -6,6 +6,8 @@ resampling, which was the most of a frame's, and gives the same values within a 
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numba import types
 from numpy.typing import NDArray
@@ -15,7 +17,6 @@ from streamkit_differencer.arrays import (
     Bounds,
     ByteImage,
     ByteLine,
-    CountLine,
     FloatArray,
     FloatLine,
     Spans,
@@ -30,6 +31,7 @@ STEPS = 2**STEP_BITS
 # Masks are fetched by squares of so many pixels.
 TILE = 32
 WholeLine = NDArray[np.int32]
+Value = TypeVar("Value", np.uint8, np.uint32)
 
 
 @kernel(UINT8_STRIDED, FLOAT64, SPANS, UINT8)
@@ -43,22 +45,21 @@ def draw(image: ByteImage, to_image: FloatArray, spans: Spans, canvas: ByteImage
         canvas: uint8[rows, columns].
     """
     height, width = image.shape
-    # Two neighbours are fetched at once; the last line once more, below itself.
-    pairs = np.empty((height + 1, width), np.uint16)
-    for row in range(height + 1):
-        _pair(image[min(row, height - 1)], pairs[row])
-    values, columns = pairs.reshape(-1), np.arange(canvas.shape[1]).astype(np.float32)
-    indices = np.empty(columns.size, np.int32)
+    # The four neighbours of a position are fetched at once; beyond the border it is repeated.
+    squares = np.empty((height, width), np.uint32)
+    for row in range(height):
+        _unite_squares(image[row], image[min(row + 1, height - 1)], squares[row])
+    values, columns = squares.reshape(-1), np.arange(canvas.shape[1]).astype(np.float32)
+    indices, fetched = np.empty(columns.size, np.int32), np.empty(columns.size, np.uint32)
     across, down = np.empty_like(indices), np.empty_like(indices)
-    upper, lower = np.empty(columns.size, np.uint16), np.empty(columns.size, np.uint16)
     for row in range(canvas.shape[0]):
         left, right = spans[row]
         part, found = slice(left, right), slice(0, right - left)
         x, y = across[found], down[found]
         _find_positions(to_image, np.float64(row), columns[part], (height, width), x, y)
         _number(x, y, width, indices[found])
-        _fetch_pairs(values, indices[found], width, upper[found], lower[found])
-        _mix(upper[found], lower[found], x, y, canvas[row, part])
+        _fetch(values, indices[found], fetched[found])
+        _mix(fetched[found], x, y, canvas[row, part])
 
 
 @kernel(FLOAT64, types.int64, types.int64)
@@ -178,12 +179,14 @@ def _find_positions(
 
 
 @compiled
-def _pair(line: ByteLine, pairs: CountLine) -> None:
-    """Each pixel with the one to its right."""
-    last = line.size - 1
+def _unite_squares(upper: ByteLine, lower: ByteLine, squares: NDArray[np.uint32]) -> None:
+    """Each pixel of a line with the one to its right and the two below them, from the lowest byte up."""
+    last = upper.size - 1
     for index in range(last):
-        pairs[index] = np.uint16(line[index]) | np.uint16(np.uint16(line[index + 1]) << np.uint16(8))
-    pairs[last] = np.uint16(line[last]) | np.uint16(np.uint16(line[last]) << np.uint16(8))
+        above = np.uint32(upper[index]) | np.uint32(np.uint32(upper[index + 1]) << np.uint32(8))
+        below = np.uint32(lower[index]) | np.uint32(np.uint32(lower[index + 1]) << np.uint32(8))
+        squares[index] = above | np.uint32(below << np.uint32(16))
+    squares[last] = np.uint32(upper[last]) * np.uint32(0x101) + np.uint32(lower[last]) * np.uint32(0x1010000)
 
 
 @compiled
@@ -197,31 +200,24 @@ def _number(across: WholeLine, down: WholeLine, width: int, indices: WholeLine) 
 
 
 @compiled
-def _fetch(values: ByteLine, indices: WholeLine, line: ByteLine) -> None:
+def _fetch(values: NDArray[Value], indices: WholeLine, line: NDArray[Value]) -> None:
     for index in range(indices.size):
         line[index] = values[np.uintp(indices[index])]
 
 
 @compiled
-def _fetch_pairs(
-    values: CountLine, indices: WholeLine, width: int, upper: CountLine, lower: CountLine
-) -> None:
-    below = np.uintp(width)
-    for index in range(indices.size):
-        pixel = np.uintp(indices[index])
-        upper[index], lower[index] = values[pixel], values[np.uintp(pixel + below)]
-
-
-@compiled
-def _mix(upper: CountLine, lower: CountLine, across: WholeLine, down: WholeLine, line: ByteLine) -> None:
-    """Bilinear interpolation."""
-    part, byte, bits, one = np.int32(STEPS - 1), np.int32(255), np.int32(8), np.int32(STEPS)
+def _mix(squares: NDArray[np.uint32], across: WholeLine, down: WholeLine, line: ByteLine) -> None:
+    """Bilinear interpolation within squares of pixels."""
+    part, byte, one = np.int32(STEPS - 1), np.uint32(255), np.int32(STEPS)
     half, shift, black = np.int32(STEPS * STEPS // 2), np.int32(2 * STEP_BITS), np.int32(BLACK)
     for index in range(line.size):
-        above, below = np.int32(upper[index]), np.int32(lower[index])
+        square = squares[index]
+        left, right = np.int32(square & byte), np.int32(np.uint32(square >> np.uint32(8)) & byte)
+        lower = np.uint32(square >> np.uint32(16))
+        lower_left, lower_right = np.int32(lower & byte), np.int32(lower >> np.uint32(8))
         x, y = np.int32(across[index] & part), np.int32(down[index] & part)
         rest = np.int32(one - x)
-        first = np.int32(np.int32((above & byte) * rest) + np.int32((above >> bits) * x))
-        second = np.int32(np.int32((below & byte) * rest) + np.int32((below >> bits) * x))
+        first = np.int32(np.int32(left * rest) + np.int32(right * x))
+        second = np.int32(np.int32(lower_left * rest) + np.int32(lower_right * x))
         total = np.int32(np.int32(first * np.int32(one - y)) + np.int32(second * y))
         line[index] = np.uint8(max(np.int32(np.int32(total + half) >> shift), black))
