@@ -23,6 +23,10 @@ from tests.slowness import patience, slowness
 
 # The workers of the tests fill the cores; a second thread of OpenCV would wait in a loop for the first one.
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+# Zenoh sessions of this worker and its children meet neither other workers' nor the user's own. Linux gives
+# connections the ports from 32 768 on.
+MEETING_PORT = 30_000 + os.getpid() % 40 * 64
+os.environ["STREAMKIT_MEETING_PORTS"] = f"{MEETING_PORT}-{MEETING_PORT + 63}"
 ROOT = Path(__file__).parents[1]
 MODULE = "elements_of_a_test"
 Register = Callable[..., None]

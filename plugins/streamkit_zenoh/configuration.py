@@ -2,6 +2,7 @@
 
 import ipaddress
 import json
+import os
 import re
 from dataclasses import dataclass
 from enum import StrEnum
@@ -18,9 +19,8 @@ ENDPOINT = re.compile(
     r"(?P<metadata>\?[^#\s]*)?(?P<config>#\S*)?"
 )
 SOCKET_FILE = re.compile(r"(unixsock-stream|unixpipe)/[^\s?#]+")
-# Sessions on one machine find each other here without router and multicast: each listens on the first free
-# port and connects to the ports below it.
-MEETING_PORTS = range(7450, 7514)
+DEFAULT_MEETING_PORTS = range(7450, 7514)
+PORTS_VARIABLE = "STREAMKIT_MEETING_PORTS"
 CLIENT_CONNECT_LIMIT_MS = 5_000
 # After so long without a message the peer closes the link; zenoh's default of 10 s detects a dead link late.
 LEASE_MS = 2_500
@@ -179,6 +179,28 @@ def base_configuration(settings: SessionSettings) -> zenoh.Config:
     return config
 
 
+def meeting_ports() -> range:
+    """The ports where sessions on one machine find each other without router and multicast.
+
+    Each listens on the first free port and connects to the ports below it. The environment variable
+    STREAMKIT_MEETING_PORTS, FIRST-LAST, names others: sessions with other ports are not found.
+
+    Raises:
+        SessionFailure: the variable does not name ports.
+    """
+    text = os.environ.get(PORTS_VARIABLE)
+    if not text:
+        return DEFAULT_MEETING_PORTS
+    match = re.fullmatch(r"(\d{1,5})-(\d{1,5})", text)
+    first, last = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= first <= last <= 65535:
+        raise SessionFailure(
+            f"zenoh: {PORTS_VARIABLE} must be two port numbers in ascending order, got {text!r}; "
+            f"write for example {PORTS_VARIABLE}=7520-7583"
+        )
+    return range(first, last + 1)
+
+
 def meets_locally(settings: SessionSettings) -> bool:
     """Whether neither settings nor file name a partner, so that sessions on this machine are found."""
     config = base_configuration(settings)
@@ -194,7 +216,7 @@ def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Co
     else:
         _put(config, LISTEN, [f"tcp/127.0.0.1:{port or 0}"])
         _put(config, "listen/exit_on_failure", True)
-    ports = MEETING_PORTS if port is None else range(MEETING_PORTS.start, port)
+    ports = meeting_ports() if port is None else range(meeting_ports().start, port)
     _put(config, CONNECT, [f"tcp/127.0.0.1:{lower}" for lower in ports])
     _put(config, SCOUTING, False)
     # Gossip would introduce this session to machines that another local session knows.

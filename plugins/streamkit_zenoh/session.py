@@ -16,7 +16,6 @@ import zenoh
 from streamkit import Element, ResourceError, SettingsOf, mask_secrets
 from streamkit_zenoh.configuration import (
     ENDPOINT,
-    MEETING_PORTS,
     InvalidEndpoint,
     SessionFailure,
     SessionSettings,
@@ -25,6 +24,7 @@ from streamkit_zenoh.configuration import (
     connected,
     error_line,
     local_configuration,
+    meeting_ports,
     meets_locally,
     mode_of,
 )
@@ -62,8 +62,8 @@ def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> ze
 
     Raises:
         InvalidEndpoint: an endpoint of the settings is malformed.
-        SessionFailure: an endpoint cannot be used, a client's router is not there, the configuration is
-            wrong, or the time limit is over.
+        SessionFailure: an endpoint cannot be used, a client's router is not there, the configuration or
+            STREAMKIT_MEETING_PORTS is wrong, or the time limit is over.
     """
     if not meets_locally(settings):
         return _open(configuration(settings), settings, limit_s)
@@ -72,10 +72,10 @@ def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> ze
             return _open(local_configuration(settings, None), settings, limit_s)
         except SessionFailure:
             raise SessionFailure(
-                f"zenoh (mode=client): no session answers at tcp/127.0.0.1:{MEETING_PORTS[0]} to "
-                f"{MEETING_PORTS[-1]}; start a publisher or a router, or name an endpoint with connect"
+                f"zenoh (mode=client): no session answers at tcp/127.0.0.1:{meeting_ports()[0]} to "
+                f"{meeting_ports()[-1]}; start a publisher or a router, or name an endpoint with connect"
             ) from None
-    for port in MEETING_PORTS:
+    for port in meeting_ports():
         try:
             return _open(local_configuration(settings, port), settings, limit_s)
         except SessionFailure as failure:

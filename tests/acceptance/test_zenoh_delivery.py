@@ -21,31 +21,30 @@ def without_times(line: str) -> dict[str, Any]:
 def test_subscriber_in_another_process_gets_every_record(tmp_path: Path) -> None:
     """`streamkit subscribe` prints one record per frame, with the same tracks that tracksink wrote."""
     key, written = f"test/{tmp_path.name}", tmp_path / "tracks.jsonl"
-    subscriber = subprocess.Popen(
+    with subprocess.Popen(
         [str(BINARY), "subscribe", key, "--format", "jsonl", "--timeout", "60"],
         stdout=subprocess.PIPE,
         text=True,
-    )
-    try:
-        launched = subprocess.run(
-            [
-                str(BINARY),
-                "launch",
-                f"dronetestsrc num-buffers={FRAMES} seed=1 ! video/x-raw, width=640, height=480 "
-                "! stitch ! framediff ! particletrack ! tee name=t "
-                f"t. ! queue ! zenohsink key={key} wait-subscribers=1 "
-                f"t. ! queue ! tracksink location={written} provenance=false",
-            ],
-            timeout=80,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert launched.returncode == 0, launched.stderr
-        received = subscriber.communicate(timeout=30)[0].splitlines()
-    finally:
-        subscriber.kill()
-        subscriber.wait(timeout=10)
+    ) as subscriber:
+        try:
+            launched = subprocess.run(
+                [
+                    str(BINARY),
+                    "launch",
+                    f"dronetestsrc num-buffers={FRAMES} seed=1 ! video/x-raw, width=640, height=480 "
+                    "! stitch ! framediff ! particletrack ! tee name=t "
+                    f"t. ! queue ! zenohsink key={key} wait-subscribers=1 "
+                    f"t. ! queue ! tracksink location={written} provenance=false",
+                ],
+                timeout=80,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert launched.returncode == 0, launched.stderr
+            received = subscriber.communicate(timeout=30)[0].splitlines()
+        finally:
+            subscriber.kill()
     assert subscriber.returncode == 0
     wanted = [without_times(line) for line in written.read_text(encoding="utf-8").splitlines()]
     assert len(wanted) == FRAMES

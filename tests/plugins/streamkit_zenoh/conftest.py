@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import zenoh
 
-from streamkit_zenoh.configuration import SessionSettings
+from streamkit_zenoh.configuration import PORTS_VARIABLE, SessionSettings
 from streamkit_zenoh.session import close_session, open_session
 from tests.ports import free_port
 
@@ -37,8 +37,7 @@ def meeting_ports(monkeypatch: pytest.MonkeyPatch) -> range:
     for start in range(first, 30_000, 24):
         ports = range(start, start + 24)
         if all(map(_is_free, ports)):
-            monkeypatch.setattr("streamkit_zenoh.configuration.MEETING_PORTS", ports)
-            monkeypatch.setattr("streamkit_zenoh.session.MEETING_PORTS", ports)
+            monkeypatch.setenv(PORTS_VARIABLE, f"{ports[0]}-{ports[-1]}")
             return ports
     pytest.fail(f"no 24 free ports in sequence between {first} and 30000")
 

@@ -8,7 +8,6 @@ import pytest
 
 from streamkit_zenoh.configuration import (
     LEASE_MS,
-    MEETING_PORTS,
     MESSAGE_LIMIT_BYTES,
     Reach,
     SessionFailure,
@@ -16,6 +15,7 @@ from streamkit_zenoh.configuration import (
     SessionSettings,
     configuration,
     local_configuration,
+    meeting_ports,
     meets_locally,
 )
 
@@ -68,14 +68,24 @@ def test_the_default_listening_endpoint_is_limited(
     assert _found(settings, "scouting/multicast/enabled") is False
 
 
+@pytest.mark.parametrize("text", ["7520", "7583-7520", "0-5", "7520-70000", "7520-7583 "])
+def test_meeting_ports_that_are_none_are_refused(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    """The error names the variable, what it got, and an example."""
+    monkeypatch.setenv("STREAMKIT_MEETING_PORTS", text)
+    with pytest.raises(
+        SessionFailure, match=rf"two port numbers .*got '{text}'; write for example .*=7520-7583"
+    ):
+        meeting_ports()
+
+
 @pytest.mark.parametrize("settings", [SessionSettings(), SessionSettings(mode=SessionMode.CLIENT)])
 def test_a_local_session_neither_scouts_nor_gossips(settings: SessionSettings) -> None:
     """It finds other sessions by the meeting ports alone."""
-    config = local_configuration(settings, MEETING_PORTS[3])
+    config = local_configuration(settings, meeting_ports()[3])
     assert json.loads(config.get_json("scouting/multicast/enabled")) is False
     assert json.loads(config.get_json("scouting/gossip/enabled")) is False
     assert json.loads(config.get_json("adminspace/enabled")) is False
-    expected = [f"tcp/127.0.0.1:{port}" for port in MEETING_PORTS[:3]]
+    expected = [f"tcp/127.0.0.1:{port}" for port in meeting_ports()[:3]]
     assert json.loads(config.get_json("connect/endpoints")) == expected
 
 

@@ -16,6 +16,7 @@ from streamkit_zenoh.configuration import (
     SessionMode,
     SessionSettings,
     error_line,
+    local_configuration,
 )
 from streamkit_zenoh.session import close_session, open_session
 from tests.waiting import wait_for
@@ -109,6 +110,32 @@ def test_ports_in_use_are_skipped(open_test_session: Opener, meeting_ports: rang
         for port in meeting_ports:
             in_use.enter_context(socket.create_server(("127.0.0.1", port)))
         assert not open_test_session().is_closed()
+
+
+@pytest.mark.parametrize(("text", "count"), [(None, 64), ("", 64), ("7520-7520", 1)])
+def test_a_variable_names_the_meeting_ports(
+    monkeypatch: pytest.MonkeyPatch, text: str | None, count: int
+) -> None:
+    """Sessions of a client are searched at these ports only."""
+    if text is None:
+        monkeypatch.delenv("STREAMKIT_MEETING_PORTS")
+    else:
+        monkeypatch.setenv("STREAMKIT_MEETING_PORTS", text)
+    config = local_configuration(SessionSettings(mode=SessionMode.CLIENT), None)
+    assert len(json.loads(config.get_json("connect/endpoints"))) == count
+
+
+@pytest.mark.usefixtures("meeting_ports")
+def test_sessions_with_other_meeting_ports_do_not_meet(
+    monkeypatch: pytest.MonkeyPatch, open_test_session: Opener, endpoint: str
+) -> None:
+    """Two groups on one machine: each session finds those of its own group."""
+    first = open_test_session()
+    port = endpoint.rpartition(":")[2]
+    monkeypatch.setenv("STREAMKIT_MEETING_PORTS", f"{port}-{int(port) + 9}")
+    other, third = open_test_session(), open_test_session()
+    assert wait_for(lambda: _peers(other) == {str(third.info.zid())})
+    assert _peers(first) == set()
 
 
 def test_peers_meet_at_an_endpoint_in_either_order(open_test_session: Opener, endpoint: str) -> None:
