@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray
+from streamkit_differencer.arrays import ByteImage, FloatArray, overlaps
 from streamkit_differencer.warping import mapped_into, mapped_point
-from streamkit_kernels import FLOAT64, FLOAT64_1D, UINT8_STRIDED, kernel
+from streamkit_kernels import FLOAT64, UINT8_STRIDED, kernel
 
 # Contrast, in multiples of the threshold, above half a threshold, at which the confidence reaches 0.63.
 CONTRAST_SCALE = 1.0
@@ -32,22 +32,9 @@ class Persistence:
 
     def update(self, boxes: FloatArray) -> FloatArray:
         """Ages of the objects of a frame, float64[n], 1 for new ones; boxes float64[n, 4] x0 y0 x1 y1."""
-        self._ages = grown_ages(boxes, self.boxes, self._ages)
+        self._ages = 1.0 + np.where(overlaps(boxes, self.boxes), self._ages, 0.0).max(axis=1, initial=0.0)
         self.boxes = boxes
         return self._ages
-
-
-@kernel(FLOAT64, FLOAT64, FLOAT64_1D)
-def grown_ages(boxes: FloatArray, earlier: FloatArray, ages: FloatArray) -> FloatArray:
-    """One more than the largest age of the earlier boxes that each box overlaps, float64[n]; 1 for none."""
-    found = np.ones(len(boxes))
-    for number in range(len(boxes)):
-        left, top, right, bottom = boxes[number]
-        for index in range(len(earlier)):
-            first, upper, last, lower = earlier[index]
-            if left < last and first < right and top < lower and upper < bottom:
-                found[number] = max(found[number], 1.0 + ages[index])
-    return found
 
 
 @kernel(FLOAT64, FLOAT64)

@@ -15,7 +15,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from streamkit_differencer.arrays import ByteImage, FloatArray, Indices, LabelImage, above
+from streamkit_differencer.arrays import ByteImage, FloatArray, Indices, above
 from streamkit_differencer.clusters import clustered
 from streamkit_differencer.foreground import MAX_BACKGROUND, MOVING
 from streamkit_differencer.measurement import (
@@ -93,7 +93,9 @@ def find_objects(
     first_row, first_column = max(0, top - margin), max(0, left - margin)
     inside = cells[first_row : top + height + margin, first_column : left + width + margin]
     labels, count = clustered(inside, settings.merge_criterion, gap)
-    inside, labels = closed(inside, labels)
+    # Closing before clustering would merge two cars that pass each other.
+    inside = cast("ByteImage", cv2.morphologyEx(inside, cv2.MORPH_CLOSE, _SQUARE))
+    labels = with_neighbours(inside, labels)
     grid = first_row, first_column, CELL_SIZE // scale
     table = measure_objects(foreground, inside, labels, count, *grid, settings.min_area)
     table = table[table[:, PIXELS] > 0.0]
@@ -110,22 +112,6 @@ def measured(table: FloatArray, scale: int) -> Objects:
     boxes = (table[:, LEFT : BOTTOM + 1] + (0.0, 0.0, 1.0, 1.0)) * scale - 0.5
     changes = table[:, CHANGED] / pixels
     return Objects(centroids, boxes, pixels * scale**2, changes, confidences=np.zeros(len(table)))
-
-
-def closed(cells: ByteImage, labels: LabelImage) -> tuple[ByteImage, LabelImage]:
-    """Fills gaps of one or two cells within each object: the one morphological filter.
-
-    Closing before clustering would merge two cars that pass each other.
-
-    Args:
-        cells: uint8[h, w], mask.
-        labels: int32[h, w], the object of each cell, from 1.
-
-    Returns:
-        Both with the gaps filled.
-    """
-    whole = cast("ByteImage", cv2.morphologyEx(cells, cv2.MORPH_CLOSE, _SQUARE))
-    return whole, with_neighbours(whole, labels)
 
 
 def most_confident(objects: Objects, count: int) -> Objects:
