@@ -20,7 +20,8 @@ import msgspec
 from streamkit import ResourceError, needs_extra
 from streamkit.output.file import write_whole
 
-BEGIN_LIMIT_S = 5.0
+STARTS, START_LIMIT_S = 2, 60.0
+STARTED = b"will now block"  # from what `ray start --block` prints last
 END_LIMIT_S = 30.0
 NAMESPACE = "streamkit"
 
@@ -69,38 +70,51 @@ def _is_running(local: LocalRay) -> bool:
 
 
 def start(cores: int | None = None) -> LocalRay:
-    """Starts Ray, protected by a new token; `cluster.connected` waits for it.
+    """Starts Ray, protected by a new token, and waits until it has started.
+
+    Ray ends if one of its own processes takes more than 15 s to begin, as on a busy machine; it is then
+    started once more.
 
     Raises:
-        ResourceError: it cannot be started.
+        ResourceError: it cannot be started, or has ended.
     """
+    log = _record().with_name("ray.log")
+    for _ in range(STARTS):
+        try:
+            process, local = _start_once(cores, log)
+            deadline_s = time.monotonic() + START_LIMIT_S
+            while process.poll() is None and time.monotonic() < deadline_s:
+                if STARTED in log.read_bytes():
+                    break
+                time.sleep(0.05)
+        except OSError as error:
+            raise ResourceError(f"Ray cannot be started: {error}") from error
+        if process.poll() is None:
+            process.returncode = 0  # it outlives this process, which is no reason to warn
+            return local
+    raise ResourceError(f"Ray has ended while it started; {log} holds its messages")
+
+
+def _start_once(cores: int | None, log: Path) -> tuple[subprocess.Popen[bytes], LocalRay]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    record = _record()
     options = ["--head", "--block", f"--port={port}", "--include-dashboard=false", "--disable-usage-stats"]
     options += [f"--num-cpus={cores}"] if cores else []
-    try:
-        record.parent.mkdir(parents=True, exist_ok=True)
-        token = os.open(_token(), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with open(token, "w", encoding="ascii") as file_of_token:
-            file_of_token.write(secrets.token_hex(32))
-        use_token()
-        os.environ.setdefault("RAY_worker_niceness", "0")  # its 15 leaves `nice` of a feed no room
-        with (record.parent / "ray.log").open("wb") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "ray.scripts.scripts", "start", *options],
-                stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
-            )  # fmt: skip
-        local = LocalRay(f"127.0.0.1:{port}", process.pid)
-        write_whole(record, msgspec.json.encode(local))
-    except OSError as error:
-        raise ResourceError(f"Ray cannot be started: {error}") from error
-    deadline_s = time.monotonic() + BEGIN_LIMIT_S
-    while not _is_running(local) and time.monotonic() < deadline_s:  # its command line is not there at once
-        time.sleep(0.01)
-    process.returncode = 0  # it outlives this process, which is no reason to warn
-    return local
+    log.parent.mkdir(parents=True, exist_ok=True)
+    token = os.open(_token(), os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with open(token, "w", encoding="ascii") as file_of_token:
+        file_of_token.write(secrets.token_hex(32))
+    use_token()
+    os.environ.setdefault("RAY_worker_niceness", "0")  # its 15 leaves `nice` of a feed no room
+    with log.open("wb") as messages:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "ray.scripts.scripts", "start", *options],
+            stdin=subprocess.DEVNULL, stdout=messages, stderr=messages, start_new_session=True,
+        )  # fmt: skip
+    local = LocalRay(f"127.0.0.1:{port}", process.pid)
+    write_whole(_record(), msgspec.json.encode(local))
+    return process, local
 
 
 def begin_end(local: LocalRay) -> None:
