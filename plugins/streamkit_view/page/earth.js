@@ -5,6 +5,7 @@ import { project } from "./geometry.js";
 import { byId, element } from "./panel.js";
 
 const FIT = { padding: 40, maxZoom: 19, duration: 0 };
+const CLICK_PX = 12; // around a target
 const EMPTY = { type: "FeatureCollection", features: [] };
 const COLOUR = ["case", ["get", "followed"], "#32d7ff", "#ffd60a"];
 const is = (kind) => ["==", ["get", "kind"], kind];
@@ -18,7 +19,7 @@ const LAYERS = [
 export class EarthMap {
   // `geo` tells where a point of the plane lies; `chosen(id)` is called when a target is clicked.
   constructor(container, section, { geo, mosaic, chosen }) {
-    Object.assign(this, { container, section, geo, mosaic, chosen, basemap: null, map: null, isReady: false });
+    Object.assign(this, { container, section, geo, mosaic, chosen, basemap: null, map: null, targets: [], isReady: false });
     byId("earth-fit").addEventListener("click", () => this.fit());
   }
 
@@ -26,6 +27,7 @@ export class EarthMap {
     this.section.hidden = true;
     this.isFitted = this.isMoved = false;
     this.bounds = null;
+    this.targets = [];
     if (!this.isReady) return;
     this.map.getSource("live").setData(EMPTY);
     this.removeMosaic();
@@ -37,6 +39,7 @@ export class EarthMap {
     this.section.hidden = false;
     if (!this.loading) this.loading = this.load().catch((error) => this.fail(error));
     if (!this.isReady) return;
+    this.targets = features.filter(({ properties }) => properties.kind === "target");
     this.bounds = boundsOf(features);
     this.map.getSource("live").setData({ type: "FeatureCollection", features });
     this.showMosaic(this.mosaic.corners(record));
@@ -64,9 +67,12 @@ export class EarthMap {
     map.on("error", ({ error }) => console.warn(`geographic map: ${error?.message}`));
     map.on("movestart", ({ originalEvent }) => { if (originalEvent) this.isMoved = true; });
     map.on("mousemove", ({ lngLat }) => this.describe(lngLat));
-    map.on("click", ({ point: { x, y } }) => {
-      const near = map.queryRenderedFeatures([[x - 12, y - 12], [x + 12, y + 12]], { layers: ["targets"] });
-      if (near.length) this.chosen(near[0].properties.id);
+    // By the newest places: what is rendered may be of an earlier record.
+    map.on("click", ({ point }) => {
+      const [nearest] = this.targets
+        .map(({ geometry, properties: { id } }) => ({ id, px: map.project(geometry.coordinates).dist(point) }))
+        .sort((one, other) => one.px - other.px);
+      if (nearest?.px <= CLICK_PX) this.chosen(nearest.id);
     });
     await map.once("load");
     this.map = map;
