@@ -14,9 +14,9 @@ from streamkit_tracker.observation import Observation
 from streamkit_tracker.settings import TrackerSettings
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetTable
 from streamkit_tracker.trail import JITTER, MAX_POSITIONS, extended, span, straightness
-from streamkit_tracker.update.detected_box import LARGE_SIDE, RATED_S, motion_headings, turned_windows
+from streamkit_tracker.update.detected_box import LARGE_SIDE, RATED_S, turned_shapes
 from streamkit_tracker.update.drawn_target import DrawnTarget
-from streamkit_tracker.window_geometry import LENGTH, WIDTH, FloatArray
+from streamkit_tracker.window_geometry import ANGLE, LENGTH, WIDTH, FloatArray
 
 # The last detections of a target, by which its regions are judged; fewer say nothing of their size or path.
 SIGHTINGS = 5
@@ -67,9 +67,8 @@ def start_appearances(table: TargetTable, observation: Observation, sampler: Win
         if not observation.are_objects:
             right, down = span(model.trail)
             one = rows[index : index + 1]
-            headings, deviations = motion_headings(one["mean"], one["covariance"], one["window"])
-            headings = np.where(np.isinf(deviations), np.arctan2(down, right), headings)
-            one["window"] = turned_windows(one["window"][:, :2], one["box"], headings)
+            one["window"][:, ANGLE] = np.arctan2(down, right)  # until the direction of the motion is known
+            one["window"][:, LENGTH:] = turned_shapes(one)[0]
         start_appearance(table, index, observation.space, sampler)
         table.confirm(index, "confirmed")
 

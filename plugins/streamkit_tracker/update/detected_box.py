@@ -7,9 +7,8 @@ appearance. That search refines position and velocity of the filter, and leads w
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from streamkit_kernels import compiled, kernel
+from streamkit_kernels import compiled
 from streamkit_tracker.targets import TENTATIVE, IndexArray, TargetRows, centroid_std
 from streamkit_tracker.window_geometry import (
     ANGLE,
@@ -37,9 +36,6 @@ ASPECT_WEIGHT = 0.3
 MAX_ASPECT = 5.0
 UNKNOWN_STD = 1e3  # px, of a target between others that share its region
 MAX_DISAGREEMENT = 2.0  # standard deviations of a detection
-
-# fields of the table are strided
-_NUMBERS, _ROWS, _MATRICES = (types.Array(types.float64, axes, "A", readonly=True) for axes in (1, 2, 3))
 
 
 def follow_detections(
@@ -76,12 +72,11 @@ def follow_boxes(targets: TargetRows, detected: FloatArray, are_objects: bool) -
         targets["window"][index] = np.column_stack([rows["mean"][:, :2], rows["box"], np.zeros(len(index))])
     else:
         seen = detected[rows["detection"]]
-        headings, _ = motion_headings(rows["mean"], rows["covariance"], rows["window"])
         middles = (seen[:, LEFT:RIGHT] + seen[:, RIGHT:]) / 2
         positions = np.where(rows["whole"][:, None], middles, seen[:, :LEFT])
         # the errors of a detection and of the filter, which follows appearance, are independent
         centres = DETECTED_SHARE * positions + (1 - DETECTED_SHARE) * rows["mean"][:, :2]
-        targets["window"][index] = turned_windows(centres, rows["box"], headings)
+        targets["window"][index] = np.concatenate([centres, turned_shapes(rows)[0]], axis=1)
     targets["recognised"][index] = True
 
 
@@ -126,46 +121,39 @@ def window_shapes(boxes: FloatArray, headings: FloatArray) -> FloatArray:
     return shapes
 
 
-@kernel(_ROWS, _ROWS, _NUMBERS)
-def turned_windows(centres: FloatArray, boxes: FloatArray, headings: FloatArray) -> FloatArray:
-    """Windows float64[n, 5] in upright boxes: turned into the motion, where that can be.
+@compiled
+def turned_shapes(targets: TargetRows) -> tuple[FloatArray, FloatArray]:
+    """What windows are like in the targets' upright boxes: turned into the motion, where that can be.
 
     A car from above fills its box turned; a person who walks upright through a slanted view does not: no
     rectangle along the motion has that box, to within the noise of a detection. Then the box itself is the
-    window.
+    window. What moves slowly for its size may turn on the spot: while the direction of its motion is not
+    known it is the window's.
 
     Args:
-        centres: float64[n, 2], px.
-        boxes: float64[n, 2], width and height, px.
-        headings: float64[n], directions of motion, rad.
+        targets: n rows of `TARGET`, side by side in memory.
+
+    Returns:
+        float64[n, 3], length, width and angle of the windows; and float64[n], standard deviations of the
+        directions of motion, rad, infinite where they are not known.
     """
-    windows = np.empty((len(boxes), 5))
-    windows[:, :2], windows[:, 2:4] = centres, window_shapes(boxes, headings)
-    for index in range(len(boxes)):
-        windows[index, ANGLE] = half_turn(headings[index])
-        across, down = upright_sides(windows[index, LENGTH], windows[index, WIDTH], windows[index, ANGLE])
-        error = max(abs(across - boxes[index, 0]), abs(down - boxes[index, 1]))
-        if error > MAX_DISAGREEMENT * centroid_std(np.sqrt(boxes[index, 0] * boxes[index, 1])):
-            windows[index, 2:4], windows[index, ANGLE] = boxes[index], 0.0
-    return windows
-
-
-@kernel(_ROWS, _MATRICES, _ROWS)
-def motion_headings(
-    means: FloatArray, covariances: FloatArray, windows: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Directions of motion and their standard deviations, each float64[n], rad.
-
-    What moves slowly for its size may turn on the spot: while the direction is not known it is the window's,
-    with an infinite deviation. Means are float64[n, 4], covariances float64[n, 4, 4], windows float64[n, 5].
-    """
-    headings, deviations = windows[:, ANGLE].copy(), np.full(len(windows), np.inf)
-    for index in range(len(windows)):
-        right, down = means[index, 2:]
+    headings, deviations = np.empty(len(targets)), np.full(len(targets), np.inf)
+    boxes, shapes = np.empty((len(targets), 2)), np.empty((len(targets), 3))
+    for index in range(len(targets)):
+        target = targets[index]
+        boxes[index], headings[index] = target["box"], target["window"][ANGLE]
+        right, down = target["mean"][2], target["mean"][3]
         speed = np.hypot(right, down)
-        deviation = np.sqrt((covariances[index, 2, 2] + covariances[index, 3, 3]) / 2)
-        side = np.sqrt(windows[index, LENGTH] * windows[index, WIDTH])
+        deviation = np.sqrt((target["covariance"][2, 2] + target["covariance"][3, 3]) / 2)
+        side = np.sqrt(target["window"][LENGTH] * target["window"][WIDTH])
         if speed > 0 and speed >= max(KNOWN_SPEED * deviation, MIN_SPEED * side):
             headings[index] = np.arctan2(down, right)
             deviations[index] = max(MIN_HEADING_STD, 1.5 * deviation / speed)
-    return headings, deviations
+    shapes[:, :2] = window_shapes(boxes, headings)
+    for index in range(len(targets)):
+        shapes[index, 2] = half_turn(headings[index])
+        across, down = upright_sides(shapes[index, 0], shapes[index, 1], shapes[index, 2])
+        error = max(abs(across - boxes[index, 0]), abs(down - boxes[index, 1]))
+        if error > MAX_DISAGREEMENT * centroid_std(np.sqrt(boxes[index, 0] * boxes[index, 1])):
+            shapes[index, :2], shapes[index, 2] = boxes[index], 0.0
+    return shapes, deviations

@@ -11,13 +11,13 @@ from streamkit_tracker.appearance.window_sampling import WindowSampler, shrink_f
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import IndexArray, TargetRows, TargetTable
 from streamkit_tracker.trail import extended, steadiness
-from streamkit_tracker.update.detected_box import measure_shared, motion_headings, turned_windows
+from streamkit_tracker.update.detected_box import measure_shared, turned_shapes
 from streamkit_tracker.update.drawn_target import DrawnTarget
 from streamkit_tracker.update.evidence import Evidence
 from streamkit_tracker.update.layered_filter import SEARCH, Estimates, SearchRows
 from streamkit_tracker.update.response import expect_response, find_response
 from streamkit_tracker.update.search import SearchGroup, search
-from streamkit_tracker.window_geometry import ANGLE, IDENTITY, LENGTH, WIDTH, Float32Array, FloatArray
+from streamkit_tracker.window_geometry import IDENTITY, LENGTH, WIDTH, Float32Array, FloatArray
 
 SIDES_STD = 0.12
 MIN_CONTRAST = 1e-3
@@ -110,9 +110,8 @@ def _expectations(
     searches["window"], searches["displacement"] = rows["window"], rows["mean"][:, 2:] * observation.step_s
     searches["seed"][found] = observation.centroids[rows["detection"][found]]
     searches["seed_std"] = np.where(found, rows["detection_std"], np.inf)
-    headings, deviations = motion_headings(rows["mean"], covariance, rows["window"])
-    expected = turned_windows(rows["mean"][:, :2], rows["box"], headings)
-    searches["sides"], searches["heading"] = expected[:, LENGTH : WIDTH + 1], expected[:, ANGLE]
+    shapes, deviations = turned_shapes(rows)
+    searches["sides"], searches["heading"] = shapes[:, :2], shapes[:, 2]
     searches["sides_precision"], searches["heading_precision"] = SIDES_STD**-2, deviations**-2
     models = [table.models[index] for index in searched.tolist()]
     searches["tolerance"] = [model.evidence.tolerance for model in models]

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from streamkit_tracker.update.detected_box import turned_windows, window_shapes
+from streamkit_tracker.targets import TARGET
+from streamkit_tracker.update.detected_box import turned_shapes, window_shapes
 
 
 def window_shape(width: float, height: float, heading: float) -> list[float]:
@@ -15,9 +16,13 @@ def window_shape(width: float, height: float, heading: float) -> list[float]:
 
 
 def turned_window(width: float, height: float, heading: float) -> list[float]:
-    """Length, width and angle of one window."""
-    window = turned_windows(np.zeros((1, 2)), np.array([[width, height]]), np.array([heading]))[0]
-    found: list[float] = window[2:].tolist()
+    """Length, width and angle of the window of a target that moves fast."""
+    targets = np.zeros(1, TARGET)
+    targets["box"], targets["mean"][:, 2:] = (
+        (width, height),
+        (1e3 * math.cos(heading), 1e3 * math.sin(heading)),
+    )
+    found: list[float] = turned_shapes(targets)[0][0].tolist()
     return found
 
 
@@ -53,3 +58,12 @@ def test_a_car_turns_with_its_motion(heading: float):
     cosine, sine = abs(math.cos(heading)), abs(math.sin(heading))
     _, _, angle = turned_window(26 * cosine + 13 * sine, 26 * sine + 13 * cosine, heading)
     assert angle == pytest.approx(heading)
+
+
+def test_a_target_at_rest_keeps_the_angle_of_its_window():
+    """What hardly moves may turn on the spot: its direction is not known."""
+    targets = np.zeros(1, TARGET)
+    targets["box"], targets["window"], targets["mean"] = (26, 13), (0, 0, 26, 13, 0.05), (0, 0, -1, 1)
+    shapes, deviations = turned_shapes(targets)
+    assert shapes[0, 2] == pytest.approx(0.05)
+    assert np.isinf(deviations).all()
