@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from streamkit.settings import setting
@@ -12,7 +12,6 @@ from streamkit_tracker.update.layered_filter import LayerSettings
 
 CROWD = 6  # targets: more get fewer samples
 MIN_PATCH = 16
-MIN_PARTICLES = 8
 
 
 @dataclass(frozen=True)
@@ -93,15 +92,3 @@ class TrackerSettings:
         """
         side = self.patch if followed < CROWD else min(self.patch, MIN_PATCH)
         return min(side, max(MIN_PATCH, 8 * math.ceil(longest_side / 8)))
-
-    def layers_for(self, detected: bool, share: float) -> LayerSettings:
-        """Particles for one target, fewer where a detection leads; `share` is the part of these, 0 to 1."""
-        layers = self.seen_layers if detected else self.layers
-        if share >= 1:
-            return layers
-        return replace(
-            layers,
-            particles=max(int(layers.particles * share), MIN_PARTICLES),
-            size_particles=math.ceil(layers.size_particles * share),
-            angle_particles=math.ceil(layers.angle_particles * share),
-        )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ SearchRows = NDArray[Any]
 
 POLISH = 0.4
 WIDE_EVERY = 4
+MIN_PARTICLES = 8
 
 # Expectations of one target before the frame is searched; infinite deviations and zero precisions are none.
 SEARCH = np.dtype(
@@ -50,6 +52,15 @@ class LayerSettings:
     angle_particles: int = setting(6, min=0, max=50, doc="Angles tried in layer 3 for each position kept.")
     std_size: float = setting(0.02, min=0.0, max=1.0, doc="Relative noise of length and width.")
     std_angle: float = setting(0.03, min=0.0, max=3.2, unit="rad", doc="Noise of the angle.")
+
+    def reduced(self, share: float) -> LayerSettings:
+        """A share of the particles, above 0 to 1, but always some."""
+        return replace(
+            self,
+            particles=max(int(self.particles * share), MIN_PARTICLES),
+            size_particles=math.ceil(self.size_particles * share),
+            angle_particles=math.ceil(self.angle_particles * share),
+        )
 
 
 @dataclass(eq=False)

@@ -44,10 +44,11 @@ def measure(
     rows, settings = table.rows, table.settings
     searches = _expectations(table, searched, observation, sampler)
     models = [table.models[index] for index in searched.tolist()]
-    usual = [settings.layers_for(led, budget_share) for led in (False, True)]
-    # no detection leads a target drawn by hand
+    # fewer particles where a detection leads; none leads a target drawn by hand
     is_led = (rows["detection"][searched] >= 0) & ~rows["drawn"][searched]
-    layers = [usual[led] for led in is_led.tolist()]
+    layers = [settings.seen_layers if led else settings.layers for led in is_led.tolist()]
+    if budget_share < 1:
+        layers = [each.reduced(budget_share) for each in layers]
     groups: dict[SearchGroup, list[int]] = {}
     for number, (model, window) in enumerate(zip(models, searches["window"], strict=True)):
         assert model.template is not None

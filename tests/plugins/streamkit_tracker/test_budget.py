@@ -47,7 +47,7 @@ def test_without_a_budget_time_changes_nothing(
 def test_shares_scale_every_layer():
     """Half of all three layers, and never none."""
     settings = TrackerSettings()
-    half = settings.layers_for(detected=False, share=0.5)
+    half = settings.layers.reduced(0.5)
     assert (half.particles, half.size_particles, half.angle_particles) == (110, 3, 3)
-    least = settings.layers_for(detected=True, share=0.125)
+    least = settings.seen_layers.reduced(0.125)
     assert (least.particles, least.size_particles, least.angle_particles) == (8, 1, 1)

@@ -4,10 +4,11 @@ from streamkit_tracker.settings import TrackerSettings
 
 
 def test_a_detection_needs_fewer_particles():
-    """Undetected the full number, with a detection the fewest."""
-    settings = TrackerSettings()
-    assert settings.layers_for(False, 1.0) == settings.layers
-    assert settings.layers_for(True, 1.0) == settings.seen_layers
+    """In every layer, by default."""
+    seen, unseen = TrackerSettings.seen_layers, TrackerSettings().layers
+    assert seen.particles < unseen.particles
+    assert seen.size_particles < unseen.size_particles
+    assert seen.angle_particles < unseen.angle_particles
 
 
 def test_a_patch_has_no_more_samples_than_the_target_has_pixels():
