@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from streamkit_kernels import compiled
-from streamkit_tracker.appearance.mean_features import MeanFeatures, differences
+from streamkit_kernels import compiled, product
+from streamkit_tracker.appearance.feature_template import unit_rows
+from streamkit_tracker.appearance.mean_features import MeanFeatures
 from streamkit_tracker.delete import position_doubt
 from streamkit_tracker.observation import Observation
 from streamkit_tracker.targets import (
@@ -174,9 +175,10 @@ def _compare_features(
 ) -> tuple[FloatArray, FloatArray]:
     """Differences of the detections' features from those of targets, and their costs, each float64[t, d].
 
-    A difference is NaN where nothing compares. A cost is 0 for the same direction as the mean, up to 4 for
-    the opposite. An object that is too unlike is another one: where one person covers another, boxes alone
-    would go over from one to the other. Regions of motion merge and split, so that there it costs only.
+    A difference is one minus the cosine with the mean, NaN where nothing compares. A cost is 0 for the same
+    direction, up to 4 for the opposite. An object that is too unlike is another one: where one person covers
+    another, boxes alone would go over from one to the other. Regions of motion merge and split, so that there
+    it costs only.
     """
     unlike = np.full((len(models), len(observation.centroids)), np.nan)
     if observation.features is None:
@@ -187,7 +189,9 @@ def _compare_features(
         if model.features is not None and model.features.version == observation.features_version
     }
     if known:
-        unlike[list(known)] = differences(list(known.values()), np.nan_to_num(observation.features))
+        means = np.array([features.mean for features in known.values()], np.float32)
+        vectors = np.nan_to_num(observation.features)
+        unlike[list(known)] = 1 - product(unit_rows(means), unit_rows(vectors).T)
     costs = FEATURE_WEIGHT * np.nan_to_num(unlike)
     if observation.are_objects:
         limits = np.array([math.inf if model.features is None else model.features.limit for model in models])

@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-import numpy as np
-
-from streamkit_kernels import product
-from streamkit_tracker.appearance.feature_template import unit_rows
-from streamkit_tracker.window_geometry import Float32Array, FloatArray
+from streamkit_tracker.window_geometry import FloatArray
 
 DIFFERENCE_RATE = 0.1
 KNOWN_FROM = 5  # detections: before, nothing is too different
@@ -49,9 +44,3 @@ class MeanFeatures:
         share = max(DIFFERENCE_RATE, 1 / self._detections)
         self.usual_difference += share * (difference - self.usual_difference)
         self.mean = (1 - rate) * self.mean + rate * vector
-
-
-def differences(targets: Sequence[MeanFeatures], vectors: Float32Array) -> Float32Array:
-    """One minus the cosine between t means and d vectors float32[d, k]: float32[t, d], 0 to 2."""
-    means = unit_rows(np.array([features.mean for features in targets], np.float32))
-    return np.asarray(1 - product(means, unit_rows(vectors).T), np.float32)
