@@ -74,13 +74,16 @@ def cut_windows(
     # Farther out every window has the same edge pixels.
     centres = np.clip(boxes[:, :2], -sides[:, None], sides[:, None] + (width, height))
     clipped = np.ones(len(boxes))
+    frame = cv2.boxPoints((((width - 1) / 2, (height - 1) / 2), (width, height), 0.0))
     for index in np.flatnonzero(is_finite):
         (x, y), side, angle = centres[index].tolist(), int(sides[index]), boxes[index, 4] % (2 * math.pi)
         if angle:
             patches[index] = _cut_rotated(image, x, y, side, angle, patch)
         else:
             _cut_upright(image, x, y, side, patches[index])
-        clipped[index] = _clipped_share(x, y, side, angle, width, height)
+        square = cv2.boxPoints(((x, y), (side, side), math.degrees(angle)))
+        covered = cv2.intersectConvexConvex(square, frame)[0] / side**2
+        clipped[index] = max(round(1.0 - covered, 4), 0.0)
     np.rint(patches, out=patches)
     return Windows(patches, flat_windows(patches), clipped, boxes[:, 2:4].max(axis=1) < TINY_SIDE)
 
@@ -127,11 +130,3 @@ def _cut_rotated(
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     rotated = cv2.warpAffine(crop, matrix, (patch, patch), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(rotated, np.uint8)
-
-
-def _clipped_share(x: float, y: float, side: int, angle: float, width: int, height: int) -> float:
-    """Share of a rotated square outside the image."""
-    square = cv2.boxPoints(((x, y), (side, side), math.degrees(angle)))
-    frame = cv2.boxPoints((((width - 1) / 2, (height - 1) / 2), (width, height), 0.0))
-    covered = cv2.intersectConvexConvex(square, frame)[0] / side**2
-    return max(round(1.0 - covered, 4), 0.0)
