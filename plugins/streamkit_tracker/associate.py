@@ -84,13 +84,13 @@ def associate(table: TargetTable, detected: FloatArray, observation: Observation
     unlike, costs = _compare_features(table.models, observation)
     # a dormant target of unknown position is found upon its prediction only
     is_gated = ~dormant | (position_doubt(table.rows) < KNOWN_TO)
-    strong = _assign_group(table, followed & ~dormant, strong, detected, costs, is_gated)
+    strong = assign(table, followed & ~dormant, strong, detected, costs, is_gated)
     large = np.flatnonzero(followed & ~dormant & table.rows["whole"] & (table.rows["credit_s"] >= SETTLED_S))
     if len(large) > 1 and not observation.are_objects:
         strong = share_regions(table.rows, large, strong, detected)
-    _assign_group(table, followed & ~dormant, weak, detected, costs, is_gated)
+    assign(table, followed & ~dormant, weak, detected, costs, is_gated)
     for group in (followed & dormant, ~followed):
-        strong = _assign_group(table, group, strong, detected, costs, is_gated)
+        strong = assign(table, group, strong, detected, costs, is_gated)
     _learn_features(table, unlike, observation)
     return strong
 
@@ -107,7 +107,7 @@ def find_weak(table: TargetTable, scores: FloatArray) -> BoolArray:
     return np.asarray(scores * total < WEAK_SHARE * squares)
 
 
-def _assign_group(
+def assign(
     table: TargetTable,
     group: BoolArray,
     free: IndexArray,
@@ -115,13 +115,19 @@ def _assign_group(
     feature_costs: FloatArray,
     is_gated: BoolArray,
 ) -> IndexArray:
-    """Assigns the detections `free` to the targets of a group that have none yet; returns those left."""
+    """Assigns detections to the targets of a group that have none yet, at the least total cost.
+
+    Pairs without a finite cost stay apart. Of all targets there are `group` bool[t], `is_gated` bool[t] and
+    `feature_costs` float64[t, d]; `free` are rows of detections, of which those that are left are returned.
+    """
     rows = table.rows
     members = np.flatnonzero(group & (rows["detection"] < 0))
     if not len(members) or not len(free):
         return free
     found = compare(rows, members, detected[free], feature_costs[np.ix_(members, free)], is_gated[members])
-    taken, columns = assign(found.costs)
+    taken, columns = scipy.optimize.linear_sum_assignment(np.fmin(found.costs, FORBIDDEN))
+    is_allowed = np.isfinite(found.costs[taken, columns])
+    taken, columns = taken[is_allowed], columns[is_allowed]
     left = np.ones(len(free), np.bool_)
     left[columns] = False
     owners, mismatch = members[taken], found.mismatch[taken, columns]
@@ -157,17 +163,6 @@ def share_regions(
         rows["detection"][sharing] = regions[column]
         rows["crowded"][sharing] = rows["shared"][sharing] = True
     return free[~np.isin(free, regions[is_shared])]
-
-
-def assign(costs: FloatArray) -> tuple[IndexArray, IndexArray]:
-    """Rows and columns that are paired at the least total cost; those without a finite cost stay apart.
-
-    Args:
-        costs: float64[t, d].
-    """
-    rows, columns = scipy.optimize.linear_sum_assignment(np.fmin(costs, FORBIDDEN))
-    allowed = np.isfinite(costs[rows, columns])
-    return rows[allowed], columns[allowed]
 
 
 def _compare_features(

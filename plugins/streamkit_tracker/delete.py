@@ -43,7 +43,7 @@ def end_gone(table: TargetTable, image_shape: tuple[int, int]) -> None:
     # a target drawn by hand that is not sure may be elsewhere: its detector goes on looking for it
     has_left = (targets["visible"] < MIN_VISIBLE) & (~drawn | targets["sure"])
     # so many misses in a row leave the window too few detections
-    missed = targets["frames_undetected"] > settings.birth_window - settings.needed_hits
+    missed = targets["frames_undetected"] > max(settings.birth_window - settings.birth_hits, 0)
     gone = np.where(tentative, missed, has_left | (targets["credit_s"] <= 0))
     targets["state"] = np.where(tentative, TENTATIVE, np.where(confirmed, CONFIRMED, COASTING))
     if not table.are_objects:

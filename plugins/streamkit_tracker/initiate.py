@@ -84,9 +84,10 @@ def sightings(observation: Observation, detections: IndexArray) -> FloatArray:
 def find_obstacle(table: TargetTable, index: int) -> str:
     """Why the detected target in a row is not confirmed, whatever it is: rule, colon, numbers; or empty."""
     settings, hits = table.settings, np.count_nonzero(table.rows["hits"][index] == 1.0)
-    if hits < settings.needed_hits:
+    needed = min(settings.birth_hits, settings.birth_window)
+    if hits < needed:
         frames = f"{hits:g} of the last {settings.birth_window} frames"
-        return f"detected too seldom: {frames}, needs {settings.needed_hits}"
+        return f"detected too seldom: {frames}, needs {needed}"
     if table.settled >= settings.max_targets:
         return f"there is no room: max-targets={settings.max_targets}"
     return ""

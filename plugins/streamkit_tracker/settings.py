@@ -80,11 +80,6 @@ class TrackerSettings:
     eigen: EigenSettings = field(default_factory=EigenSettings)
     seed: int = setting(0, min=0, doc="Same seed and same frames give the same tracks.")
 
-    @property
-    def needed_hits(self) -> int:
-        """Detections of the last `birth_window` frames that confirm a target."""
-        return min(self.birth_hits, self.birth_window)
-
     def patch_for(self, longest_side: float, followed: int) -> int:
         """Side of the patches of a target that starts now: no more samples than its pixels call for.
 

@@ -9,34 +9,6 @@ from streamkit_tracker.targets import TARGET, TargetRows, TargetTable
 from streamkit_tracker.tracker import MultiTargetTracker
 
 
-def pairs(costs: list[list[float]]) -> list[tuple[int, int]]:
-    """What is assigned."""
-    rows, columns = associate.assign(np.array(costs))
-    return list(zip(rows.tolist(), columns.tolist(), strict=True))
-
-
-def test_the_total_cost_counts_not_the_nearest():
-    """Two targets claim one detection: the pairing with the least total cost wins."""
-    assert pairs([[1.0, 2.0], [1.5, 9.0]]) == [(0, 1), (1, 0)]
-
-
-def test_pairs_outside_the_gate_stay_apart():
-    """What is not allowed is not paired, even when nothing else is left."""
-    assert pairs([[1.0, np.inf], [np.inf, np.inf]]) == [(0, 0)]
-    assert len(associate.assign(np.zeros((0, 3)))[0]) == 0
-
-
-def test_equal_costs_are_no_trouble():
-    """Where every pairing is as good as any other each row still gets a column of its own."""
-    found = pairs([[1.0] * 4] * 5)
-    assert len({row for row, _ in found}) == len({column for _, column in found}) == len(found) == 4
-
-
-def test_costs_beyond_all_measure_end_nothing():
-    """A cost near the largest float, or none at all, is the last choice."""
-    assert (1, 2) in pairs([[1e308, np.nan, 2.0], [1e308, np.inf, 1.0]])
-
-
 def expected(*, variances: tuple[float, float] = (8.0, 3.0)) -> TargetRows:
     """One target of 20 by 10 px at the origin, whose detections scatter by 1 px."""
     rows = np.zeros(1, TARGET)
@@ -45,14 +17,48 @@ def expected(*, variances: tuple[float, float] = (8.0, 3.0)) -> TargetRows:
     return rows
 
 
-def compare(rows: TargetRows, detected: np.ndarray, unlike: np.ndarray) -> associate.Comparison:
-    """All rows compared with all detections."""
-    return associate.compare(rows, np.arange(len(rows)), detected, unlike, np.zeros(len(rows), np.bool_))
-
-
 def detected(x: float, y: float, width: float = 20.0, height: float = 10.0) -> list[float]:
     """A detection with its centroid in the middle of its box."""
     return [x, y, x - width / 2, y - height / 2, x + width / 2, y + height / 2]
+
+
+def pairs(costs: np.ndarray) -> list[tuple[int, int]]:
+    """What is assigned of detections that all lie on all targets and differ by their features alone."""
+    count, found = costs.shape
+    table = TargetTable(TrackerSettings(), np.repeat(expected(), count))
+    table.rows["detection"] = -1
+    seen, every = np.repeat([detected(0.0, 0.0)], found, axis=0), np.ones(count, np.bool_)
+    left = associate.assign(table, every, np.arange(found), seen, costs, every)
+    taken = table.rows["detection"].tolist()
+    assert sorted([*left.tolist(), *(column for column in taken if column >= 0)]) == list(range(found))
+    return [(row, column) for row, column in enumerate(taken) if column >= 0]
+
+
+def test_the_total_cost_counts_not_the_nearest():
+    """Two targets claim one detection: the pairing with the least total cost wins."""
+    assert pairs(np.array([[1.0, 2.0], [1.5, 9.0]])) == [(0, 1), (1, 0)]
+
+
+def test_pairs_outside_the_gate_stay_apart():
+    """What is not allowed is not paired, even when nothing else is left."""
+    assert pairs(np.array([[1.0, np.inf], [np.inf, np.inf]])) == [(0, 0)]
+    assert pairs(np.zeros((0, 3))) == []
+
+
+def test_equal_costs_are_no_trouble():
+    """Where every pairing is as good as any other each row still gets a column of its own."""
+    found = pairs(np.ones((5, 4)))
+    assert len({row for row, _ in found}) == len({column for _, column in found}) == len(found) == 4
+
+
+def test_costs_beyond_all_measure_end_nothing():
+    """A cost near the largest float, or none at all, is the last choice."""
+    assert (1, 2) in pairs(np.array([[1e308, np.nan, 2.0], [1e308, np.inf, 1.0]]))
+
+
+def compare(rows: TargetRows, detected: np.ndarray, unlike: np.ndarray) -> associate.Comparison:
+    """All rows compared with all detections."""
+    return associate.compare(rows, np.arange(len(rows)), detected, unlike, np.zeros(len(rows), np.bool_))
 
 
 def test_distance_is_in_standard_deviations():
