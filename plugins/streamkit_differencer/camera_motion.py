@@ -53,6 +53,61 @@ PAN_FRAMES = 6
 MAX_PLAIN_FRAMES = 75
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Keyframe:
+    """A frame that others are aligned to.
+
+    Attributes:
+        patches: of each level of its pyramid, finest first.
+        to_plane: float64[3, 3], its position.
+    """
+
+    patches: list[Patches]
+    to_plane: FloatArray
+
+    @classmethod
+    def of(cls, levels: list[ByteImage], to_plane: FloatArray) -> _Keyframe:
+        """A keyframe by its pyramid and position."""
+        return cls([Patches.of(level) for level in levels], to_plane)
+
+    def aligned(self, levels: list[ByteImage], placed: FloatArray) -> tuple[FloatArray, float, float]:
+        """The best position of a frame near that of the keyframe or near `placed`, and what it explains.
+
+        Coarse levels reach farther, finer ones tell more: the best of the coarsest level and the positions
+        that were known compete in the next one.
+        """
+        coarsest = len(levels) - 1
+        starts = [self.to_plane, placed]
+        positions = starts
+        for level in range(coarsest, -1, -1):
+            patches, image = self.patches[level], levels[level]
+            fits = [
+                patches.aligned(image, self.to_level(level, position), TURN_AND_SHIFT, STEPS)
+                for position in positions
+            ]
+            best = max(fits, key=lambda fit: patches.explained(image, fit)[1])
+            found = self.position_of(best, level)
+            positions = [found, *starts] if level == coarsest else [found]
+        explained = patches.explained(image, best)
+        for basis in (SIMILARITY, HOMOGRAPHY):
+            free = patches.aligned(image, best, basis, STEPS)
+            more = patches.explained(image, free)
+            if more[1] > FREEDOM_GAIN * explained[1]:
+                best, explained = free, more
+        return self.position_of(best), *explained
+
+    def to_level(self, level: int, placed: FloatArray) -> FloatArray:
+        """The keyframe's pixels to those of a frame at a position, on a level of the pyramids."""
+        grid = working_to_frame(2**level)
+        return np.linalg.inv(grid) @ np.linalg.inv(placed) @ self.to_plane @ grid
+
+    def position_of(self, to_image: FloatArray, level: int = 0) -> FloatArray:
+        """The position of a frame to which the keyframe's pixels are mapped, on a level of the pyramids."""
+        grid = working_to_frame(2**level)
+        placed = self.to_plane @ grid @ np.linalg.inv(to_image) @ np.linalg.inv(grid)
+        return np.asarray(placed / placed[2, 2], np.float64)
+
+
 @dataclass(slots=True)
 class CameraMotion:
     """Registers each frame to a keyframe.
@@ -62,9 +117,7 @@ class CameraMotion:
     """
 
     plane: int = 0
-    # Patches of each level of the keyframe's pyramid.
-    _keyframe: list[Patches] = field(default_factory=list)
-    _keyframe_to_plane: FloatArray = field(default_factory=lambda: np.eye(3))
+    _keyframe: _Keyframe | None = None
     # The pyramid of the last frame that was placed.
     _before: list[ByteImage] = field(default_factory=list)
     _placed: FloatArray = field(default_factory=lambda: np.eye(3))
@@ -77,7 +130,7 @@ class CameraMotion:
         """Starts a new plane with the next frame."""
         self.plane += 1
         self._missed, self._panned, self._rests = 0, 0, True
-        self._placed, self._keyframe = np.eye(3), []
+        self._placed, self._keyframe = np.eye(3), None
 
     def place(self, image: ByteImage) -> FloatArray | None:
         """Registers a frame.
@@ -98,39 +151,35 @@ class CameraMotion:
 
     def _placed_by(self, levels: list[ByteImage]) -> FloatArray | None:
         """The position by the keyframe, else by the last frame that was placed; see `place`."""
-        if not self._keyframe or not len(self._keyframe[0]):
+        keyframe = self._keyframe
+        if keyframe is None or not len(keyframe.patches[0]):
             # Without texture the camera counts as still.
-            self._set_keyframe(levels, self._placed)
+            self._keyframe = _Keyframe.of(levels, self._placed)
             return self._placed
-        placed = self._fit(levels)
+        placed = self._fit(keyframe, levels)
         if placed is None and not self._rests and self._missed >= PATIENCE_FRAMES:
             # The keyframe is out of view, or shows water.
-            keyframe = self._keyframe, self._keyframe_to_plane
-            self._set_keyframe(self._before, self._placed)
-            placed = self._fit(levels)
-            if placed is None:
-                self._keyframe, self._keyframe_to_plane = keyframe
+            keyframe = _Keyframe.of(self._before, self._placed)
+            placed = self._fit(keyframe, levels)
         if placed is not None:
-            return self._follow(levels, placed)
+            return self._follow(keyframe, levels, placed)
         self._panned = self._panned + 1 if self._rests and self._is_pan(levels) else 0
         return self._miss(levels)
 
-    def _follow(self, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
-        """Accepts the position of a frame."""
+    def _follow(self, keyframe: _Keyframe, levels: list[ByteImage], placed: FloatArray) -> FloatArray:
+        """Accepts the position of a frame by a keyframe, which stays the keyframe while it is near."""
         self._missed = self._panned = 0
         # Frames of a camera that shakes are never at the same position.
-        self._rests = placed is self._placed or placed is self._keyframe_to_plane
+        self._rests = placed is self._placed or placed is keyframe.to_plane
         if not self._rests:
-            for level, patches in enumerate(self._keyframe):
-                patches.learn(levels[level], self._to_level(level, placed))
+            for level, patches in enumerate(keyframe.patches):
+                patches.learn(levels[level], keyframe.to_level(level, placed))
         shape = levels[0].shape
-        step, away = (
-            corner_distance(placed, other, shape) for other in (self._placed, self._keyframe_to_plane)
-        )
+        step, away = (corner_distance(placed, other, shape) for other in (self._placed, keyframe.to_plane))
         self._placed = placed
         # A jump may be an error; the next frame is near it if it is none.
-        if away > RENEWAL_SHIFT * max(shape) and 2 * step < away:
-            self._set_keyframe(levels, placed)
+        is_far = away > RENEWAL_SHIFT * max(shape) and 2 * step < away
+        self._keyframe = _Keyframe.of(levels, placed) if is_far else keyframe
         return placed
 
     def _miss(self, levels: list[ByteImage]) -> FloatArray | None:
@@ -142,42 +191,34 @@ class CameraMotion:
             # What covers the view is no motion; the keyframe may have been taken of it.
             if self._missed > RENEWAL_FRAMES:
                 self._missed = 0
-                self._set_keyframe(levels, self._placed)
+                self._keyframe = _Keyframe.of(levels, self._placed)
             return self._placed
         if self._missed <= (MAX_PLAIN_FRAMES if is_plain else MAX_MISSED_FRAMES):
             return None
         self.reset()
-        self._set_keyframe(levels, self._placed)
+        self._keyframe = _Keyframe.of(levels, self._placed)
         return self._placed
 
     def _is_pan(self, levels: list[ByteImage]) -> bool:
         """Whether a frame shows most of the one before it, but elsewhere; leaves hardly move as one."""
-        at_rest, _ = Patches.of(self._before[0]).explained(levels[0], np.eye(3))
-        if at_rest >= MIN_EXPLAINED:
-            return False
-        keyframe = self._keyframe, self._keyframe_to_plane
-        self._set_keyframe(self._before, self._placed)
-        _, moved, _ = self._aligned(levels)
-        self._keyframe, self._keyframe_to_plane = keyframe
-        return moved >= ENOUGH_SHARE
+        before = _Keyframe.of(self._before, self._placed)
+        at_rest, _ = before.patches[0].explained(levels[0], np.eye(3))
+        return at_rest < MIN_EXPLAINED and before.aligned(levels, self._placed)[1] >= ENOUGH_SHARE
 
-    def _set_keyframe(self, levels: list[ByteImage], placed: FloatArray) -> None:
-        self._keyframe, self._keyframe_to_plane = [Patches.of(level) for level in levels], placed
-
-    def _fit(self, levels: list[ByteImage]) -> FloatArray | None:
-        """The frame's position; None if it explains too little of the keyframe."""
-        image, patches = levels[0], self._keyframe[0]
+    def _fit(self, keyframe: _Keyframe, levels: list[ByteImage]) -> FloatArray | None:
+        """The frame's position by a keyframe; None if it explains too little of that."""
+        image, patches = levels[0], keyframe.patches[0]
         known = [
-            (position, *patches.explained(image, self._to_level(0, position)))
-            for position in (self._keyframe_to_plane, self._placed)
+            (position, *patches.explained(image, keyframe.to_level(0, position)))
+            for position in (keyframe.to_plane, self._placed)
         ]
         at_rest, share, weight = max(known, key=lambda fit: fit[2])
         settled = STILL_PX if self._rests else SETTLED_PX
-        first = self._position_of(patches.aligned(image, self._to_level(0, at_rest), SIMILARITY, 1))
+        first = keyframe.position_of(patches.aligned(image, keyframe.to_level(0, at_rest), SIMILARITY, 1))
         is_near = corner_distance(first, at_rest, image.shape) <= min(settled, QUICK_STILL_PX)
         if is_near and share >= ENOUGH_SHARE:
             return at_rest
-        placed, moved_share, moved_weight = self._aligned(levels)
+        placed, moved_share, moved_weight = keyframe.aligned(levels, self._placed)
         step = corner_distance(placed, at_rest, image.shape)
         from_last = corner_distance(placed, self._placed, image.shape) / max(image.shape)
         gain = LARGE_STEP_GAIN if step > LARGE_STEP_PX else MIN_GAIN
@@ -185,40 +226,3 @@ class CameraMotion:
         if step > settled and is_possible and moved_weight >= (gain if self._rests else 1.0) * weight:
             return placed
         return at_rest if share >= MIN_EXPLAINED else None
-
-    def _aligned(self, levels: list[ByteImage]) -> tuple[FloatArray, float, float]:
-        """The best position near those of the keyframe and of the last frame, and what it explains.
-
-        Coarse levels reach farther, finer ones tell more: the best of the coarsest level and the positions
-        that were known compete in the next one.
-        """
-        coarsest = len(levels) - 1
-        starts = [self._keyframe_to_plane, self._placed]
-        positions = starts
-        for level in range(coarsest, -1, -1):
-            patches, image = self._keyframe[level], levels[level]
-            fits = [
-                patches.aligned(image, self._to_level(level, position), TURN_AND_SHIFT, STEPS)
-                for position in positions
-            ]
-            best = max(fits, key=lambda fit: patches.explained(image, fit)[1])
-            placed = self._position_of(best, level)
-            positions = [placed, *starts] if level == coarsest else [placed]
-        explained = patches.explained(image, best)
-        for basis in (SIMILARITY, HOMOGRAPHY):
-            free = patches.aligned(image, best, basis, STEPS)
-            more = patches.explained(image, free)
-            if more[1] > FREEDOM_GAIN * explained[1]:
-                best, explained = free, more
-        return self._position_of(best), *explained
-
-    def _to_level(self, level: int, placed: FloatArray) -> FloatArray:
-        """The keyframe's pixels to those of a frame at a position, on a level of the pyramids."""
-        grid = working_to_frame(2**level)
-        return np.linalg.inv(grid) @ np.linalg.inv(placed) @ self._keyframe_to_plane @ grid
-
-    def _position_of(self, to_image: FloatArray, level: int = 0) -> FloatArray:
-        """The position of a frame to which the keyframe's pixels are mapped, on a level of the pyramids."""
-        grid = working_to_frame(2**level)
-        placed = self._keyframe_to_plane @ grid @ np.linalg.inv(to_image) @ np.linalg.inv(grid)
-        return np.asarray(placed / placed[2, 2], np.float64)
