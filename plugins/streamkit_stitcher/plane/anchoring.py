@@ -12,7 +12,7 @@ from streamkit_stitcher.plane.frame_registration import OK_STD
 from streamkit_stitcher.plane.keyframe_content import scene_level
 from streamkit_stitcher.plane.keyframe_graph import Tie
 from streamkit_stitcher.plane.keyframe_map import KeyframeMap
-from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving, is_outworn
+from streamkit_stitcher.plane.keyframes import Keyframe, KeyframeMatch, is_leaving
 from streamkit_stitcher.plane.loop_closure import tie_of
 from streamkit_stitcher.plane.patch_matching import PatchMatcher
 from streamkit_stitcher.plane.placement import Placement, placed
@@ -213,8 +213,7 @@ class KeyframeAnchor:
                 return returned
         self._unmatched = 0 if is_certain else self._unmatched + 1
         self._is_prediction_reliable = is_certain or (found.is_trusted and self._is_prediction_reliable)
-        leaving = is_leaving(active, found.to_reference, self._settings.keyframe_overlap)
-        leaving = leaving or (found.match is not None and is_outworn(active, found.match))
+        leaving = is_leaving(active, found.to_reference, found.match, self._settings.keyframe_overlap)
         if found.match is not None and not found.is_due and not leaving:
             return found
         if is_certain and not (found.is_due or found.is_recognised):

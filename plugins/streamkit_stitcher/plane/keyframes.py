@@ -162,19 +162,24 @@ def most_redundant(keyframes: Sequence[Keyframe]) -> int:
     return int(np.unravel_index(int(np.argmin(distances)), distances.shape)[0])
 
 
-def is_leaving(keyframe: Keyframe, to_reference: FloatArray, least: float) -> bool:
-    """Whether overlap, tilt or scale of a frame differ too much from its keyframe."""
-    to_key = normalised(inverse(keyframe.to_reference) @ to_reference)
-    tilted = tilt(to_key, keyframe.shape) > _MAX_TILT
-    scale = scale_change(to_key, keyframe.shape)
-    return overlap(to_key, keyframe.shape) < least or tilted or not _KEPT_SCALES[0] < scale < _KEPT_SCALES[1]
+def is_leaving(
+    keyframe: Keyframe, to_reference: FloatArray, match: KeyframeMatch | None, least: float
+) -> bool:
+    """Whether a frame leaves its keyframe: overlap, tilt or scale differ too much, or the match is too bad.
 
+    The latter while the frame is still ok: relief moves patches off the plane long before they leave the
+    frame, and a later frame would hand on its larger error to all that follow.
 
-def is_outworn(keyframe: Keyframe, match: KeyframeMatch) -> bool:
-    """Whether a keyframe fits a frame so badly that a nearer one is needed, while the frame is still ok.
-
-    Relief moves patches off the plane long before they leave the frame, and a later frame would hand on its
-    larger error to all that follow.
+    Args:
+        keyframe: the keyframe.
+        to_reference: float64[3, 3], the frame to the plane.
+        match: of the frame with the keyframe; None where there is none.
+        least: smallest overlap.
     """
-    is_doubtful = _OUTWORN_STD < match.corner_std <= OK_STD and match.share >= _OUTWORN_SHARE
-    return is_doubtful and corner_shift(match.fit.matrix, keyframe.shape) > _OUTWORN_SHIFT * keyframe.shape[1]
+    to_key, shape = normalised(inverse(keyframe.to_reference) @ to_reference), keyframe.shape
+    is_scaled = not _KEPT_SCALES[0] < scale_change(to_key, shape) < _KEPT_SCALES[1]
+    if is_scaled or tilt(to_key, shape) > _MAX_TILT or overlap(to_key, shape) < least:
+        return True
+    if match is None or match.share < _OUTWORN_SHARE or not _OUTWORN_STD < match.corner_std <= OK_STD:
+        return False
+    return corner_shift(match.fit.matrix, shape) > _OUTWORN_SHIFT * shape[1]

@@ -2,14 +2,26 @@
 
 from typing import Final
 
-from streamkit.geometry.homography import FloatArray, corner_shift, inverse, normalised
+import numpy as np
+
+from streamkit.geometry.homography import (
+    FloatArray,
+    centre,
+    corner_shift,
+    inverse,
+    normalised,
+    translation,
+)
 from streamkit_stitcher.plane.frame_registration import OK_STD
-from streamkit_stitcher.plane.motion_prediction import MotionPredictor
 from streamkit_stitcher.plane.placement import Placement
 from streamkit_stitcher.plane.tie_checks import MAX_DRIFT
 from streamkit_stitcher.registration.pairwise import PairwiseMotion
 
 _MAX_LOST: Final = 25
+# Predicted frames in a row after which the camera is taken to stand still, and part of the velocity that each
+# placed frame replaces.
+_MAX_PREDICTED: Final = 5
+_GAIN: Final = 0.5
 # Growth of the predicted error with each lost frame, px.
 _LOST_STD: Final = 1.0
 # Of the frames that no keyframe matches, features are tried at every second, and after so many more rarely.
@@ -33,30 +45,29 @@ class Localisation:
     Attributes:
         std: predicted error of the previous frame at the worst corner, px.
         is_adrift: whether the place is unknown, so that no keyframe may be made of a frame.
-        prediction: predicts the next frame by the motion so far.
+        predicted: frames since the last placed one, whose places are predictions.
     """
 
     def __init__(self, shape: tuple[int, int], std: float = 0.0) -> None:
         self._shape, self._max_drift = shape, MAX_DRIFT * shape[1]
-        self.prediction = MotionPredictor(shape)
+        middle = centre(shape)
+        self._to_centre, self._from_centre = translation(-middle), translation(middle)
         self._lost = self._unmeasured = self._vain = self._since_search = 0
         self.std = std
         self.is_adrift = False
-
-    @property
-    def was_lost(self) -> bool:
-        """Whether the place of the previous frame is a prediction."""
-        return self.prediction.predicted > 0
+        self.predicted = 0
+        self._velocity: FloatArray = np.eye(3)
 
     @property
     def is_known(self) -> bool:
         """Whether the previous frame had a place that ties could correct."""
-        return not self.was_lost and self.std <= self._max_drift
+        return not self.predicted and self.std <= self._max_drift
 
-    @property
-    def steps(self) -> int:
-        """Steps from the last frame that was not lost to the next one."""
-        return 1 + self.prediction.predicted
+    def expected(self, before: FloatArray) -> FloatArray:
+        """The next frame's homography after `before`, by a smoothed velocity about the frame's centre."""
+        if self.predicted >= _MAX_PREDICTED:
+            return before
+        return normalised(before @ self._from_centre @ self._velocity @ self._to_centre)
 
     def predicted_by(
         self, motion: PairwiseMotion, before: FloatArray, last_to_plane: FloatArray
@@ -69,14 +80,14 @@ class Localisation:
             last_to_plane: float64[3, 3], the last frame that was not lost to the plane.
         """
         if motion.model is None:
-            return Placement(self.prediction.expected(before), _LOST_STD + self.std, motion=motion)
+            return Placement(self.expected(before), _LOST_STD + self.std, motion=motion)
         to_plane = normalised(last_to_plane @ motion.matrix)
         return Placement(to_plane, motion.corner_std(self._shape) + self.std, motion=motion)
 
     def lost_place(self, before: FloatArray) -> Placement:
         """The predicted place of a frame that is lost."""
-        expected = self.prediction.expected(before)
-        self.prediction.predicted += 1
+        expected = self.expected(before)
+        self.predicted += 1
         self.std += corner_shift(normalised(inverse(before) @ expected), self._shape) + _LOST_STD
         return Placement(expected, self.std)
 
@@ -115,13 +126,14 @@ class Localisation:
 
     def place(self, to_previous: FloatArray, std: float, is_measured: bool) -> None:
         """Notes the motion of a placed frame, float64[3, 3], and its predicted error, px."""
-        self.prediction.update(to_previous)
+        centred = normalised(self._to_centre @ to_previous @ self._from_centre)
+        self._velocity = self._velocity + _GAIN * (centred - self._velocity)
         self.std = std
-        self._lost = 0
+        self._lost = self.predicted = 0
         if std <= OK_STD:
             self._vain = 0
         self._unmeasured = 0 if is_measured else self._unmeasured + 1
 
     def leave_plane(self) -> None:
         """Forgets the motion: the next frame lies on another plane."""
-        self.prediction = MotionPredictor(self._shape)
+        self._velocity, self.predicted = np.eye(3), 0

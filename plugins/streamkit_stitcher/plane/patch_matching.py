@@ -48,8 +48,11 @@ class _Prepared:
         self, patches: PatchLevel, key_to_frame: FloatArray, image: GreyArray, most: int
     ) -> PatchLevel:
         """At most `most` of some patches, of those in view and not lately off the plane."""
-        known, (height, width) = (patches.centres, patches.usable, self.scores), image.shape
-        return patches.part(in_view(*known, _SUSPECT, key_to_frame, height, width, most))
+        (height, width), centres, usable = image.shape, patches.centres, patches.usable
+        seen = in_view(centres, usable, self.scores, _SUSPECT, key_to_frame, height, width, most)
+        return PatchLevel(
+            centres[seen], patches.probes, patches.inverse_hessian[seen], usable[seen], patches.numbers[seen]
+        )
 
 
 class PatchMatcher:
@@ -83,12 +86,12 @@ class PatchMatcher:
             return None
         start, image = to_reduced(inverse(frame_to_key), 2 ** (level + 1)), images[level + 1]
         patches = known.in_view(known.coarse, start, image, _COARSE[0])
-        motion = align_coarsely(patches, image, start, *_COARSE[1:])
+        motion = align_coarsely(patches, image, start, *_COARSE)
         if motion is None:
             return None
         start, image = from_reduced(motion, 2), images[level]
         patches = known.in_view(known.fine, start, image, round(_SHARE * max_points))
-        motion = align_coarsely(patches.part(slice(_MIDDLE[0])), image, start, *_MIDDLE[1:])
+        motion = align_coarsely(patches, image, start, *_MIDDLE)
         if motion is None:
             return None
         found = align_jointly(patches, image, motion, limits.ransac_threshold / 2**level)

@@ -141,8 +141,8 @@ class FrameRegistrar:
                 self._planes.adopt(anchor, change)
         before, near = self._planes.before, None
         # After a lost frame the place is not known well enough.
-        if not self._place.was_lost:
-            near = anchor.match_near(images, before, self._place.std, self._place.prediction.expected(before))
+        if not self._place.predicted:
+            near = anchor.match_near(images, before, self._place.std, self._place.expected(before))
         if near is not None and self._is_enough(near):
             found = placed(anchor.keyframes.active, near)
             has_jumped = is_jump(normalised(inverse(before) @ found.to_reference), self._shape)
@@ -211,10 +211,10 @@ class FrameRegistrar:
 
     def _motion_since(self, last: WorkingImage, image: WorkingImage) -> PairwiseMotion:
         """The motion of the corners since the last frame that was not lost."""
-        expected = self._place.prediction.expected(self._planes.before)
+        expected = self._place.expected(self._planes.before)
         guess = normalised(inverse(self._planes.last_to_plane) @ expected)
         limits = self._settings.limits
-        reach = min(1.0, limits.max_step * self._place.steps)
+        reach = min(1.0, limits.max_step * (1 + self._place.predicted))
         return register(last, image, guess, replace(limits, max_step=reach))
 
     def _is_photograph(self, last: WorkingImage, image: WorkingImage, motion: PairwiseMotion) -> bool:
@@ -271,7 +271,7 @@ class FrameRegistrar:
         """How reliable a placed frame is."""
         if self._planes.has_jumped:
             return RegistrationStatus.CUT
-        steady = not self._place.was_lost
+        steady = not self._place.predicted
         # Errors of successive frames are alike: the motion between the two is as certain as either.
         is_step_certain = not steady or self._place.std <= OK_STD
         if found.match is None or found.std > OK_STD or not is_step_certain:

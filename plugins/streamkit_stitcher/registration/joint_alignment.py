@@ -50,7 +50,7 @@ class JointAlignment:
 
 
 def align_coarsely(
-    patches: PatchLevel, image: GreyArray, key_to_frame: FloatArray, passes: int, settled: float
+    patches: PatchLevel, image: GreyArray, key_to_frame: FloatArray, most: int, passes: int, settled: float
 ) -> FloatArray | None:
     """Improves a predicted motion until it converges, else None.
 
@@ -58,14 +58,16 @@ def align_coarsely(
         patches: of the keyframe.
         image: the frame at the same reduction.
         key_to_frame: prediction, right to a few px of this level.
+        most: leading patches that are used.
         passes: most iterations.
         settled: largest displacement of a patch in the last iteration.
     """
     if not len(patches.numbers):
         return None
     pixels, matrix = np.ascontiguousarray(image), key_to_frame.copy()
-    level = patches.centres, patches.probes, patches.numbers, patches.usable
-    found = settle(pixels, *level, scaling_of(patches.centres), passes, settled, matrix)
+    centres, numbers, usable = patches.centres[:most], patches.numbers[:most], patches.usable[:most]
+    scaling = scaling_of(centres)
+    found = settle(pixels, centres, patches.probes, numbers, usable, scaling, passes, settled, matrix)
     return matrix if found else None
 
 

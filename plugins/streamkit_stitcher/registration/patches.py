@@ -62,16 +62,6 @@ class PatchLevel:
     usable: MaskArray
     numbers: npt.NDArray[np.int64]
 
-    def part(self, chosen: npt.NDArray[np.int64] | slice) -> "PatchLevel":
-        """Some of the patches, by their indices or a slice."""
-        return PatchLevel(
-            self.centres[chosen],
-            self.probes,
-            self.inverse_hessian[chosen],
-            self.usable[chosen],
-            self.numbers[chosen],
-        )
-
 
 def spread_order(count: int) -> npt.NDArray[np.int64]:
     """The numbers below `count`, each leading part evenly spread, int64[count].

@@ -33,10 +33,9 @@ def test_a_lost_frame_is_where_the_motion_leads_and_less_sure():
     second = place.lost_place(first.to_reference)
     assert 100.0 < first.to_reference[0, 2] < second.to_reference[0, 2]
     assert 0.5 + 1.0 < first.std < second.std
-    assert place.was_lost
-    assert place.steps == 3
+    assert place.predicted == 2
     place.place(moved(1.0), 0.4, is_measured=True)
-    assert (place.was_lost, place.std) == (False, 0.4)
+    assert (place.predicted, place.std) == (0, 0.4)
 
 
 def test_a_frame_without_a_motion_is_predicted():

@@ -38,7 +38,7 @@ def test_a_far_guess_is_improved(ground):
     level = key_level(seen_through(ground, np.eye(3), 1))
     frame = seen_through(ground, TURN, 2)
     start = translation(np.array([2.5, -1.5])) @ TURN
-    found = align_coarsely(level.part(slice(60)), frame, start, passes=8, settled=0.2)
+    found = align_coarsely(level, frame, start, most=60, passes=8, settled=0.2)
     assert worst(found, TURN) < 0.25
 
 
@@ -92,7 +92,7 @@ def test_nothing_is_found_in_a_flat_frame(ground, brightness):
     level = key_level(seen_through(ground, np.eye(3), 1))
     flat = np.full(SHAPE, brightness, np.uint8)
     assert align_jointly(level, flat, np.eye(3), 1.0) is None
-    assert align_coarsely(level, flat, np.eye(3), passes=4, settled=0.5) is None
+    assert align_coarsely(level, flat, np.eye(3), most=240, passes=4, settled=0.5) is None
 
 
 def test_a_frame_out_of_view_is_not_found(ground):

@@ -105,7 +105,7 @@ def test_a_frame_smaller_than_a_patch_shows_nothing(ground, centres):
     """12 x 12 px are no room for one."""
     patches = prepare(cut_patches(ground, centres), centres)
     small = np.ascontiguousarray(ground[:12, :12])
-    assert align_coarsely(patches, small, np.eye(3), passes=2, settled=0.5) is None
+    assert align_coarsely(patches, small, np.eye(3), most=100, passes=2, settled=0.5) is None
 
 
 def test_views_and_frames_that_are_only_read_are_aligned(ground, centres):
@@ -115,7 +115,7 @@ def test_views_and_frames_that_are_only_read_are_aligned(ground, centres):
     frozen.setflags(write=False)
     level = prepare(cut_patches(whole, centres), centres)
     found = [
-        align_coarsely(level, frame, translation(np.array([0.8, -0.6])), passes=8, settled=0.2)
+        align_coarsely(level, frame, translation(np.array([0.8, -0.6])), most=100, passes=8, settled=0.2)
         for frame in (whole, frozen, whole.copy())
     ]
     assert np.abs(found[0] - np.eye(3)).max() < 0.05

@@ -28,7 +28,8 @@ def test_patches_are_found_in_a_turned_and_dimmed_frame(ground, gain):
     frame = (frame * gain + 10).astype(np.uint8)
     level = level_of(key)
     guess = translation(np.array([1.2, -0.9])) @ TURN
-    found = align_jointly(level, frame, align_coarsely(level, frame, guess, passes=8, settled=0.3), 1.0)
+    coarse = align_coarsely(level, frame, guess, most=220, passes=8, settled=0.3)
+    found = align_jointly(level, frame, coarse, 1.0)
     error = np.hypot(*(found.frame_points - project(TURN, found.key_points)).T)
     assert 60 < len(found.numbers) <= found.visible_count <= len(level.centres)
     assert np.median(error) < 0.1
@@ -45,11 +46,6 @@ def test_leading_parts_are_spread():
     assert sorted(order) == list(range(100))
     assert np.diff(np.sort(order[:12])).min() >= 4
     assert spread_order(1).tolist() == [0]
-
-
-def test_a_part_keeps_the_numbers_of_its_patches(ground):
-    """They are the patches of the keyframe."""
-    assert level_of(ground[:360, :640]).part(np.array([5, 9])).numbers.tolist() == [5, 9]
 
 
 def test_flat_patches_are_not_used():
