@@ -104,27 +104,23 @@ def centre(shape: tuple[int, int]) -> FloatArray:
     return np.array([(width - 1) / 2, (height - 1) / 2])
 
 
-def from_reduced(matrix: FloatArray, factor: float) -> FloatArray:
-    """Converts a homography between reduced images to one between the full-size images.
+def resized(matrix: FloatArray, factor: float) -> FloatArray:
+    """A homography between two images, for the same images at `factor` times their size.
 
-    With `factor` by `factor` averaging, reduced pixel x is at full-size x * factor + (factor - 1) / 2.
+    Images are reduced by averaging blocks: of images reduced by `factor`, pixel x is at full-size
+    x * factor + (factor - 1) / 2.
 
     Args:
-        matrix: float64[3, 3] between two reduced images.
-        factor: reduction of both sides.
+        matrix: float64[3, 3].
+        factor: of both sides; below 1 for smaller images.
 
     Returns:
-        float64[3, 3] between the two full-size images.
+        float64[3, 3].
     """
     offset, reduced = (factor - 1) / 2, (1 - factor) / (2 * factor)
     lift = np.array([[factor, 0, offset], [0, factor, offset], [0, 0, 1]])
     lower = np.array([[1 / factor, 0, reduced], [0, 1 / factor, reduced], [0, 0, 1]])
     return normalised(lift @ matrix @ lower)
-
-
-def to_reduced(matrix: FloatArray, factor: int) -> FloatArray:
-    """Converts a homography between full-size images to reduced images; the inverse of `from_reduced`."""
-    return from_reduced(matrix, 1 / factor)
 
 
 def corner_shift(matrix: FloatArray, shape: tuple[int, int]) -> float:

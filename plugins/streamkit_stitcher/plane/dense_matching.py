@@ -10,10 +10,9 @@ from streamkit.geometry.homography import (
     IDENTITY,
     FloatArray,
     GreyArray,
-    from_reduced,
     inverse,
     project,
-    to_reduced,
+    resized,
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import MIN_CORNER_STD, Keyframe, KeyframeMatch
@@ -87,7 +86,7 @@ class DenseMatcher:
             expected: the predicted homography to the keyframe.
         """
         factor = keyframe.factor
-        predictions = [to_reduced(inverse(matrix), factor) for matrix in (IDENTITY, before, expected)]
+        predictions = [resized(inverse(matrix), 1 / factor) for matrix in (IDENTITY, before, expected)]
         prior = self._prior(before_std / factor)
         levels = self._levels(keyframe.content())
         found = align_densely(
@@ -120,7 +119,7 @@ class DenseMatcher:
             before_std: predicted error of the previous frame, px.
         """
         factor, levels = keyframe.factor, self._levels(keyframe.content())
-        prediction, prior = to_reduced(inverse(proposed), factor), self._prior(before_std / factor)
+        prediction, prior = resized(inverse(proposed), 1 / factor), self._prior(before_std / factor)
         found = align_densely(
             levels,
             self._textures_of(small),
@@ -143,7 +142,7 @@ class DenseMatcher:
         """The match with a keyframe; `wrong` is the probability that another motion is right."""
         factor, levels = keyframe.factor, self._levels(keyframe.content())
         std = self._error_of(found, factor, before_std, wrong)
-        to_key = IDENTITY if found.at_rest else from_reduced(inverse(found.key_to_frame), factor)
+        to_key = IDENTITY if found.at_rest else resized(inverse(found.key_to_frame), factor)
         key_points = levels[-1].centres[found.blocks] * factor + (factor - 1) / 2
         inliers = np.arange(found.compared) < len(key_points)
         return KeyframeMatch(

@@ -9,7 +9,7 @@ from streamkit.geometry.homography import (
     GreyArray,
     inverse,
     normalised,
-    to_reduced,
+    resized,
 )
 from streamkit_stitcher.plane.feature_matching import likeliest, match_by_features
 from streamkit_stitcher.plane.keyframe_graph import Tie
@@ -82,4 +82,4 @@ def correlation(keyframe: Keyframe, other: Keyframe, matrix: FloatArray) -> floa
     pixels of the first keyframe to those of the other, of the same working size.
     """
     first, second = (band_pass(one.small, _FINE, _COARSE) for one in (keyframe, other))
-    return overlap_correlation(first, second, to_reduced(matrix, keyframe.factor))
+    return overlap_correlation(first, second, resized(matrix, 1 / keyframe.factor))

@@ -10,10 +10,9 @@ import numpy as np
 from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
-    from_reduced,
     inverse,
     is_plausible,
-    to_reduced,
+    resized,
 )
 from streamkit_stitcher.plane.keyframe_content import KeyframeContent
 from streamkit_stitcher.plane.keyframes import ANY_STEP, ANY_TILT, Keyframe, KeyframeMatch, predicted_error
@@ -84,12 +83,12 @@ class PatchMatcher:
         level = known.level
         if not len(known.scores) or len(images) < level + 2:
             return None
-        start, image = to_reduced(inverse(frame_to_key), 2 ** (level + 1)), images[level + 1]
+        start, image = resized(inverse(frame_to_key), 1 / 2 ** (level + 1)), images[level + 1]
         patches = known.in_view(known.coarse, start, image, _COARSE[0])
         motion = align_coarsely(patches, image, start, *_COARSE)
         if motion is None:
             return None
-        start, image = from_reduced(motion, 2), images[level]
+        start, image = resized(motion, 2), images[level]
         patches = known.in_view(known.fine, start, image, round(_SHARE * max_points))
         motion = align_coarsely(patches, image, start, *_MIDDLE)
         if motion is None:
@@ -131,7 +130,7 @@ def _accepted(
     agreeing, factor = len(found.numbers), 2**level
     if agreeing < max(limits.min_inliers, _MIN_AGREEING * found.visible_count):
         return None
-    matrix, rmse = from_reduced(inverse(found.key_to_frame), factor), found.rmse * factor
+    matrix, rmse = resized(inverse(found.key_to_frame), factor), found.rmse * factor
     if not is_plausible(matrix, shape, ANY_STEP, ANY_TILT):
         return None
     offset, near = (factor - 1) / 2, np.isfinite(found.variances)

@@ -13,10 +13,9 @@ from streamkit.geometry.homography import (
     FloatArray,
     corner_shift,
     corners,
-    from_reduced,
     inverse,
     project,
-    to_reduced,
+    resized,
     translation,
 )
 from streamkit_stitcher.registration.block_sums import SingleArray
@@ -212,17 +211,17 @@ def _best(
     finest = levels[-1]
     coarsest = 2 ** (len(levels) - 1)
     scores = [
-        levels[0].compare(textures[0], to_reduced(prediction, coarsest)).agreement
+        levels[0].compare(textures[0], resized(prediction, 1 / coarsest)).agreement
         for prediction in predictions
     ]
     prior = motion_prior(finest, predictions[int(np.argmax(scores))], covariance, tilt)
     best = _refined(levels, textures, prior)
-    shift = from_reduced(levels[0].shift_to(textures[0]), coarsest)
+    shift = resized(levels[0].shift_to(textures[0]), coarsest)
     is_near = float(np.hypot(*shift[:2, 2])) < _FARTHEST * finest.shape[1]
     is_other = corner_shift(inverse(shift) @ best.motion, finest.shape) > ELSEWHERE
     if is_near and is_other:
         known, moved = (
-            levels[0].compare(textures[0], to_reduced(matrix, coarsest)) for matrix in (best.motion, shift)
+            levels[0].compare(textures[0], resized(matrix, 1 / coarsest)) for matrix in (best.motion, shift)
         )
         # To refine it takes most of the time: only where the coarsest level prefers the shift as it is.
         if levels[0].evidence(moved, known) > 0:
@@ -252,11 +251,11 @@ def _beyond_chance(
 
 def _refined(levels: Sequence[DenseLevel], textures: Sequence[SingleArray], prior: MotionPrior) -> _Fit:
     """`DenseLevel.refine` from coarse to fine."""
-    motion = to_reduced(prior.start, 2 ** len(levels))
+    motion = resized(prior.start, 1 / 2 ** len(levels))
     for number, (level, image) in enumerate(zip(levels, textures, strict=True)):
         size = 2 ** (len(levels) - 1 - number)
-        begin, covariance = to_reduced(prior.start, size), prior.covariance / size**2
-        motion, posterior, compared = level.refine(image, from_reduced(motion, 2), begin, covariance)
+        begin, covariance = resized(prior.start, 1 / size), prior.covariance / size**2
+        motion, posterior, compared = level.refine(image, resized(motion, 2), begin, covariance)
     return _Fit(prior, motion, posterior, compared)
 
 

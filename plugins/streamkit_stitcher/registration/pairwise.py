@@ -13,11 +13,10 @@ from streamkit.geometry.homography import (
     FloatArray,
     GreyArray,
     corner_shift,
-    from_reduced,
     inverse,
     is_plausible,
     project,
-    to_reduced,
+    resized,
 )
 from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.correlation import overlap_correlation, search_shift
@@ -140,7 +139,7 @@ def register(
 
     Source: Lucas and Kanade 1981, Bouguet's pyramidal form.
     """
-    start, shape = inverse(to_reduced(guess, current.factor)), current.grey.shape[:2]
+    start, shape = inverse(resized(guess, 1 / current.factor)), current.grey.shape[:2]
     first, best = _track_and_fit(earlier.grey, current.grey, earlier.points, start, limits)
     if first is not None and first.model is MotionModel.HOMOGRAPHY:
         return _motion(first, current.factor)
@@ -155,7 +154,7 @@ def register(
     if fits:
         return _motion(max(fits, key=lambda fit: fit.count), current.factor)
     best = max(best, second_best, key=lambda found: found.count)
-    found, step = (from_reduced(matrix, current.factor) for matrix in (best.matrix, back))
+    found, step = (resized(matrix, current.factor) for matrix in (best.matrix, back))
     likeness = thumbnail_correlation(earlier, current, step)
     if shift is not None and likeness >= _ALIKE and is_plausible(back, shape, limits.max_step):
         return PairwiseMotion(step, MotionModel.TRANSLATION, False, len(best.inliers), best.count, 0.0)
@@ -177,7 +176,7 @@ def thumbnail_correlation(earlier: WorkingImage, current: WorkingImage, matrix: 
 
 
 def _motion(fit: MotionFit, factor: int) -> PairwiseMotion:
-    matrix = from_reduced(fit.matrix, factor)
+    matrix = resized(fit.matrix, factor)
     return PairwiseMotion(matrix, fit.model, False, len(fit.inliers), fit.count, fit.rmse * factor)
 
 

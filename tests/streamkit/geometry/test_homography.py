@@ -35,15 +35,15 @@ def test_a_reduced_homography_maps_the_same_ground():
     picture = np.random.default_rng(0).integers(0, 255, (64, 96), dtype=np.uint8)
     moved = np.zeros_like(picture)
     moved[:, 8:] = picture[:, :-8]
-    lifted = h.from_reduced(h.translation(np.array([-2.0, 0.0])), 4)
+    lifted = h.resized(h.translation(np.array([-2.0, 0.0])), 4)
     assert h.project(lifted, np.array([[20.0, 10.0]])) == pytest.approx(np.array([[12.0, 10.0]]))
     reduced, reduced_moved = (cv2.resize(p, (24, 16), interpolation=cv2.INTER_AREA) for p in (picture, moved))
     assert np.array_equal(reduced[:, :-2], reduced_moved[:, 2:])
 
 
-def test_to_reduced_is_the_inverse_of_from_reduced():
+def test_a_homography_of_reduced_images_is_that_of_the_full_size_ones_again():
     """For any factor."""
-    assert h.to_reduced(h.from_reduced(TILTED, 4), 4) == pytest.approx(TILTED)
+    assert h.resized(h.resized(TILTED, 4), 1 / 4) == pytest.approx(TILTED)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from streamkit.geometry.homography import project, to_reduced, translation
+from streamkit.geometry.homography import project, resized, translation
 from streamkit_stitcher.registration.corners import even_corners
 from streamkit_stitcher.registration.joint_alignment import align_coarsely, align_jointly
 from streamkit_stitcher.registration.patches import cut_patches, prepare, pyramid, spread_order
@@ -63,7 +63,7 @@ def test_a_pyramid_keeps_pixel_centres():
     levels = pyramid((ramp,), 3)
     assert [level.shape for level in levels] == [(51, 101), (25, 50), (12, 25)]
     assert levels[2][0, :4] == pytest.approx(np.arange(4) * 4 + 1.5, abs=1.0)
-    assert to_reduced(translation(np.array([8.0, 4.0])), 4)[:2, 2] == pytest.approx([2.0, 1.0])
+    assert resized(translation(np.array([8.0, 4.0])), 1 / 4)[:2, 2] == pytest.approx([2.0, 1.0])
 
 
 def test_a_pyramid_of_a_tiny_frame_ends_early():
