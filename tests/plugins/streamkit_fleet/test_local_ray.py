@@ -28,6 +28,7 @@ def fake_ray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def fail_at_first(folder: Path, failures: int) -> None:
+    """Writes a Ray that ends at its first starts, and then stays."""
     program = folder / "ray"
     program.write_text(FAKE.format(starts=folder / "starts", failures=failures), encoding="ascii")
     program.chmod(0o700)
