@@ -22,7 +22,7 @@ from streamkit.flow.messages import Message, MessageKind
 from streamkit.flow.video import FORMATS as PIXEL_FORMATS
 from streamkit.flow.video import exact_rate, raw_video_caps
 from streamkit.graph.pipeline import Pipeline
-from streamkit.masking import mask_secrets
+from streamkit.masking import bounded, mask_secrets
 from streamkit.output.names import FileNames
 
 if TYPE_CHECKING:
@@ -186,6 +186,7 @@ def open(
     Raises:
         ValueError: the frame rate is no number above 0, or not for this source; the format is unknown; or the
             source is one image.
+        TypeError: the source is none of these.
         DescriptionError: the description is invalid; points into it.
         ElementFailure: an element could not start, for example because there is no such file.
     """
@@ -224,9 +225,9 @@ def _reading(location: str, rate: Fraction | None) -> tuple[str, dict[str, Any]]
 
 
 def _check_images(source: object) -> None:
-    if not isinstance(source, Iterable):
+    if not isinstance(source, Iterable) or isinstance(source, bytes | bytearray | memoryview):
         raise TypeError(
-            f"open takes a file, a URL or an iterable of images, got {source!r}; "
+            f"open takes a file, a URL or an iterable of images, got {bounded(repr(source))}; "
             "give a camera by its URL, such as rtsp://camera/stream, and one of this machine as '0'"
         )
     shape = getattr(source, "shape", None)

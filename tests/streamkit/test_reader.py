@@ -118,12 +118,12 @@ def test_a_pipeline_that_ends_first_ends_the_loop() -> None:
     assert next(source, None) is not None
 
 
-def test_a_number_of_a_camera_is_refused_at_once() -> None:
-    """As OpenCV takes it."""
-    with pytest.raises(
-        TypeError, match="open takes a file, a URL or an iterable of images, got 0; give a cam"
-    ):
-        streamkit.open(0)
+@pytest.mark.parametrize("source", [0, b"flight.mp4"])
+def test_what_is_no_source_is_refused_at_once(source: object) -> None:
+    """A number of a camera, as OpenCV takes it, and bytes, whose items would be taken for images."""
+    rule = f"open takes a file, a URL or an iterable of images, got {source!r}; give a cam"
+    with pytest.raises(TypeError, match=re.escape(rule)):
+        streamkit.open(source)  # type: ignore[arg-type]
 
 
 def test_a_missing_file_fails_at_once() -> None:
