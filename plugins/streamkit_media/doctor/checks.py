@@ -113,7 +113,7 @@ def stream_checks(seen: Seen, *, is_live: bool, transport: str, is_rtsp: bool = 
     if decoded.pixel_shape:
         checks.append(note("pixels", NOT_SQUARE.format(shape=decoded.pixel_shape)))
     if found.packets == 1 and not is_live:
-        return [*checks, note("length", "one frame"), _telemetry_check(seen, is_live=False)]
+        return [*checks, note("length", seen.shortfall or "one frame"), _telemetry_check(seen, is_live=False)]
     if seen.shortfall:
         checks.append(note("length", seen.shortfall))
     checks += [_rate_check(seen, found), _keyframe_check(found, is_live)]

@@ -1,4 +1,4 @@
-"""Whether a file's video ends before the end that its container declares: the file is then cut short."""
+"""Whether a file is cut short: within its photograph, or before the end that its container declares."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from streamkit_media.failures import FIRST_BOX, INDEX_BOX, boxes
 
 # The smaller difference is that of rounding, of delays, and of streams that end together.
 TOLERANCE_S, TOLERANCE_RATIO, TOLERANCE_STEPS = 1.0, 0.02, 2
+JPEG_START, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
+PHOTOGRAPHS = ("image2", "jpeg_pipe")  # formats of FFmpeg that hold one
 LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 
@@ -24,24 +26,30 @@ class Completeness:
         self, container: InputContainer, video: VideoStream, start_s: float, stop_s: float | None
     ) -> None:
         self._start_s = start_s
+        self._is_photograph = container.format.name in PHOTOGRAPHS
+        self._is_cut = False
         self._stream_index, self._base = video.index, float(video.time_base or 0)
         self._declared_s, self._stop_s = declared_length_s(container, video), stop_s
         self._first: int | None = None
         self._last = self._end = self._longest_step = 0
 
-    def add(self, packet: Packet[Stream]) -> None:
-        """Takes a packet of any of the streams, in the file's order."""
+    def add(self, packet: Packet[Stream]) -> bool:
+        """Takes a packet of any of the streams, in the file's order; whether it is part of a photograph."""
+        self._is_cut |= self._is_photograph and is_cut_short(bytes(packet))
         if packet.stream_index != self._stream_index or packet.pts is None:
-            return
+            return self._is_cut
         if self._first is None:
             self._first = self._last = packet.pts
         self._first = min(self._first, packet.pts)
         self._longest_step = max(self._longest_step, packet.pts - self._last)
         self._last = max(self._last, packet.pts)
         self._end = max(self._end, packet.pts + (packet.duration or 0))
+        return self._is_cut
 
     def shortfall(self) -> str:
         """What is missing, in words; "" where nothing is, or the container declares no length."""
+        if self._is_cut:
+            return "the photograph is cut short, and part of it grey"
         if self._declared_s is None:
             return ""
         # Containers count from 0 or from the first frame: the later end of the two is the safe one.
@@ -86,3 +94,14 @@ def holds_second_recording(location: str) -> bool:
         return False
     # Fragments of a stream may each repeat the index, and are all read.
     return found[:1] == [FIRST_BOX] and found.count(INDEX_BOX) > 1 and b"moof" not in found
+
+
+def is_cut_short(data: bytes) -> bool:
+    """Whether a JPEG file ends within its picture, which FFmpeg does not tell.
+
+    The end marker is sought behind the headers: a thumbnail in them has one of its own.
+    """
+    at = len(JPEG_START)
+    while data[at : at + 1] == b"\xff" and data[at : at + 2] != JPEG_SCAN:
+        at += 2 + int.from_bytes(data[at + 2 : at + 4])
+    return data.startswith(JPEG_START) and data.find(JPEG_END, at) < 0

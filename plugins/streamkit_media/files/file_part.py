@@ -19,7 +19,14 @@ from streamkit_media.decoding.presentation_times import WRONG_TIMES, WRONG_TIMES
 from streamkit_media.failures import MEDIA_ERRORS, reason_of
 from streamkit_media.files.completeness import Completeness
 from streamkit_media.files.presentation_order import with_presentation_times
-from streamkit_media.streams import DECODE_ONLY, StreamKind, nanoseconds, packet_frame, read_packets
+from streamkit_media.streams import (
+    CORRUPT,
+    DECODE_ONLY,
+    StreamKind,
+    nanoseconds,
+    packet_frame,
+    read_packets,
+)
 
 FIRST_BACK_S = 1.0  # doubled with each try
 # The decoder refuses a part of a packet with a length, and PyAV then loses the frames in other threads.
@@ -165,8 +172,7 @@ class FilePart:
         playing = set(self._read)
         packets = read_packets(self._container, *self._streams)
         for packet in with_presentation_times(packets, self._video, self._report_times):
-            if self._completeness is not None:
-                self._completeness.add(packet)
+            is_cut = self._completeness is not None and self._completeness.add(packet)
             if packet.is_corrupt and self._leaves_out_parts:
                 self._report_part()
                 continue
@@ -182,6 +188,8 @@ class FilePart:
                 continue  # its frame is shown before the keyframe that was sought
             self._awaits_keyframe &= not is_video
             frame = self._retimed(packet, packet_frame(packet, stream.caps), is_video=is_video)
+            if is_cut:
+                frame = frame.replace(flags=frame.flags | CORRUPT)
             if stream.shows(packet):
                 self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
                 yield stream.kind, frame

@@ -77,7 +77,8 @@ class FileSrc(Source):
     warning. `start-s` goes by the file's own times: `filesrc ! packetsink` first makes a copy whose times
     ascend. Times that the container stores in order of coding, as writers do that know no B-frames, are put
     in order of presentation. A file of bare KLV packets has none: they come out of `klv` without times. Video
-    that ends before the end that its container declares is warned of, as a shortfall: the file is cut short.
+    that ends before the end that its container declares, or a JPEG within its picture, is warned of, as a
+    shortfall: the file is cut short. The frame of that JPEG is `CORRUPT`.
 
     Example:
         filesrc location=flight.mp4 ! decode ! fakesink

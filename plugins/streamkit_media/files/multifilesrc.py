@@ -13,10 +13,10 @@ from streamkit import SECOND_NS, Caps, Capture, Frame, FrameFlags, Property, Res
 from streamkit.output.names import FileNames, local_path
 from streamkit_media.codecs import CODED_CAPS, video_caps
 from streamkit_media.container import open_container, video_stream
+from streamkit_media.files.completeness import is_cut_short
 from streamkit_telemetry_formats.photograph import sample_of_photograph
 
 NUMBER = re.compile(r"%0?\d*d")
-JPEG_START, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xff\xda", b"\xff\xd9"
 
 
 class MultiFileSrc(Source):
@@ -131,14 +131,3 @@ def with_pose(frame: Frame, data: bytes) -> Frame:
         return frame
     frame = frame.attach(sample.pose, sample)
     return frame if sample.utc_ns is None else frame.replace(capture=Capture(sample.utc_ns, "file"))
-
-
-def is_cut_short(data: bytes) -> bool:
-    """Whether a JPEG file ends within its picture, which FFmpeg does not tell.
-
-    The end marker is sought behind the headers: a thumbnail in them has one of its own.
-    """
-    at = len(JPEG_START)
-    while data[at : at + 1] == b"\xff" and data[at : at + 2] != JPEG_SCAN:
-        at += 2 + int.from_bytes(data[at + 2 : at + 4])
-    return data.startswith(JPEG_START) and data.find(JPEG_END, at) < 0

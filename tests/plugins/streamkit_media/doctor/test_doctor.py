@@ -361,6 +361,14 @@ def test_a_photograph(streamkit_data: Path) -> None:
     assert f"location={path.parent}/DJI_%04d.JPG start-index=20 ! decode ! stitch" in report.pipeline
 
 
+def test_a_photograph_that_is_cut_short(tmp_path: Path, streamkit_data: Path) -> None:
+    """FFmpeg decodes it without an error."""
+    data, path = (streamkit_data / "mosaic" / "aerial_cc0.jpg").read_bytes(), tmp_path / "cut.jpg"
+    path.write_bytes(data[: len(data) // 2])
+    (check,) = [check for check in examine(str(path), 1, 5, "tcp").checks if check.name == "length"]
+    assert check.text == "the photograph is cut short, and part of it grey"
+
+
 def test_photographs_by_number(streamkit_data: Path) -> None:
     """The first stands for all."""
     folder = streamkit_data / "mosaic" / "brighton_beach"

@@ -12,6 +12,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
 
@@ -234,6 +235,24 @@ def test_a_file_that_is_cut_short_is_reported(
     rule = rf"{re.escape(str(path))}: the video ends (at|before) [1-4]\.\d s of 6\.0 s: the file is cut short"
     assert len(texts) == is_reported
     assert all(re.fullmatch(rule, text) for text in texts)
+
+
+@pytest.mark.parametrize("part", [1.0, 0.5])
+def test_a_photograph_that_is_cut_short_is_marked(tmp_path: Path, part: float) -> None:
+    """FFmpeg fills up with grey in silence."""
+    noise = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    data = cv2.imencode(".jpg", noise)[1].tobytes()
+    path, texts = tmp_path / "photograph.jpg", []
+    path.write_bytes(data[: round(len(data) * part)])
+    with Pipeline.parse(f"filesrc location={path} ! decode ! appsink name=out") as pipeline:
+        pipeline.play()
+        (frame,) = pipeline["out"]
+        while (message := pipeline.bus.pop(0.0)) is not None:
+            if message.fields.get("code") == "shortfall":
+                texts.append(message.text)
+    assert bool(frame.flags & FrameFlags.CORRUPT) == (part < 1.0)
+    cut, damaged = f"{path}: the photograph is cut short, and part of it grey", "1 of 1 frames are damaged"
+    assert texts == ([cut, damaged] if part < 1.0 else [])
 
 
 def test_streams_of_other_lengths_are_no_cut(tmp_path: Path) -> None:
