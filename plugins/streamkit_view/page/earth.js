@@ -1,7 +1,7 @@
 // The geographic map, by MapLibre GL: targets with their trails, the camera's footprint, the mosaic, and a base map if
 // the server has one. It is loaded when the first ground coordinates come. Nothing is fetched from elsewhere.
 
-import { project } from "./geometry.js";
+import { nearest, project } from "./geometry.js";
 import { byId, element } from "./panel.js";
 
 const FIT = { padding: 40, maxZoom: 19, duration: 0 };
@@ -69,10 +69,9 @@ export class EarthMap {
     map.on("mousemove", ({ lngLat }) => this.describe(lngLat));
     // By the newest places: what is rendered may be of an earlier record.
     map.on("click", ({ point }) => {
-      const [nearest] = this.targets
-        .map(({ geometry, properties: { id } }) => ({ id, px: map.project(geometry.coordinates).dist(point) }))
-        .sort((one, other) => one.px - other.px);
-      if (nearest?.px <= CLICK_PX) this.chosen(nearest.id);
+      const pixels = ({ geometry }) => map.project(geometry.coordinates).dist(point);
+      const target = nearest(this.targets, pixels, CLICK_PX);
+      if (target) this.chosen(target.properties.id);
     });
     await map.once("load");
     this.map = map;

@@ -1,4 +1,4 @@
-// Homographies as rows of a 3x3 matrix, as in the records.
+// Homographies as rows of a 3x3 matrix, as in the records, boxes, and distances.
 
 export function inverse([[a, b, c], [d, e, f], [g, h, i]]) {
   const rows = [
@@ -21,4 +21,10 @@ export function corners({ x, y, length, width, angle }) {
     x + (along * length * cos - across * width * sin) / 2,
     y + (along * length * sin + across * width * cos) / 2,
   ]);
+}
+
+// The item of the smallest distance, if that is below a limit.
+export function nearest(items, distance, limit) {
+  const [found] = items.map((item) => ({ item, apart: distance(item) })).sort((a, b) => a.apart - b.apart);
+  return found?.apart < limit ? found.item : undefined;
 }

@@ -1,7 +1,7 @@
 // The ground in coordinates of the reference plane: the mosaic, the camera's footprint, tracks with their trails, a
 // scale bar and the cursor's coordinates. Drag to pan, wheel or + and - to zoom, 0 or double click to fit.
 
-import { project } from "./geometry.js";
+import { nearest, project } from "./geometry.js";
 import { fitCanvas, outline } from "./overlay.js";
 import { byId } from "./panel.js";
 
@@ -180,10 +180,8 @@ export class GroundMap {
     if (!was || this.travelled > 3 || event.type !== "pointerup") return;
     const box = this.canvas.getBoundingClientRect();
     const [x, y] = [event.clientX - box.left, event.clientY - box.top];
-    const near = this.dots
-      .map((dot) => ({ id: dot.id, apart: Math.hypot(dot.x - x, dot.y - y) }))
-      .sort((a, b) => a.apart - b.apart)[0];
-    if (near && near.apart < CLICK_PX) this.chosen(near.id);
+    const dot = nearest(this.dots, (one) => Math.hypot(one.x - x, one.y - y), CLICK_PX);
+    if (dot) this.chosen(dot.id);
   }
 
   describe(place) {

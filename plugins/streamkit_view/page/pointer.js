@@ -1,6 +1,6 @@
 // The pointer on the video: a click chooses a track, a drag while drawing gives a box.
 
-import { inverse, project } from "./geometry.js";
+import { inverse, nearest, project } from "./geometry.js";
 import { placement } from "./overlay.js";
 
 const CLICK_PX = 24;
@@ -66,11 +66,9 @@ export class Pointer {
     this.wasDrawing = false;
     if (wasDrawing || this.isDrawing() || !size || !record) return;
     const [x, y, limit] = this.at(event);
-    const near = record.tracks
-      .filter((track) => track.state !== "lost" && track.state !== "tentative")
-      .map((track) => ({ id: track.id, apart: Math.hypot(track.x - x, track.y - y) - track.length / 2 }))
-      .sort((a, b) => a.apart - b.apart)[0];
-    if (near && near.apart < limit) this.chosen(near.id);
+    const drawn = record.tracks.filter(({ state }) => state !== "lost" && state !== "tentative");
+    const track = nearest(drawn, (one) => Math.hypot(one.x - x, one.y - y) - one.length / 2, limit);
+    if (track) this.chosen(track.id);
   }
 }
 
