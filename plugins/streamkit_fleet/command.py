@@ -15,8 +15,6 @@ from streamkit.masking import presentable
 if TYPE_CHECKING:
     from streamkit_fleet.feed import FeedStatus
 
-START_LIMIT_S = 60.0  # of a Ray that `up` has just started
-
 fleet = typer.Typer(
     help="Runs many feeds on Ray, on one machine or a cluster.", no_args_is_help=True, add_completion=False
 )
@@ -71,7 +69,7 @@ def _connected(address: str | None, *, ends_it: bool = False) -> Iterator[Any]:
                 local_ray.begin_end(local)
             local_ray.use_token()
         at = local.address if local else address
-        with local_ray.connected(at, wait_s=START_LIMIT_S if local else 0.0):
+        with local_ray.connected(at, wait_s=local_ray.START_LIMIT_S if local else 0.0):
             from streamkit_fleet import control
 
             yield control
