@@ -216,7 +216,9 @@ def local_configuration(settings: SessionSettings, port: int | None) -> zenoh.Co
     else:
         _put(config, LISTEN, [f"tcp/127.0.0.1:{port or 0}"])
         _put(config, "listen/exit_on_failure", True)
-    ports = meeting_ports() if port is None else range(meeting_ports().start, port)
+    ports = meeting_ports()
+    if port is not None:
+        ports = range(ports.start, port)
     _put(config, CONNECT, [f"tcp/127.0.0.1:{lower}" for lower in ports])
     _put(config, SCOUTING, False)
     # Gossip would introduce this session to machines that another local session knows.

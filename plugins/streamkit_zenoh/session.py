@@ -67,15 +67,16 @@ def open_session(settings: SessionSettings, limit_s: float = OPEN_LIMIT_S) -> ze
     """
     if not meets_locally(settings):
         return _open(configuration(settings), settings, limit_s)
+    ports = meeting_ports()
     if mode_of(base_configuration(settings)) == "client":
         try:
             return _open(local_configuration(settings, None), settings, limit_s)
         except SessionFailure:
             raise SessionFailure(
-                f"zenoh (mode=client): no session answers at tcp/127.0.0.1:{meeting_ports()[0]} to "
-                f"{meeting_ports()[-1]}; start a publisher or a router, or name an endpoint with connect"
+                f"zenoh (mode=client): no session answers at tcp/127.0.0.1:{ports[0]} to "
+                f"{ports[-1]}; start a publisher or a router, or name an endpoint with connect"
             ) from None
-    for port in meeting_ports():
+    for port in ports:
         try:
             return _open(local_configuration(settings, port), settings, limit_s)
         except SessionFailure as failure:
