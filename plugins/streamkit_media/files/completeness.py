@@ -20,35 +20,38 @@ LENGTH = re.compile(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)")
 
 
 class Completeness:
-    """Compares the video that comes out of a file with its declared duration."""
+    """Compares the video that comes out of a file with its declared duration.
+
+    Attributes:
+        is_cut_photograph: whether the file is a photograph that ends within its picture.
+    """
 
     def __init__(
         self, container: InputContainer, video: VideoStream, start_s: float, stop_s: float | None
     ) -> None:
         self._start_s = start_s
         self._is_photograph = container.format.name in PHOTOGRAPHS
-        self._is_cut = False
+        self.is_cut_photograph = False
         self._stream_index, self._base = video.index, float(video.time_base or 0)
         self._declared_s, self._stop_s = declared_length_s(container, video), stop_s
         self._first: int | None = None
         self._last = self._end = self._longest_step = 0
 
-    def add(self, packet: Packet[Stream]) -> bool:
-        """Takes a packet of any of the streams, in the file's order; whether it is part of a photograph."""
-        self._is_cut |= self._is_photograph and is_cut_short(bytes(packet))
+    def add(self, packet: Packet[Stream]) -> None:
+        """Takes a packet of any of the streams, in the file's order."""
+        self.is_cut_photograph |= self._is_photograph and is_cut_short(bytes(packet))
         if packet.stream_index != self._stream_index or packet.pts is None:
-            return self._is_cut
+            return
         if self._first is None:
             self._first = self._last = packet.pts
         self._first = min(self._first, packet.pts)
         self._longest_step = max(self._longest_step, packet.pts - self._last)
         self._last = max(self._last, packet.pts)
         self._end = max(self._end, packet.pts + (packet.duration or 0))
-        return self._is_cut
 
     def shortfall(self) -> str:
         """What is missing, in words; "" where nothing is, or the container declares no length."""
-        if self._is_cut:
+        if self.is_cut_photograph:
             return "the photograph is cut short, and part of it grey"
         if self._declared_s is None:
             return ""

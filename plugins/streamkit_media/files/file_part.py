@@ -172,7 +172,8 @@ class FilePart:
         playing = set(self._read)
         packets = read_packets(self._container, *self._streams)
         for packet in with_presentation_times(packets, self._video, self._report_times):
-            is_cut = self._completeness is not None and self._completeness.add(packet)
+            if self._completeness is not None:
+                self._completeness.add(packet)
             if packet.is_corrupt and self._leaves_out_parts:
                 self._report_part()
                 continue
@@ -188,7 +189,7 @@ class FilePart:
                 continue  # its frame is shown before the keyframe that was sought
             self._awaits_keyframe &= not is_video
             frame = self._retimed(packet, packet_frame(packet, stream.caps), is_video=is_video)
-            if is_cut:
+            if self._completeness is not None and self._completeness.is_cut_photograph:
                 frame = frame.replace(flags=frame.flags | CORRUPT)
             if stream.shows(packet):
                 self.end_ns = max(self.end_ns, (frame.pts or 0) + (frame.duration or 0))
